@@ -1,0 +1,109 @@
+"""What was tested and what was recorded, in SI units, ready for inference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Role = Literal["calibrate", "validate"]
+PROTOCOLS = (
+    "creep",
+    "step",
+    "sine",
+    "frequency_response",
+    "quasi_static",
+    "relaxation",
+    "load_unload",
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A property of the specimen in SI units; `sd` None means it is taken as exact."""
+
+    value: float
+    unit: str
+    sd: float | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """One tested piece: its system, its provenance and its quantities (SI).
+
+    `provenance` holds `kind` (measured | simulated | digitised), `source`,
+    `licence`; `instruments` maps a name (`delay`, `range`, `resolution`,
+    `noise`, `current_limit`) to a quantity.
+    """
+
+    name: str
+    system: str
+    provenance: Mapping[str, str]
+    quantities: Mapping[str, Quantity]
+    instruments: Mapping[str, Quantity] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A driving signal, linear between its knots.
+
+    Attributes
+    ----------
+    name, unit : the driven channel (`voltage`, `stretch`, `displacement`, ...) and its SI unit.
+    coordinate : (K,) knots, seconds for a history in time; for a quasi-static
+        record, which has no time, the knots are the excitation itself.
+    values : (K,) the channel at the knots, SI.
+    conditions : what was held during the record (`load_g`, `deformation`, ...).
+    """
+
+    name: str
+    unit: str
+    coordinate: FloatArray
+    values: FloatArray
+    conditions: Mapping[str, float | str] = field(default_factory=dict)
+
+    def at(self, coordinate: FloatArray) -> FloatArray:
+        """The channel at `coordinate`, by linear interpolation."""
+        return np.interp(coordinate, self.coordinate, self.values)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One prepared record.
+
+    Attributes
+    ----------
+    coordinate : (N,) where the response was taken: time [s], or the excitation
+        itself for a quasi-static record, the frequency for a frequency response.
+    response : (N,) measured response, SI, each the mean of `samples_averaged` raw samples.
+    metadata : further columns of experiments.csv.
+    steps : the preparation steps with their settings, in order.
+    warnings : what a user must know before trusting the record.
+    """
+
+    name: str
+    protocol: str
+    role: Role
+    coordinate_name: str
+    coordinate_unit: str
+    coordinate: FloatArray
+    response_name: str
+    response_unit: str
+    response: FloatArray
+    samples_averaged: FloatArray
+    excitation: Excitation
+    metadata: Mapping[str, float | str] = field(default_factory=dict)
+    provenance: str = "measured"
+    record_sha256: str = ""
+    steps: tuple[Mapping[str, object], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def response_range(self) -> float:
+        """max y - min y, the scale of the papers' relative errors."""
+        return float(np.max(self.response) - np.min(self.response))

@@ -1,0 +1,74 @@
+"""What every physical system offers to inference."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.parameter import Parameter
+
+Draws = Mapping[str, FloatArray]
+Simulator = Callable[[Draws], FloatArray]
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A quantity computed from draws: values (W,), with its symbol and SI unit."""
+
+    symbol: str
+    unit: str
+    description: str
+    values: FloatArray
+
+
+class System(ABC):
+    """One physical system at one model order: a candidate.
+
+    A system is built from a specimen and a candidate's name, and knows nothing
+    of noise, priors on noise, or samplers.
+
+    Attributes
+    ----------
+    order : number of relaxation units (or of spring terms when there are none):
+        what an order comparison counts.
+    """
+
+    name: ClassVar[str]
+    protocols: ClassVar[tuple[str, ...]]
+    excitations: ClassVar[Mapping[str, str]]
+    """Excitation channel -> SI unit."""
+    responses: ClassVar[Mapping[str, str]]
+    """Response channel -> SI unit."""
+    required_quantities: ClassVar[Mapping[str, str]]
+    """Quantity of the specimen -> SI unit."""
+    optional_quantities: ClassVar[Mapping[str, str]] = {}
+
+    candidate: str
+    order: int
+    specimen: Specimen
+
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Material parameters, then the specimen's quantities that carry an sd."""
+
+    @abstractmethod
+    def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
+        """Prepare the forward model for one record.
+
+        Returns a function of draws (name -> (W,)) giving the response (W, N) at
+        `coordinate`. A draw that fails numerically gives a row of NaN; no draw
+        changes another's row.
+        """
+
+    def derived(self, draws: Draws) -> dict[str, Derived]:
+        """Quantities in the papers' terms, computed from draws."""
+        return {}
+
+    def predict(
+        self, excitation: Excitation, coordinate: FloatArray, response: str, draws: Draws
+    ) -> FloatArray:
+        """`simulator(...)(draws)`: the response (W, N)."""
+        return self.simulator(excitation, coordinate, response)(draws)
