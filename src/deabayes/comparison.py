@@ -1,0 +1,170 @@
+"""Which model order the records support, and when they cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+
+SMALLEST_ELPD_GAIN = 4.0
+SMALLEST_EVIDENCE_GAIN = 1.0
+UNRELIABLE_K_HAT = 0.7
+
+
+@dataclass(frozen=True)
+class BlockLoo:
+    """Leave-one-block-out expected log predictive density.
+
+    `terms` (B,) are the blocks' contributions, the same blocks for every
+    candidate of a study; `k_hat` (B,) the Pareto shape of their importance weights.
+    """
+
+    terms: FloatArray
+    k_hat: FloatArray
+
+    @property
+    def elpd(self) -> float:
+        return float(np.sum(self.terms))
+
+    @property
+    def se(self) -> float:
+        return standard_error(self.terms)
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one candidate brings to the comparison; `loo` is None when it is not ranked."""
+
+    candidate: str
+    order: int
+    n_parameters: int
+    converged: bool
+    log_evidence: float
+    log_evidence_mcse: float
+    bic: float
+    leave_one_experiment_out: float
+    loo: BlockLoo | None
+
+
+def standard_error(terms: FloatArray) -> float:
+    """Standard error of a sum of block terms."""
+    return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else float("inf")
+
+
+def block_edges(coordinate: FloatArray, length: float) -> FloatArray:
+    """First index of each block: contiguous stretches at least `length` long, two at the least.
+
+    Blocks of two correlation lengths and more keep a left-out block from being
+    told by its neighbours (inference.md, Model order).
+    """
+    edges, start = [0], coordinate[0]
+    for index, value in enumerate(coordinate):
+        if value - start >= length and index > edges[-1]:
+            edges.append(index)
+            start = value
+    if len(edges) > 2 and coordinate[-1] - coordinate[edges[-1]] < length / 2:
+        edges.pop()
+    return np.asarray(edges)
+
+
+def block_terms(pointwise: FloatArray, edges: FloatArray) -> FloatArray:
+    """Sum conditional log densities (S, N) over blocks: (S, B)."""
+    return np.add.reduceat(pointwise, edges, axis=1)
+
+
+def leave_one_block_out(terms: FloatArray) -> BlockLoo:
+    """Pareto-smoothed importance sampling over blocks (Vehtari, Gelman & Gabry 2017).
+
+    Parameters
+    ----------
+    terms : (S, B) log p(block | what precedes it, theta_s).
+    """
+    from arviz_stats.base import array_stats
+    from scipy.special import logsumexp
+
+    log_weights, k_hat = [], []
+    for block in terms.T:
+        smoothed, k = array_stats.psislw(-block, r_eff=1.0)
+        log_weights.append(np.asarray(smoothed))
+        k_hat.append(float(k))
+    weights = np.stack(log_weights, axis=1)
+    elpd = logsumexp(weights + terms, axis=0) - logsumexp(weights, axis=0)
+    return BlockLoo(np.asarray(elpd), np.asarray(k_hat))
+
+
+def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
+    """elpd(larger) - elpd(smaller) with its standard error, over paired blocks."""
+    assert larger.loo is not None and smaller.loo is not None
+    difference = larger.loo.terms - smaller.loo.terms
+    return float(np.sum(difference)), standard_error(difference)
+
+
+def judge(larger: Score, smaller: Score) -> str:
+    """Compare two candidates: `larger`, `smaller` or `conflict`.
+
+    The larger wins only if its elpd gain exceeds max(4, 2 SE) and the evidence
+    agrees; the smaller wins if neither criterion speaks for the larger. All
+    else is a conflict: these data do not resolve it.
+    """
+    gain, se = elpd_difference(larger, smaller)
+    elpd_for_larger = gain > max(SMALLEST_ELPD_GAIN, 2.0 * se)
+    evidence_gain = larger.log_evidence - smaller.log_evidence
+    error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
+    evidence_for_larger = evidence_gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)
+    if elpd_for_larger and evidence_for_larger:
+        return "larger"
+    if not elpd_for_larger and not evidence_for_larger:
+        return "smaller"
+    return "conflict"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """`chosen` among the ranked candidates, and those that the data do not separate from it."""
+
+    chosen: str | None
+    unresolved: tuple[str, ...]
+    verdicts: Mapping[str, str]
+
+
+def decide(scores: Sequence[Score]) -> Decision:
+    """Walk from the fewest parameters upwards, moving on only where `judge` says `larger`."""
+    ranked = sorted((s for s in scores if s.loo is not None), key=lambda s: s.n_parameters)
+    verdicts = {
+        s.candidate: "not ranked: not converged" if not s.converged else "not ranked"
+        for s in scores
+        if s.loo is None
+    }
+    if not ranked:
+        return Decision(None, (), verdicts)
+    chosen = ranked[0]
+    for candidate in ranked[1:]:
+        if judge(candidate, chosen) == "larger":
+            chosen = candidate
+    unresolved = tuple(
+        s.candidate for s in ranked if s is not chosen and _judge_pair(s, chosen) == "conflict"
+    )
+    for s in ranked:
+        verdicts[s.candidate] = _verdict(s, chosen, unresolved)
+    return Decision(chosen.candidate, unresolved, verdicts)
+
+
+def _judge_pair(one: Score, other: Score) -> str:
+    larger, smaller = (one, other) if one.n_parameters >= other.n_parameters else (other, one)
+    return judge(larger, smaller)
+
+
+def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
+    if score is chosen:
+        if not unresolved:
+            return "chosen: the smallest order the data cannot do without"
+        return f"not resolved by these data against {', '.join(unresolved)}; smallest adequate order"
+    gain, se = elpd_difference(score, chosen)
+    evidence = score.log_evidence - chosen.log_evidence
+    figures = f"elpd {gain:+.1f} (SE {se:.1f}), log evidence {evidence:+.1f} against {chosen.candidate}"
+    if score.candidate in unresolved:
+        return f"not resolved by these data: {figures}"
+    return f"not chosen: {figures}"

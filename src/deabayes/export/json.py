@@ -1,0 +1,34 @@
+"""Draws as JSON with units, symbols and provenance."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import xarray as xr
+
+from deabayes.export.table import draws_table
+
+
+def write(tree: xr.DataTree, path: Path) -> None:
+    """`{candidate, system, provenance, converged, parameters: {name: {unit, symbol, draws}}}`."""
+    table = draws_table(tree)
+    parameters = {
+        str(name): {
+            "unit": variable.attrs.get("unit", "1"),
+            "symbol": variable.attrs.get("symbol", ""),
+            "kind": variable.attrs.get("kind", ""),
+            "draws": table[str(name)].tolist(),
+        }
+        for name, variable in tree["posterior"].data_vars.items()
+    }
+    content = {
+        "candidate": tree.attrs["candidate"],
+        "system": tree.attrs["system"],
+        "provenance": tree.attrs["provenance"],
+        "deabayes_version": tree.attrs["deabayes_version"],
+        "converged": json.loads(tree.attrs["convergence"])["converged"],
+        "ensemble": table["ensemble"].tolist(),
+        "parameters": parameters,
+    }
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")

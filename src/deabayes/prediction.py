@@ -1,0 +1,173 @@
+"""Predictions of a fitted candidate, with three separate bands and their honest limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.noise.base import NoiseModel
+from deabayes.systems.base import Draws, System
+
+LEVELS = (0.5, 0.9)
+LONGEST_EXTRAPOLATION = 1.5
+RANGE_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The region the calibration records span; outside it a prediction is flagged.
+
+    `excitation` maps a channel to its lowest and highest calibrated value (SI),
+    `span` a coordinate (time, stretch, ...) to the longest calibrated record.
+    """
+
+    excitation: Mapping[str, tuple[float, float]]
+    span: Mapping[str, float]
+
+    @classmethod
+    def of(cls, experiments: Iterable[Experiment]) -> Calibrated:
+        excitation: dict[str, tuple[float, float]] = {}
+        span: dict[str, float] = {}
+        for e in experiments:
+            values = e.excitation.values
+            low, high = excitation.get(e.excitation.name, (np.inf, -np.inf))
+            excitation[e.excitation.name] = (
+                min(low, float(values.min())),
+                max(high, float(values.max())),
+            )
+            span[e.coordinate_name] = max(
+                span.get(e.coordinate_name, 0.0), float(np.ptp(e.coordinate))
+            )
+        return cls(excitation, span)
+
+    def extrapolation(
+        self, excitation: Excitation, coordinate_name: str, coordinate: FloatArray
+    ) -> str:
+        """Say in which respects a prediction leaves the calibrated region; empty if in none."""
+        notes = []
+        low, high = self.excitation.get(excitation.name, (np.nan, np.nan))
+        if np.isnan(low):
+            notes.append(f"no calibration record was driven by {excitation.name}")
+        else:
+            margin = RANGE_TOLERANCE * max(abs(low), abs(high))
+            if excitation.values.max() > high + margin or excitation.values.min() < low - margin:
+                notes.append(
+                    f"{excitation.name} {excitation.values.min():.4g} to "
+                    f"{excitation.values.max():.4g} {excitation.unit} lies outside the calibrated "
+                    f"{low:.4g} to {high:.4g} {excitation.unit}"
+                )
+        span, longest = float(np.ptp(coordinate)), self.span.get(coordinate_name, 0.0)
+        if coordinate_name == "time" and span > LONGEST_EXTRAPOLATION * longest:
+            notes.append(
+                f"{span:.4g} s is more than {LONGEST_EXTRAPOLATION} times the longest "
+                f"calibration record ({longest:.4g} s)"
+            )
+        return "; ".join(notes)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
+
+    `log_density` (S,) is log p(y | theta_s) where the response was observed;
+    `failed` counts the draws without a finite response, which are left out.
+    """
+
+    parameter: FloatArray
+    discrepancy: FloatArray
+    predictive: FloatArray
+    log_density: FloatArray | None
+    failed: int
+
+    def band(self, samples: FloatArray) -> FloatArray:
+        """Equal-tailed intervals (level, bound, N)."""
+        tails = [[(1 - level) / 2, (1 + level) / 2] for level in LEVELS]
+        return np.stack([np.quantile(samples, pair, axis=0) for pair in tails])
+
+
+def sample_response(
+    system: System,
+    noise: NoiseModel,
+    draws: Draws,
+    noise_draws: Draws,
+    experiment: Experiment,
+    scale: float | None,
+    rng: np.random.Generator,
+) -> Samples:
+    """Sample what one record may read under the posterior.
+
+    Parameters
+    ----------
+    noise_draws : the noise parameters of the group whose noise this record is
+        taken to have, without prefix.
+    scale : what the noise is relative to; None takes each draw's own predicted
+        range, since a new record's range is not known beforehand.
+    """
+    mean = system.predict(
+        experiment.excitation, experiment.coordinate, experiment.response_name, draws
+    )
+    kept = np.all(np.isfinite(mean), axis=1)
+    mean = mean[kept]
+    noise_draws = {name: values[kept] for name, values in noise_draws.items()}
+    scales = np.ptp(mean, axis=1) if scale is None else np.full(mean.shape[0], scale)
+    weights = 1.0 / experiment.samples_averaged
+    discrepancy, white = noise.sample(rng, experiment.coordinate, weights, noise_draws)
+    log_density = None
+    if np.all(np.isfinite(experiment.response)):
+        residuals = (experiment.response - mean) / scales[:, None]
+        log_density = noise.log_prob(residuals, experiment.coordinate, weights, noise_draws)
+        log_density = log_density - mean.shape[1] * np.log(scales)
+    with_discrepancy = mean + scales[:, None] * discrepancy
+    return Samples(
+        mean,
+        with_discrepancy,
+        with_discrepancy + scales[:, None] * white,
+        log_density,
+        int(np.sum(~kept)),
+    )
+
+
+def to_dataset(experiment: Experiment, samples: Samples, attributes: Mapping[str, object]) -> xr.Dataset:
+    """The bands of one record as they are stored in predictions/{experiment}.nc."""
+    dimensions = ("level", "bound", "coordinate")
+    unit = {"units": experiment.response_unit}
+    bands = {
+        name: (dimensions, samples.band(getattr(samples, name)), unit)
+        for name in ("parameter", "discrepancy", "predictive")
+    }
+    dataset = xr.Dataset(
+        {
+            "observed": ("coordinate", experiment.response, unit),
+            "mean": ("coordinate", samples.parameter.mean(axis=0), unit),
+            "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
+            "excitation": (
+                "coordinate",
+                experiment.excitation.at(experiment.coordinate),
+                {"units": experiment.excitation.unit, "long_name": experiment.excitation.name},
+            ),
+            **bands,
+        },
+        coords={
+            "coordinate": (
+                "coordinate",
+                experiment.coordinate,
+                {"name": experiment.coordinate_name, "units": experiment.coordinate_unit},
+            ),
+            "level": list(LEVELS),
+            "bound": ["lower", "upper"],
+        },
+    )
+    return dataset.assign_attrs(
+        experiment=experiment.name,
+        role=experiment.role,
+        protocol=experiment.protocol,
+        response_name=experiment.response_name,
+        response_unit=experiment.response_unit,
+        provenance=experiment.provenance,
+        failed_draws=samples.failed,
+        **attributes,
+    )

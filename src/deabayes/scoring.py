@@ -1,0 +1,148 @@
+"""How well one candidate explains the records: evidence, BIC, left-out records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+
+LogDensity = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """log of the marginal likelihood, with the scatter of independent estimates."""
+
+    log_evidence: float
+    mcse: float
+    estimates: tuple[float, ...]
+
+
+def bridge_log_ratio(
+    at_posterior: FloatArray, at_proposal: FloatArray, effective: float, iterations: int = 1000
+) -> float:
+    r"""log of the normalising constant by the optimal bridge of Meng & Wong (1996).
+
+    Parameters
+    ----------
+    at_posterior : (N1,) log target - log proposal at draws from the target.
+    at_proposal : (N2,) the same at draws from the proposal.
+    effective : effective number of independent draws among the N1.
+
+    Notes
+    -----
+    Iterates r <- mean_2[e^l / (s1 e^l + s2 r)] / mean_1[1 / (s1 e^l + s2 r)]
+    with s1 = n_eff / (n_eff + N2), s2 = 1 - s1, in logarithms.
+    """
+    from scipy.special import logsumexp
+
+    log_s1 = np.log(effective / (effective + at_proposal.size))
+    log_s2 = np.log(at_proposal.size / (effective + at_proposal.size))
+    log_ratio = float(np.median(at_posterior))
+    for _ in range(iterations):
+        top = at_proposal - np.logaddexp(log_s1 + at_proposal, log_s2 + log_ratio)
+        bottom = -np.logaddexp(log_s1 + at_posterior, log_s2 + log_ratio)
+        updated = float(
+            logsumexp(top)
+            - np.log(at_proposal.size)
+            - logsumexp(bottom)
+            + np.log(at_posterior.size)
+        )
+        if abs(updated - log_ratio) < 1e-10:
+            return updated
+        log_ratio = updated
+    return log_ratio
+
+
+def bridge_evidence(
+    log_posterior: LogDensity,
+    ensembles: FloatArray,
+    effective: float,
+    seed: np.random.SeedSequence,
+    components: int = 4,
+) -> Evidence:
+    """Evidence from draws: the proposal of ensemble e bridges to the draws of ensemble e + 1.
+
+    Parameters
+    ----------
+    log_posterior : unnormalised log density over z (W, d).
+    ensembles : (E, S, d) draws of independent ensembles in z.
+    effective : effective number of draws per ensemble.
+    """
+    from scipy.special import logsumexp
+
+    from deabayes.mixture import fit
+
+    count, size, _ = ensembles.shape
+    estimates = []
+    for index, stream in enumerate(seed.spawn(count)):
+        rng = np.random.default_rng(stream)
+        proposal = fit(ensembles[index], components, rng)
+        target = ensembles[(index + 1) % count]
+        proposed = proposal.sample(rng, size)
+        estimates.append(
+            bridge_log_ratio(
+                log_posterior(target) - proposal.log_density(target),
+                log_posterior(proposed) - proposal.log_density(proposed),
+                min(effective, size),
+            )
+        )
+    log_evidence = float(logsumexp(estimates) - np.log(count))
+    return Evidence(
+        log_evidence, float(np.std(estimates, ddof=1) / np.sqrt(count)), tuple(estimates)
+    )
+
+
+def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
+    """The highest log-likelihood within the prior's support, climbed from draws z (S, d).
+
+    The prior's bounds stay, its density does not count.
+    """
+    from scipy.optimize import minimize
+
+    step = 1e-4
+
+    def objective(z: FloatArray) -> tuple[float, FloatArray]:
+        shifts = step * np.eye(z.size)
+        values = target.log_likelihood_of_normal(np.vstack([z, z + shifts, z - shifts]))
+        if not np.isfinite(values[0]):
+            return 1e300, np.zeros_like(z)
+        gradient = (values[1 : z.size + 1] - values[z.size + 1 :]) / (2 * step)
+        return -float(values[0]), -np.where(np.isfinite(gradient), gradient, 0.0)
+
+    best = -np.inf
+    for start in starts:
+        bounds = [(-6.0, 6.0)] * start.size
+        found = minimize(objective, np.clip(start, -6, 6), jac=True, method="L-BFGS-B", bounds=bounds)
+        best = max(best, -float(found.fun))
+    return best
+
+
+def leave_one_experiment_out(
+    target: LogPosterior, z: FloatArray, seed: np.random.SeedSequence
+) -> dict[str, float]:
+    """log p(y_e | all other records) for each calibrated record.
+
+    The posterior's draws z (S, d) are annealed to the posterior without the
+    record, exp(log p(theta | y) - beta log L_e), beta 0 -> 1; the ratio of the
+    normalising constants along the way is the wanted density. Empty for a
+    single record.
+    """
+    from deabayes.smc import anneal
+
+    names = [record.experiment.name for record in target.records]
+    if len(names) < 2:
+        return {}
+    scores = {}
+    for name, stream in zip(names, seed.spawn(len(names)), strict=True):
+
+        def removed(z: FloatArray, name: str = name) -> FloatArray:
+            return -target.log_likelihood(target.prior.to_parameters(z), [name])
+
+        result = anneal(z, target, removed, np.random.default_rng(stream))
+        scores[name] = -float(result.log_evidence)
+    return scores

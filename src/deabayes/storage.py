@@ -1,0 +1,89 @@
+"""Posterior files: an ArviZ DataTree on disk, with everything needed to use it again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import FloatArray, Quantity, Specimen
+from deabayes.faults import UserError
+
+
+def write_atomically(write: Any, path: Path) -> None:
+    """Call `write(temporary path)`, then move the finished file to `path`."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_tree(tree: xr.DataTree, path: Path) -> None:
+    """Write a DataTree as netCDF; a killed job leaves no half-written file."""
+    write_atomically(lambda p: tree.to_netcdf(p, engine="h5netcdf"), path)
+
+
+def write_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write a Dataset as netCDF; a killed job leaves no half-written file."""
+    write_atomically(lambda p: dataset.to_netcdf(p, engine="h5netcdf"), path)
+
+
+def read_tree(path: str | Path) -> xr.DataTree:
+    """Read a posterior file into memory, or say why it is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(
+            f"{path}: no such file; fit the candidate first (`snakemake --cores 2`, "
+            "or `deabayes fit STUDY CANDIDATE`)"
+        )
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            tree = tree.load()
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
+    if "posterior" not in tree.children:
+        raise UserError(f"{path}: holds no posterior group; give a posterior.nc written by deabayes")
+    return tree
+
+
+def stacked(group: xr.DataTree, name: str) -> FloatArray:
+    """A variable of a group as (chain * draw,)."""
+    return np.asarray(group[name].values, dtype=float).reshape(-1)
+
+
+def specimen_to_json(specimen: Specimen) -> str:
+    """The specimen as JSON, quantities in SI."""
+
+    def quantity(q: Quantity) -> dict[str, object]:
+        return {"value": q.value, "unit": q.unit, "sd": q.sd, "source": q.source}
+
+    return json.dumps(
+        {
+            "name": specimen.name,
+            "system": specimen.system,
+            "provenance": dict(specimen.provenance),
+            "quantities": {k: quantity(q) for k, q in specimen.quantities.items()},
+            "instruments": {k: quantity(q) for k, q in specimen.instruments.items()},
+        }
+    )
+
+
+def specimen_from_json(text: str) -> Specimen:
+    """The inverse of `specimen_to_json`."""
+    content: Mapping[str, Any] = json.loads(text)
+    return Specimen(
+        name=content["name"],
+        system=content["system"],
+        provenance=content["provenance"],
+        quantities={k: Quantity(**q) for k, q in content["quantities"].items()},
+        instruments={k: Quantity(**q) for k, q in content["instruments"].items()},
+    )
