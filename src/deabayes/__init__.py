@@ -1,0 +1,31 @@
+"""Bayesian characterisation of dielectric elastomer actuators.
+
+>>> import deabayes
+>>> post = deabayes.open_posterior("results/tubular/voigt_kelvin_2/posterior.nc")  # doctest: +SKIP
+>>> post.summary()  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from deabayes.api import Posterior, open_posterior
+    from deabayes.simulate import simulate
+
+__version__ = version("deabayes")
+__all__ = ["Posterior", "open_posterior", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    # Imported on first use: opening a posterior must not load numba or scipy.
+    if name in ("Posterior", "open_posterior"):
+        from deabayes import api
+
+        return getattr(api, name)
+    if name == "simulate":
+        from deabayes.simulate import simulate
+
+        return simulate
+    raise AttributeError(f"module 'deabayes' has no attribute {name!r}")

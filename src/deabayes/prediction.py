@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,22 +27,6 @@ class Calibrated:
 
     excitation: Mapping[str, tuple[float, float]]
     span: Mapping[str, float]
-
-    @classmethod
-    def of(cls, experiments: Iterable[Experiment]) -> Calibrated:
-        excitation: dict[str, tuple[float, float]] = {}
-        span: dict[str, float] = {}
-        for e in experiments:
-            values = e.excitation.values
-            low, high = excitation.get(e.excitation.name, (np.inf, -np.inf))
-            excitation[e.excitation.name] = (
-                min(low, float(values.min())),
-                max(high, float(values.max())),
-            )
-            span[e.coordinate_name] = max(
-                span.get(e.coordinate_name, 0.0), float(np.ptp(e.coordinate))
-            )
-        return cls(excitation, span)
 
     def extrapolation(
         self, excitation: Excitation, coordinate_name: str, coordinate: FloatArray

@@ -1,0 +1,136 @@
+"""What other code uses: open a posterior, read it, predict with it, make it a prior."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from deabayes.faults import UserError
+from deabayes.storage import read_tree, stacked
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from deabayes.prior import PriorFromPosterior
+
+
+class Posterior:
+    """The posterior of one candidate, read from a `posterior.nc`.
+
+    Reading, summarising and drawing need numpy and xarray only; `predict` loads
+    the forward model.
+    """
+
+    def __init__(self, tree: xr.DataTree) -> None:
+        self._tree = tree
+
+    def __repr__(self) -> str:
+        attributes = self._tree.attrs
+        return (
+            f"<Posterior of {attributes['candidate']} ({attributes['system']}, "
+            f"{attributes['provenance']} records): {', '.join(self.names)}>"
+        )
+
+    @property
+    def data(self) -> xr.DataTree:
+        """The whole DataTree, for ArviZ."""
+        return self._tree
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Sampled parameters, then derived quantities."""
+        return tuple(str(name) for name in self._tree["posterior"].data_vars)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Quantity -> SI unit."""
+        variables = self._tree["posterior"].data_vars
+        return {str(name): str(variable.attrs["unit"]) for name, variable in variables.items()}
+
+    @property
+    def converged(self) -> bool:
+        """Whether every convergence gate was passed; if not, the numbers are not to be trusted."""
+        return bool(self._tree["summary"]["converged"].values.all())
+
+    def summary(self) -> pd.DataFrame:
+        """One row per quantity: mean, sd, quantiles, diagnostics, units (as summary.csv)."""
+        table = self._tree["summary"].to_dataset().to_dataframe().reset_index()
+        return table.rename(columns={"quantity": "parameter"}).set_index("parameter")
+
+    def draws(self, size: int, seed: int = 1) -> pd.DataFrame:
+        """`size` draws picked at random, one column per quantity, SI."""
+        import pandas as pd
+
+        columns = {name: stacked(self._tree["posterior"], name) for name in self.names}
+        total = next(iter(columns.values())).size
+        picked = np.random.default_rng(seed).choice(total, size, replace=size > total)
+        return pd.DataFrame({name: values[picked] for name, values in columns.items()})
+
+    def predict(
+        self,
+        *,
+        response: str | None = None,
+        size: int = 500,
+        seed: int = 1,
+        conditions: dict[str, float | str] | None = None,
+        **channels: np.ndarray,
+    ) -> xr.Dataset:
+        """Predict the response to an excitation, with three bands.
+
+        Parameters
+        ----------
+        response : response channel; by default that of the calibration records.
+        size, seed : number of posterior draws, and the seed that picks them.
+        conditions : what is held (`deformation`, `load_g`).
+        **channels : `time=` [s] and one excitation channel in SI (`voltage=`,
+            `stretch=`, ...); without `time` the excitation is quasi-static.
+
+        Returns
+        -------
+        xarray.Dataset
+            `median`, `mean` and the bands `parameter`, `discrepancy` and
+            `predictive` (level, bound, coordinate). The attribute
+            `extrapolation` is not empty where the excitation leaves the
+            calibrated region.
+        """
+        from deabayes.fitted import Fitted
+        from deabayes.prediction import to_dataset
+
+        fitted = Fitted.from_tree(self._tree, size, seed)
+        experiment = fitted.experiment(channels, response, conditions or {})
+        samples = fitted.sample(experiment, np.random.default_rng(seed))
+        dataset = to_dataset(experiment, samples, {
+            "extrapolation": fitted.extrapolation(experiment),
+            "converged": int(fitted.converged),
+            "noise_group": fitted.noise_of(experiment)[0],
+        })
+        return dataset.drop_vars("observed")
+
+    def as_prior(self) -> PriorFromPosterior:
+        """The material and specimen parameters as a prior for another study, correlations kept."""
+        from deabayes.prior import PriorFromPosterior
+
+        group = self._tree["posterior"]
+        kept = [n for n in self.names if group[n].attrs["kind"] in ("material", "specimen")]
+        if not kept:
+            raise UserError("this posterior holds no material parameter to hand on")
+        return PriorFromPosterior(
+            tuple(kept), np.stack([stacked(group, name) for name in kept], axis=1)
+        )
+
+
+def open_posterior(path: str | Path) -> Posterior:
+    """Open `results/{study}/{candidate}/posterior.nc`.
+
+    Raises
+    ------
+    UserError
+        If the file is missing or is no posterior file.
+    """
+    return Posterior(read_tree(path))
+
+
+__all__ = ["Posterior", "open_posterior"]

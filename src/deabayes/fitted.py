@@ -1,0 +1,188 @@
+"""A candidate with its posterior draws: what a posterior file turns into when it is used."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
+from deabayes.faults import UserError, nearest
+from deabayes.noise import REGISTRY as NOISE_MODELS
+from deabayes.noise.base import NoiseModel
+from deabayes.prediction import Calibrated, Samples, sample_response
+from deabayes.storage import specimen_from_json, stacked
+from deabayes.systems import build as build_system
+from deabayes.systems.base import System
+
+
+@dataclass(frozen=True)
+class CalibratedRecord:
+    """What a posterior file remembers of a record it was calibrated on."""
+
+    name: str
+    protocol: str
+    group: str
+    scale: float
+    response_name: str
+    coordinate_name: str
+    span: float
+    excitation_name: str
+    lowest: float
+    highest: float
+
+    @classmethod
+    def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
+        values = experiment.excitation.values
+        return cls(
+            experiment.name,
+            experiment.protocol,
+            group,
+            scale,
+            experiment.response_name,
+            experiment.coordinate_name,
+            float(np.ptp(experiment.coordinate)),
+            experiment.excitation.name,
+            float(values.min()),
+            float(values.max()),
+        )
+
+
+def records_to_json(records: list[CalibratedRecord]) -> str:
+    """The calibrated records as a JSON list, kept in a posterior file's attributes."""
+    return json.dumps([asdict(record) for record in records])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A candidate, its noise model and its draws, ready to predict.
+
+    `draws` maps every sampled parameter, noise included, to (S,) values in SI.
+    """
+
+    candidate: str
+    specimen: Specimen
+    system: System
+    noise: NoiseModel
+    relative_noise: bool
+    draws: Mapping[str, FloatArray]
+    records: tuple[CalibratedRecord, ...]
+    converged: bool
+
+    @classmethod
+    def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
+        """Rebuild from a posterior file; `size` draws are picked at random, all by default."""
+        specimen = specimen_from_json(tree.attrs["specimen"])
+        group = tree["posterior"]
+        names = [str(n) for n, v in group.data_vars.items() if v.attrs["kind"] != "derived"]
+        draws = {name: stacked(group, name) for name in names}
+        total = next(iter(draws.values())).size
+        if size is not None:
+            rng = np.random.default_rng(seed)
+            picked = rng.choice(total, size, replace=size > total)
+            draws = {name: values[picked] for name, values in draws.items()}
+        return cls(
+            tree.attrs["candidate"],
+            specimen,
+            build_system(specimen.system, tree.attrs["candidate"], specimen),
+            NOISE_MODELS[tree.attrs["noise"]](),
+            json.loads(tree.attrs["study"]).get("noise_scale", "absolute") == "range",
+            draws,
+            tuple(CalibratedRecord(**r) for r in json.loads(tree.attrs["experiments"])),
+            json.loads(tree.attrs["convergence"])["converged"],
+        )
+
+    def calibrated(self) -> Calibrated:
+        """The region the calibration records span."""
+        excitation: dict[str, tuple[float, float]] = {}
+        span: dict[str, float] = {}
+        for r in self.records:
+            low, high = excitation.get(r.excitation_name, (np.inf, -np.inf))
+            excitation[r.excitation_name] = (min(low, r.lowest), max(high, r.highest))
+            span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
+        return Calibrated(excitation, span)
+
+    def noise_of(self, experiment: Experiment) -> tuple[str, float | None]:
+        """The noise group an experiment is taken to have, and its scale.
+
+        A calibrated record has its own. Another one takes the group of a
+        calibrated record of its protocol, else of its response, else the first;
+        relative noise then scales with each draw's predicted range.
+        """
+        for record in self.records:
+            if record.name == experiment.name:
+                return record.group, record.scale
+        matches = (
+            [r for r in self.records if r.protocol == experiment.protocol]
+            or [r for r in self.records if r.response_name == experiment.response_name]
+            or list(self.records)
+        )
+        return matches[0].group, None if self.relative_noise else 1.0
+
+    def sample(self, experiment: Experiment, rng: np.random.Generator) -> Samples:
+        """Sample the response to an experiment (see `sample_response`)."""
+        group, scale = self.noise_of(experiment)
+        prefix = f"{group}."
+        noise_draws = {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
+        return sample_response(
+            self.system, self.noise, self.draws, noise_draws, experiment, scale, rng
+        )
+
+    def extrapolation(self, experiment: Experiment) -> str:
+        """In which respects an experiment leaves the calibrated region; empty if in none."""
+        return self.calibrated().extrapolation(
+            experiment.excitation, experiment.coordinate_name, experiment.coordinate
+        )
+
+    def experiment(
+        self,
+        channels: Mapping[str, FloatArray],
+        response: str | None,
+        conditions: Mapping[str, float | str],
+    ) -> Experiment:
+        """A new experiment from arrays: `time` and one excitation channel, all SI."""
+        excitation, values, coordinate_name, coordinate = self._channels(channels)
+        response = response or self.records[0].response_name
+        if response not in self.system.responses:
+            raise UserError(f"response {response!r} is unknown{nearest(response, self.system.responses)}")
+        unit = self.system.excitations[excitation]
+        return Experiment(
+            name="prediction",
+            protocol="prediction",
+            role="validate",
+            coordinate_name=coordinate_name,
+            coordinate_unit="s" if coordinate_name == "time" else unit,
+            coordinate=coordinate,
+            response_name=response,
+            response_unit=self.system.responses[response],
+            response=np.full(coordinate.size, np.nan),
+            samples_averaged=np.ones(coordinate.size),
+            excitation=Excitation(excitation, unit, coordinate, values, conditions),
+            provenance=self.specimen.provenance.get("kind", "measured"),
+        )
+
+    def _channels(
+        self, channels: Mapping[str, FloatArray]
+    ) -> tuple[str, FloatArray, str, FloatArray]:
+        known = self.system.excitations
+        arrays = {name: np.atleast_1d(np.asarray(v, dtype=float)) for name, v in channels.items()}
+        time = arrays.pop("time", None)
+        for name in arrays:
+            if name not in known:
+                raise UserError(f"channel {name!r} is unknown{nearest(name, known)}")
+        if len(arrays) != 1:
+            raise UserError(
+                f"give time= and exactly one excitation of {', '.join(known)}; "
+                f"got {', '.join(channels) or 'none'}"
+            )
+        name, values = next(iter(arrays.items()))
+        coordinate = values if time is None else time
+        if coordinate.shape != values.shape or np.any(np.diff(coordinate) <= 0):
+            raise UserError(
+                f"time and {name} must have one length ({coordinate.size} and {values.size}), "
+                "and the coordinate must increase"
+            )
+        return name, values, "time" if time is not None else name, coordinate

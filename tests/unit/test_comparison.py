@@ -1,0 +1,62 @@
+"""The decision rule: what it picks, and when it declines to pick."""
+
+import numpy as np
+import pytest
+
+from deabayes.comparison import BlockLoo, Score, block_edges, block_terms, decide, judge
+
+
+def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
+    loo = BlockLoo(np.asarray(terms, float), np.zeros(len(terms))) if converged else None
+    return Score(name, parameters, parameters, converged, evidence, mcse, 0.0, np.nan, loo)
+
+
+ONES = np.ones(20)
+SPREAD = np.linspace(-1, 1, 20)
+
+
+def test_larger_order_needs_both_criteria():
+    small, large = score("a", 3, 0.0, ONES), score("b", 5, 9.0, 1.5 * ONES)
+    assert judge(large, small) == "larger"
+
+
+@pytest.mark.parametrize(
+    ("evidence", "terms", "expected"),
+    [
+        (9.0, ONES, "conflict"),  # evidence alone
+        (-9.0, 1.5 * ONES, "conflict"),  # elpd alone
+        (0.5, 1.1 * ONES, "smaller"),  # +2 elpd and half a nat are not enough
+        (9.0, ONES + 0.3 + 3 * SPREAD, "conflict"),  # gain of 6 within 2 SE
+    ],
+)
+def test_anything_less_keeps_the_smaller_or_says_so(evidence, terms, expected):
+    assert judge(score("b", 5, evidence, terms), score("a", 3, 0.0, ONES)) == expected
+
+
+def test_decision_walks_up_and_names_the_unresolved():
+    scores = [
+        score("n3", 7, 12.0, 1.6 * ONES),
+        score("n1", 3, 0.0, ONES),
+        score("n2", 5, 9.0, 1.5 * ONES),
+        score("n4", 9, 40.0, 9 * ONES, converged=False),
+    ]
+    decision = decide(scores)
+    assert decision.chosen == "n2"
+    assert decision.unresolved == ("n3",)
+    assert "not resolved" in decision.verdicts["n2"]
+    assert decision.verdicts["n4"] == "not ranked: not converged"
+
+
+def test_nothing_is_chosen_when_nothing_converged():
+    decision = decide([score("a", 3, 0.0, ONES, converged=False)])
+    assert decision.chosen is None
+
+
+def test_blocks_are_long_enough_and_cover_every_point():
+    coordinate = np.concatenate([np.linspace(0, 1, 50), np.linspace(1.1, 100, 40)])
+    edges = block_edges(coordinate, 10.0)
+    starts = coordinate[edges]
+    assert edges[0] == 0 and np.all(np.diff(starts) >= 10.0)
+    pointwise = np.random.default_rng(1).normal(size=(3, coordinate.size))
+    terms = block_terms(pointwise, edges)
+    np.testing.assert_allclose(terms.sum(1), pointwise.sum(1))
