@@ -1,0 +1,95 @@
+"""Ogden spring: a series of powers of the principal stretches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from deabayes.distributions import LogNormal, Uniform
+from deabayes.parameter import Parameter
+from deabayes.springs.base import (
+    MODULUS_MEDIAN,
+    FloatArray,
+    PrincipalStretches,
+    Spring,
+    column,
+)
+
+COEFFICIENT_SIGMA = 2.5
+COEFFICIENT_SOURCE = (
+    "wide: published terms span 1.2 kPa to 0.63 MPa (Ogden 1972 for Treloar's rubber: 630, 1.2, "
+    "-10 kPa) and 3.45 to 634 kPa (minimum-energy structure 2019, Table 3)"
+)
+EXPONENT_BOUNDS = (-5.0, 10.0)
+EXPONENT_SOURCE = (
+    "published exponents lie between -2 and 5 (Ogden 1972) and 0.24 and 3.3 (minimum-energy "
+    "structure 2019, Table 3); bounds leave room on both sides"
+)
+
+
+def count_terms(draws: Mapping[str, FloatArray]) -> int:
+    """How many terms `draws` holds: the largest N with `alpha_1`..`alpha_N` present."""
+    terms = 0
+    while f"alpha_{terms + 1}" in draws:
+        terms += 1
+    return terms
+
+
+class Ogden(Spring):
+    """W = sum_i (mu_i/alpha_i) (lambda_1^alpha_i + lambda_2^alpha_i + lambda_3^alpha_i - 3).
+
+    Convention of the minimum-energy-structure paper (2019): the small-strain shear
+    modulus is (1/2) sum_i mu_i alpha_i, and mu_i alpha_i > 0.
+    """
+
+    name = "ogden"
+    counts_terms = True
+
+    def parameters(
+        self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
+    ) -> tuple[Parameter, ...]:
+        """`mu_1..N` [Pa] (sign of alpha_i), then `alpha_1..N`, ascending."""
+        numbers = range(1, terms + 1)
+        coefficients = tuple(
+            Parameter(
+                name=f"mu_{i}",
+                symbol=rf"\mu_{i}",
+                unit="Pa",
+                description=f"coefficient of Ogden term {i}",
+                prior=LogNormal(modulus_median, COEFFICIENT_SIGMA),
+                source=COEFFICIENT_SOURCE,
+                sign_of=f"alpha_{i}",
+            )
+            for i in numbers
+        )
+        exponents = tuple(
+            Parameter(
+                name=f"alpha_{i}",
+                symbol=rf"\alpha_{i}",
+                unit="1",
+                description=f"exponent of Ogden term {i}",
+                prior=Uniform(*EXPONENT_BOUNDS),
+                source=EXPONENT_SOURCE,
+                ordered="alpha",
+            )
+            for i in numbers
+        )
+        return coefficients + exponents
+
+    def cauchy_stress(
+        self, stretches: PrincipalStretches, draws: Mapping[str, FloatArray]
+    ) -> FloatArray:
+        """sigma_1 = sum_i mu_i (lambda_1^alpha_i - lambda_3^alpha_i) [Pa], (W, N)."""
+        log_first, log_third = np.log(stretches.first), np.log(stretches.third)
+        stress = np.zeros(np.broadcast_shapes(column(draws["mu_1"]).shape, log_first.shape))
+        for i in range(1, count_terms(draws) + 1):
+            exponent = column(draws[f"alpha_{i}"])
+            powers = np.exp(exponent * log_first) - np.exp(exponent * log_third)
+            stress += column(draws[f"mu_{i}"]) * powers
+        return stress
+
+    def shear_modulus(self, draws: Mapping[str, FloatArray]) -> FloatArray:
+        """(1/2) sum_i mu_i alpha_i [Pa], (W,)."""
+        terms = range(1, count_terms(draws) + 1)
+        return 0.5 * sum(draws[f"mu_{i}"] * draws[f"alpha_{i}"] for i in terms)

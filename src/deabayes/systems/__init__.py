@@ -1,0 +1,71 @@
+"""Physical systems by name.
+
+Adding one: a module `systems/<name>.py` and a line in REGISTRY. The module's class
+derives from `System`, is built by `cls(candidate, specimen)` and lists buildable
+candidates in `cls.candidates()`; a module with a compiled kernel also has
+`compile_kernels()`. Modules are imported when first asked for, so that a job pays
+for its own system only.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from deabayes.experiment import Specimen
+from deabayes.faults import UserError, nearest
+from deabayes.systems.base import Derived, Draws, Simulator, System
+
+REGISTRY: dict[str, str] = {
+    "tensile_strip": "TensileStrip",
+    "tubular": "Tubular",
+}
+"""System -> class in the module of the same name."""
+
+
+def system_class(system: str) -> type[System]:
+    """The class of a system.
+
+    Raises
+    ------
+    UserError
+        If no system has this name.
+    """
+    if system not in REGISTRY:
+        raise UserError(f"unknown system {system!r}{nearest(system, REGISTRY)}")
+    return getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
+
+
+def build(system: str, candidate: str, specimen: Specimen) -> System:
+    """The system `system` at the order `candidate` names, for one specimen.
+
+    Raises
+    ------
+    UserError
+        If the system or the candidate is unknown, or the specimen lacks a quantity.
+    """
+    return system_class(system)(candidate, specimen)
+
+
+def candidates(system: str) -> list[str]:
+    """Candidates of a system that can be built (examples, where a name has free numbers)."""
+    return list(system_class(system).candidates())
+
+
+def compile_all() -> None:
+    """Compile every system's kernels into numba's on-disk cache."""
+    for system in REGISTRY:
+        module = import_module(f"deabayes.systems.{system}")
+        getattr(module, "compile_kernels", lambda: None)()
+
+
+__all__ = [
+    "REGISTRY",
+    "Derived",
+    "Draws",
+    "Simulator",
+    "System",
+    "build",
+    "candidates",
+    "compile_all",
+    "system_class",
+]
