@@ -13,11 +13,13 @@ import xarray as xr
 import deabayes
 from deabayes.experiment import FloatArray, Specimen
 from deabayes.fitted import CalibratedRecord, records_to_json
+from deabayes.pooling import PooledResult
 from deabayes.posterior import LogPosterior
 from deabayes.storage import specimen_to_json
 from deabayes.study import Study, to_settings
 
 PRIOR_DRAWS = 1000
+STORED_DRAWS = 2000
 PRIOR_PREDICTIVE_DRAWS = 50
 SUMMARY_COLUMNS = (
     "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction converged"
@@ -43,6 +45,60 @@ class PosteriorContent:
     convergence: Mapping[str, object]
     warnings: Sequence[str]
     seed: np.random.SeedSequence
+
+    @classmethod
+    def of(
+        cls,
+        study: Study,
+        candidate: str,
+        target: LogPosterior,
+        pooled: PooledResult,
+        seed: np.random.SeedSequence,
+    ) -> PosteriorContent:
+        """Thin the pooled draws to at most `STORED_DRAWS` per ensemble, spread over time."""
+        ensembles, steps, walkers, dimension = pooled.chain.shape
+        picked = np.linspace(0, steps * walkers - 1, min(STORED_DRAWS, steps * walkers)).astype(int)
+        z = pooled.chain.reshape(ensembles, -1, dimension)[:, picked]
+        experiments = [record.experiment for record in target.records]
+        return cls(
+            study,
+            candidate,
+            target.system.specimen,
+            target,
+            z,
+            pooled.log_posterior.reshape(ensembles, -1)[:, picked],
+            pooled.convergence.table,
+            convergence_summary(pooled),
+            [f"{e.name}: {warning}" for e in experiments for warning in e.warnings],
+            seed,
+        )
+
+
+def convergence_summary(pooled: PooledResult) -> dict[str, object]:
+    """What a reader needs to know of how the draws were made."""
+    convergence, runs = pooled.convergence, pooled.ensembles
+    table = convergence.table
+    shares = convergence.mode_shares
+    return {
+        "converged": bool(convergence.converged),
+        "reasons": list(convergence.reasons),
+        "r_hat_max": float(table["r_hat"].max()),
+        "ess_bulk_min": float(table["ess_bulk"].min()),
+        "ess_tail_min": float(table["ess_tail"].min()),
+        "autocorrelation_times_min": float(np.min(convergence.autocorrelation_times)),
+        "tau_max": max(float(run.autocorrelation_time) for run in runs),
+        "steps": max(run.steps for run in runs),
+        "walkers": int(pooled.chain.shape[2]),
+        "ensembles": len(runs),
+        "acceptance": float(np.mean([run.acceptance for run in runs])),
+        "refitted": any(run.refitted for run in runs),
+        "replaced_walkers": sum(run.replaced_walkers for run in runs),
+        "failures": {
+            "evaluations": sum(run.evaluations for run in runs),
+            "failed": sum(run.failures for run in runs),
+        },
+        "mode_shares": [] if shares is None else shares.to_numpy().tolist(),
+    }
 
 
 def posterior_tree(content: PosteriorContent) -> xr.DataTree:
@@ -95,6 +151,7 @@ def summary_table(
     target = content.target
     table = content.diagnostics.copy()
     attributes = _labels(content, theta)
+    table["converged"] = bool(content.convergence["converged"])
     table["symbol"] = [attributes[name]["symbol"] for name in table.index]
     table["unit"] = [attributes[name]["unit"] for name in table.index]
     z_variance = dict(zip(target.names, content.z.reshape(-1, target.dimension).var(0), strict=True))
@@ -103,7 +160,7 @@ def summary_table(
         1.0 - z_variance[name] if name in z_variance else _contraction(posterior[name], prior[name])
         for name in table.index
     ]
-    return table[SUMMARY_COLUMNS]
+    return table[list(SUMMARY_COLUMNS)]
 
 
 def _contraction(posterior: FloatArray, prior: FloatArray) -> float:

@@ -1,0 +1,44 @@
+"""One record's row of errors.csv."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.errors import (
+    crps,
+    interval_coverage,
+    joint_log_score,
+    relative_maximum_error,
+    relative_rms_error,
+)
+from deabayes.experiment import Experiment
+from deabayes.prediction import LEVELS, Samples
+
+
+def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:
+    """Errors of the posterior median curve with their posterior intervals, and band scores.
+
+    e_rms and e_m are those of equations.md section 4, in percent; their
+    intervals come from the draws' own errors. Coverage is that of the
+    predictive band; `joint_log_score` is log mean_s p(y | theta_s).
+    """
+    observed = experiment.response
+    median = np.median(samples.parameter, axis=0)
+    row: dict[str, object] = {
+        "experiment": experiment.name,
+        "role": experiment.role,
+        "protocol": experiment.protocol,
+    }
+    for name, measure in (("e_rms", relative_rms_error), ("e_m", relative_maximum_error)):
+        row[f"{name}_percent"] = 100.0 * float(measure(observed, median[None])[0])
+        low, high = np.quantile(100.0 * measure(observed, samples.parameter), [0.05, 0.95])
+        row[f"{name}_q05"], row[f"{name}_q95"] = float(low), float(high)
+    for level in LEVELS:
+        covered = interval_coverage(observed, samples.predictive, level)
+        row[f"coverage_{round(100 * level)}"] = covered
+    row["crps"] = float(np.mean(crps(observed, samples.predictive)))
+    row["extrapolation"] = extrapolation
+    if samples.log_density is not None:
+        row["joint_log_score"] = joint_log_score(samples.log_density)
+    row["failed_draws"] = samples.failed
+    return row

@@ -1,0 +1,155 @@
+"""From posterior files to the rows of comparison.csv."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from deabayes.comparison import (
+    UNRELIABLE_K_HAT,
+    BlockLoo,
+    Decision,
+    Score,
+    block_edges,
+    block_terms,
+    decide,
+    leave_one_block_out,
+)
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+from deabayes.storage import stacked
+
+LOO_DRAWS = 1000
+CORRELATION_TIMES_PER_BLOCK = 2.0
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate's posterior file with its log-posterior and its scores (scores.json)."""
+
+    tree: xr.DataTree
+    target: LogPosterior
+    scores: Mapping[str, float]
+
+    @property
+    def candidate(self) -> str:
+        return str(self.tree.attrs["candidate"])
+
+    @property
+    def converged(self) -> bool:
+        return bool(json.loads(self.tree.attrs["convergence"])["converged"])
+
+    def theta(self, size: int) -> FloatArray:
+        """`size` draws (size, d) spread evenly over all ensembles."""
+        columns = [stacked(self.tree["posterior"], name) for name in self.target.names]
+        draws = np.stack(columns, axis=1)
+        return draws[np.linspace(0, len(draws) - 1, min(size, len(draws))).astype(int)]
+
+
+def common_blocks(ranked: Sequence[Ranked]) -> dict[str, FloatArray]:
+    """First indices of the blocks of every calibrated record, the same for all candidates.
+
+    A block is two correlation times long, by the longest posterior median among
+    the ranked candidates; a noise model without one gets blocks of three points.
+    """
+    edges = {}
+    for record in ranked[0].target.records:
+        lengths = [
+            float(np.median(stacked(r.tree["posterior"], name)))
+            for r in ranked
+            for name in r.target.names
+            if name.startswith(f"{record.group}.") and name.endswith(("tau_ou", "length", "tau"))
+        ]
+        coordinate = record.experiment.coordinate
+        spacing = 3.0 * float(np.median(np.diff(coordinate)))
+        length = CORRELATION_TIMES_PER_BLOCK * max(lengths) if lengths else spacing
+        edges[record.experiment.name] = block_edges(coordinate, length)
+    return edges
+
+
+def block_loo(ranked: Ranked, edges: Mapping[str, FloatArray]) -> BlockLoo:
+    """Block-LOO of one candidate over all calibrated records."""
+    pointwise = ranked.target.pointwise_log_likelihood(ranked.theta(LOO_DRAWS))
+    terms = [block_terms(values, edges[name]) for name, values in pointwise.items()]
+    return leave_one_block_out(np.concatenate(terms, axis=1))
+
+
+def score_all(candidates: Sequence[Ranked]) -> list[Score]:
+    """The scores of all candidates; block-LOO only of the converged ones."""
+    converged = [c for c in candidates if c.converged]
+    edges = common_blocks(converged) if converged else {}
+    return [
+        Score(
+            candidate=c.candidate,
+            order=int(c.tree.attrs["order"]),
+            n_parameters=c.target.dimension,
+            converged=c.converged,
+            log_evidence=c.scores["log_evidence"],
+            log_evidence_mcse=c.scores["log_evidence_mcse"],
+            bic=c.scores["bic"],
+            leave_one_experiment_out=c.scores["elpd_leave_one_experiment_out"],
+            loo=block_loo(c, edges) if c.converged else None,
+        )
+        for c in candidates
+    ]
+
+
+def comparison_table(candidates: Sequence[Ranked]) -> pd.DataFrame:
+    """The table of comparison.csv."""
+    scores = score_all(candidates)
+    decision = decide(scores)
+    rows = [_row(score, decision) for score in scores]
+    table = pd.DataFrame(rows)
+    table["differs_in"] = [
+        _difference(c, candidates, decision) if c.candidate in decision.unresolved else ""
+        for c in candidates
+    ]
+    return table
+
+
+def _row(score: Score, decision: Decision) -> dict[str, object]:
+    verdict = decision.verdicts[score.candidate]
+    k_hat = float(score.loo.k_hat.max()) if score.loo else float("nan")
+    if k_hat > UNRELIABLE_K_HAT:
+        verdict += f"; k-hat {k_hat:.2f} > {UNRELIABLE_K_HAT}: block-LOO unreliable for a block"
+    return {
+        "candidate": score.candidate,
+        "order": score.order,
+        "n_parameters": score.n_parameters,
+        "log_evidence": score.log_evidence,
+        "log_evidence_mcse": score.log_evidence_mcse,
+        "bic": score.bic,
+        "elpd_block_loo": score.loo.elpd if score.loo else float("nan"),
+        "elpd_block_loo_se": score.loo.se if score.loo else float("nan"),
+        "elpd_leave_one_experiment_out": score.leave_one_experiment_out,
+        "worst_k_hat": k_hat,
+        "converged": score.converged,
+        "verdict": verdict,
+    }
+
+
+def _difference(one: Ranked, candidates: Sequence[Ranked], decision: Decision) -> str:
+    """Where the predictions of an unresolved candidate differ most from the chosen one's."""
+    chosen = next(c for c in candidates if c.candidate == decision.chosen)
+    mine, theirs = (
+        {name: np.nanmedian(f, axis=0) for name, f in c.target.responses(c.theta(200)).items()}
+        for c in (one, chosen)
+    )
+    gaps = {
+        r.experiment.name: np.abs(mine[r.experiment.name] - theirs[r.experiment.name])
+        / r.experiment.response_range
+        for r in one.target.records
+    }
+    name = max(gaps, key=lambda key: float(gaps[key].max()))
+    record = next(r for r in one.target.records if r.experiment.name == name)
+    at = record.experiment.coordinate[int(gaps[name].argmax())]
+    return (
+        f"median curves differ from {chosen.candidate} by at most "
+        f"{100 * gaps[name].max():.2g} % of the range, in {name} at "
+        f"{record.experiment.coordinate_name} {at:.3g} {record.experiment.coordinate_unit}"
+    )
