@@ -1,0 +1,160 @@
+"""Columns of a record: their names, units and conversion to SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import Faults, UserError
+from deabayes.reading.raw import RawRecord
+from deabayes.units import si_unit, to_si
+
+CHANNELS: Mapping[str, str] = {
+    "time": "s",
+    "voltage": "V",
+    "control_voltage": "V",
+    "current": "A",
+    "strain": "1",
+    "stretch": "1",
+    "displacement": "m",
+    "area": "m^2",
+    "force": "N",
+    "nominal_stress": "Pa",
+    "frequency": "Hz",
+    "gain": "1/V",
+    "phase": "rad",
+}
+"""Record columns with a meaning (data.md) and their SI units."""
+
+HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a file.
+
+    Attributes
+    ----------
+    name : channel name; None or ``-`` for a column to be ignored.
+    unit : as written; None where none was given.
+    offset : added after conversion to SI (a strain becomes a stretch with 1).
+    source : the variable or channel in the file, where it is not `name`.
+    """
+
+    name: str | None
+    unit: str | None
+    offset: float = 0.0
+    source: str | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a file holds, before conversion: one array per column."""
+
+    columns: Sequence[Column]
+    arrays: Sequence[NDArray[Any]]
+    faults: Sequence[str] = field(default_factory=tuple)
+
+
+def from_header(cells: Iterable[object]) -> list[Column]:
+    """Columns from header cells such as ``time [s]``."""
+    columns = []
+    for cell in cells:
+        match = HEADER_CELL.match(str(cell if cell is not None else "").strip())
+        assert match is not None  # every part of the pattern is optional
+        columns.append(Column(match["name"] or None, match["unit"]))
+    return columns
+
+
+def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
+    """Columns that `record_format` lists, or None where it lists none."""
+    settings = (record_format or {}).get("columns")
+    if settings is None:
+        return None
+    return [
+        Column(c.get("name"), c.get("unit"), float(c.get("offset", 0.0)), c.get("source"))
+        for c in settings
+    ]
+
+
+def from_text(text: str) -> list[Column]:
+    """Columns from a cell of experiments.csv: ``t = time [s]; voltage [kV]``."""
+    columns = []
+    for part in filter(None, (part.strip() for part in text.split(";"))):
+        source, equals, cell = part.partition("=")
+        column = from_header([cell if equals else part])[0]
+        columns.append(Column(column.name, column.unit, source=source.strip() if equals else None))
+    return columns
+
+
+def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str) -> RawRecord:
+    """Convert a table to SI.
+
+    A column without a unit is a fault when its name is a known channel and is
+    left out otherwise; a column with a unit must hold numbers.
+
+    Raises
+    ------
+    Faults : every fault of every column.
+    """
+    faults = list(table.faults)
+    values: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    for column, array in zip(table.columns, table.arrays, strict=True):
+        name = column.name
+        if name in (None, "-") or (column.unit is None and name not in channels):
+            continue
+        if name in values:
+            faults.append(f"{where}: column {name!r} occurs twice; rename or remove one")
+            continue
+        try:
+            values[name] = _convert(column, array, channels.get(name), f"{where}, column {name}")
+            units[name] = channels.get(name) or si_unit(column.unit or "")
+        except UserError as error:
+            faults.append(str(error))
+    if faults:
+        raise Faults(faults)
+    return RawRecord(values, units, sha256)
+
+
+def _convert(
+    column: Column, array: NDArray[Any], expected_unit: str | None, where: str
+) -> FloatArray:
+    if column.unit is None:
+        raise UserError(
+            f"{where}: no unit; write {column.name + ' [' + (expected_unit or '1')!r}]'"
+        )
+    return to_si(numbers(array, where), column.unit, expected_unit, where) + column.offset
+
+
+def numbers(array: NDArray[Any], where: str) -> FloatArray:
+    """The array as floats; a text that is no number is named with its row."""
+    if array.dtype.kind in "fiub":
+        return np.asarray(array, dtype=float).ravel()
+    import pandas as pd
+
+    series = pd.Series(array.ravel(), dtype=object)
+    converted = pd.to_numeric(series, errors="coerce")
+    bad = np.flatnonzero(converted.isna() & series.notna())
+    if bad.size:
+        raise UserError(
+            f"{where}, data row {bad[0] + 1}: {str(series[bad[0]])!r} is not a number "
+            f"({bad.size} such rows); correct or remove them"
+        )
+    return np.asarray(converted, dtype=float)
+
+
+def unit_hint(header: Iterable[str]) -> str:
+    """How to write the first header cell that carries its unit in parentheses."""
+    for cell in header:
+        match = UNIT_IN_PARENTHESES.match(cell.strip())
+        if match:
+            return f"; write '{match['name']} [{match['unit']}]' instead of {cell.strip()!r}"
+    return ""
