@@ -1,0 +1,128 @@
+"""How far predictions are from observations, as the papers measure it and as forecasters do.
+
+The papers' measures (equations.md section 4) compare curves; the scores of
+samples (CRPS, coverage, joint log score) judge a predictive distribution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import FloatArray
+
+
+def relative_maximum_error(observed: ArrayLike, predicted: ArrayLike) -> FloatArray:
+    """e_m = max|y - f| / (max y - min y), one value per predicted curve.
+
+    Parameters
+    ----------
+    observed : y (N,).
+    predicted : f (..., N), any leading axes, e.g. draws (W, N).
+
+    Returns
+    -------
+    ndarray
+        (...), a fraction of the observed range; NaN where a curve is not finite.
+
+    Raises
+    ------
+    ValueError
+        If the lengths differ, or the observations do not vary or are not finite.
+    """
+    observed, predicted = _curves(observed, predicted)
+    return np.max(np.abs(observed - predicted), axis=-1) / np.ptp(observed)
+
+
+def relative_rms_error(observed: ArrayLike, predicted: ArrayLike) -> FloatArray:
+    """e_rms = sqrt(mean (y - f)^2) / (max y - min y), one value per predicted curve.
+
+    Shapes and errors as in `relative_maximum_error`.
+    """
+    observed, predicted = _curves(observed, predicted)
+    return np.sqrt(np.mean((observed - predicted) ** 2, axis=-1)) / np.ptp(observed)
+
+
+def crps(observed: ArrayLike, samples: ArrayLike) -> FloatArray:
+    """Continuous ranked probability score of S samples at each point, in the response's unit.
+
+    The fair estimate, unbiased in S (Ferro 2014, Q. J. R. Meteorol. Soc. 140:1917):
+    CRPS = mean_i |x_i - y| - 1 / (2 S (S - 1)) sum_ij |x_i - x_j|, its double
+    sum from the order statistics, O(S log S). It may be slightly negative.
+
+    Parameters
+    ----------
+    observed : y (N,).
+    samples : x (S, N), S >= 2.
+
+    Returns
+    -------
+    ndarray
+        (N,); smaller is better.
+    """
+    observed, samples = _samples(observed, samples)
+    size = samples.shape[0]
+    if size < 2:
+        raise ValueError(f"crps needs at least 2 samples, got {size}")
+    ordered = np.sort(samples - observed, axis=0)
+    rank_weights = 2.0 * np.arange(1, size + 1) - size - 1.0
+    spread = rank_weights @ ordered / (size * (size - 1.0))
+    return np.mean(np.abs(ordered), axis=0) - spread
+
+
+def interval_coverage(observed: ArrayLike, samples: ArrayLike, probability: float) -> float:
+    """Share of the observations inside the equal-tailed interval of the samples.
+
+    Parameters
+    ----------
+    observed : y (N,).
+    samples : x (S, N).
+    probability : nominal content of the interval, between 0 and 1.
+    """
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"probability must lie between 0 and 1, got {probability}")
+    observed, samples = _samples(observed, samples)
+    tails = [(1.0 - probability) / 2.0, (1.0 + probability) / 2.0]
+    lower, upper = np.quantile(samples, tails, axis=0)
+    return float(np.mean((lower <= observed) & (observed <= upper)))
+
+
+def joint_log_score(log_likelihood: ArrayLike) -> float:
+    """log p(y | data) = log mean_s p(y | theta_s) of a whole record; larger is better.
+
+    Parameters
+    ----------
+    log_likelihood : log p(y | theta_s) (S,) of the record under each posterior
+        draw; a draw whose response failed has -inf.
+    """
+    from scipy.special import logsumexp
+
+    log_likelihood = np.asarray(log_likelihood, dtype=float)
+    if log_likelihood.ndim != 1 or log_likelihood.size == 0:
+        raise ValueError(f"log_likelihood must be (S,), got shape {log_likelihood.shape}")
+    return float(logsumexp(log_likelihood) - np.log(log_likelihood.size))
+
+
+def _curves(observed: ArrayLike, predicted: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    observed, predicted = _same_length(observed, predicted)
+    span = np.ptp(observed)
+    if not np.isfinite(span) or span == 0.0:
+        raise ValueError("a relative error needs finite observations that vary")
+    return observed, predicted
+
+
+def _samples(observed: ArrayLike, samples: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    observed, samples = _same_length(observed, samples)
+    if samples.ndim != 2:
+        raise ValueError(f"samples must be (S, N), got shape {samples.shape}")
+    return observed, samples
+
+
+def _same_length(observed: ArrayLike, other: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    observed, other = np.asarray(observed, dtype=float), np.asarray(other, dtype=float)
+    # Broadcasting would accept a single value for a whole record.
+    if observed.ndim != 1 or other.ndim == 0 or other.shape[-1] != observed.size:
+        raise ValueError(
+            f"observations {observed.shape} and predictions {other.shape} differ in length"
+        )
+    return observed, other

@@ -1,0 +1,1 @@
+"""Numerical integrators; they know no model."""

@@ -1,0 +1,178 @@
+"""Tubular actuator: linear creep of a Voigt-Kelvin chain under Maxwell pressure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from deabayes.distributions import TruncatedNormal
+from deabayes.electrostatics import maxwell_pressure
+from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.faults import UserError, nearest
+from deabayes.integrate.linear import hold, relaxation_response
+from deabayes.parameter import Parameter
+from deabayes.systems import voigt_kelvin
+from deabayes.systems.base import Derived, Draws, Simulator, System
+
+CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)")
+KILOVOLT = 1e3
+QUANTITY_SYMBOLS = {
+    "relative_permittivity": r"\varepsilon_r",
+    "thickness": "d",
+    "active_length": "L_0",
+}
+"""The quantities this form computes with; the optional rest serves inertia and circuit."""
+
+
+class Tubular(System):
+    r"""Creep of the core-free tubular actuator of Sarban et al. (2012), without inertia.
+
+    The strain S is the response of K Kelvin units and a spring in series to the
+    electrostatic pressure sigma = epsilon_0 epsilon_r (v / d)^2, (6):
+
+    S = sigma / E_0 + sum_n x_n,   tau_n x_n' = -x_n + sigma / E_n,   n = 1..K,
+
+    whose answer to a pressure step is the creep compliance D(t) of (1). The voltage
+    is the amplifier's output, linear between the knots of the excitation, so the
+    pressure is quadratic between them; that is solved exactly, a jump included.
+    Before its first knot the actuator is at rest without voltage.
+
+    Candidates `voigt_kelvin_K` have the parameters `E_0`, `E_1..K` [Pa] and
+    `tau_1..K` [s]. Creep fixes only the ratios sigma / E_n; the moduli inherit the
+    uncertainty of `relative_permittivity` and `thickness`, which are parameters
+    where the specimen gives them an sd. A record of displacement is strain times
+    `active_length`.
+    """
+
+    name: ClassVar[str] = "tubular"
+    protocols: ClassVar[tuple[str, ...]] = ("creep",)
+    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
+    responses: ClassVar[Mapping[str, str]] = {"strain": "1", "displacement": "m"}
+    required_quantities: ClassVar[Mapping[str, str]] = {
+        "thickness": "m",
+        "relative_permittivity": "1",
+    }
+    optional_quantities: ClassVar[Mapping[str, str]] = {
+        "active_length": "m",
+        "cross_section": "m^2",
+        "total_mass": "kg",
+        "active_mass": "kg",
+        "sensor_mass": "kg",
+        "series_resistance": "ohm",
+        "leakage_resistance": "ohm",
+        "capacitance": "F",
+    }
+
+    def __init__(self, candidate: str, specimen: Specimen) -> None:
+        match = CANDIDATE.fullmatch(candidate)
+        if match is None:
+            raise UserError(
+                f"candidate {candidate!r} is unknown for system 'tubular'; "
+                "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2"
+            )
+        self.candidate = candidate
+        self.specimen = specimen
+        self.order = int(match.group(1))
+        for name in self.required_quantities:
+            self._require(name)
+
+    @classmethod
+    def candidates(cls) -> tuple[str, ...]:
+        """The usual candidates, of 3, 5 and 7 parameters; any K works."""
+        return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        quantities = self.specimen.quantities
+        uncertain = [
+            Parameter(
+                name,
+                symbol,
+                quantities[name].unit,
+                f"{name.replace('_', ' ')} of the specimen",
+                TruncatedNormal(quantities[name].value, sd, 0.0),
+                quantities[name].source or "specimen.yaml",
+            )
+            for name, symbol in QUANTITY_SYMBOLS.items()
+            if name in quantities and (sd := quantities[name].sd) is not None
+        ]
+        return (*voigt_kelvin.parameters(self.order), *uncertain)
+
+    def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
+        _check_channel("excitation", excitation.name, self.excitations)
+        _check_channel("response", response, self.responses)
+        if response == "displacement":
+            self._require("active_length")
+        load = hold(excitation.coordinate, excitation.values, coordinate, power=2)
+
+        def simulate(draws: Draws) -> FloatArray:
+            chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+            gain = self._pressure(1.0, draws)
+            if response == "displacement":
+                gain = gain * self._quantity("active_length", draws)
+            return relaxation_response(
+                load,
+                gain * chain.instantaneous,
+                gain[:, None] * chain.compliances,
+                chain.time_constants,
+            )
+
+        return simulate
+
+    def derived(self, draws: Draws) -> dict[str, Derived]:
+        """What creep determines and what the chain means.
+
+        `strain_per_kV2_n` = epsilon_0 epsilon_r (1 kV / d)^2 / E_n [1], the strain
+        that spring n reaches at 1 kV (and `_total`, their sum), is fixed by creep
+        records whatever the permittivity and the thickness. Compliances and
+        viscosities: see `voigt_kelvin.Chain.derived`.
+        """
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        springs = np.column_stack([chain.instantaneous, chain.compliances])
+        strains = self._pressure(KILOVOLT, draws)[:, None] * springs
+        result = {
+            f"strain_per_kV2_{n}": Derived(
+                rf"\sigma_{{1\,\mathrm{{kV}}}}/E_{{{n}}}",
+                "1",
+                f"final strain of {f'Kelvin unit {n}' if n else 'the series spring'} at 1 kV",
+                strain,
+            )
+            for n, strain in enumerate(strains.T)
+        }
+        result["strain_per_kV2_total"] = Derived(
+            r"\sigma_{1\,\mathrm{kV}} D(\infty)", "1", "final strain at 1 kV", strains.sum(axis=1)
+        )
+        return result | chain.derived()
+
+    def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
+        """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
+        thickness = self._quantity("thickness", draws)
+        thickness = np.where(thickness > 0.0, thickness, np.nan)
+        pressure = maxwell_pressure(
+            voltage, thickness, self._quantity("relative_permittivity", draws)
+        )
+        return np.broadcast_to(pressure, np.shape(draws["E_0"]))
+
+    def _quantity(self, name: str, draws: Draws) -> FloatArray:
+        """A quantity of the specimen: its draws where it is a parameter, else its value."""
+        return np.asarray(draws.get(name, self.specimen.quantities[name].value))
+
+    def _require(self, quantity: str) -> None:
+        if quantity not in self.specimen.quantities:
+            raise UserError(
+                f"specimen {self.specimen.name!r} lacks {quantity}; "
+                "add it to quantities in specimen.yaml"
+            )
+
+
+def _check_channel(kind: str, name: str, known: Mapping[str, str]) -> None:
+    if name not in known:
+        raise UserError(f"{kind} {name!r} is unknown for system 'tubular'{nearest(name, known)}")
+
+
+def compile_kernels() -> None:
+    """Compile the forward model into numba's on-disk cache."""
+    load = hold([0.0, 1.0], [0.0, 1.0], [0.5], power=2)
+    relaxation_response(load, np.ones(1), np.ones((1, 1)), np.ones((1, 1)))

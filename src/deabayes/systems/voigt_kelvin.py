@@ -1,0 +1,102 @@
+r"""The Voigt-Kelvin chain: its parameters, its springs from draws, its compliances.
+
+D(t) = 1/E_0 + sum_n (1/E_n) (1 - exp(-t / tau_n)),  tau_n = eta_n / E_n,
+Sarban et al. (2012), (1), for any number of Kelvin units n = 1..K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.distributions import LogNormal, LogUniform
+from deabayes.experiment import FloatArray
+from deabayes.parameter import Parameter
+from deabayes.systems.base import Derived, Draws
+
+INSTANTANEOUS_MODULUS = LogNormal(2e6, 1.0)
+UNIT_MODULUS = LogNormal(1e7, 1.5)
+TIME_CONSTANT = LogUniform(1e-3, 2.0)
+COMPLIANCE_TIMES = {"10ms": 0.01, "100ms": 0.1, "500ms": 0.5}
+
+
+def parameters(units: int) -> tuple[Parameter, ...]:
+    """`E_0`, `E_1..K` [Pa] and `tau_1..K` [s], the latter ascending."""
+    return (
+        Parameter(
+            "E_0",
+            "E_{0}",
+            "Pa",
+            "instantaneous modulus",
+            INSTANTANEOUS_MODULUS,
+            "wide: silicone elastomers, 0.3 to 15 MPa with 95 %",
+        ),
+        *(_unit_modulus(n) for n in range(1, units + 1)),
+        *(_time_constant(n) for n in range(1, units + 1)),
+    )
+
+
+def _unit_modulus(n: int) -> Parameter:
+    return Parameter(
+        f"E_{n}",
+        f"E_{{{n}}}",
+        "Pa",
+        f"modulus of Kelvin unit {n}",
+        UNIT_MODULUS,
+        "wide: a unit that strains from a hundredth to all of the instantaneous strain",
+    )
+
+
+def _time_constant(n: int) -> Parameter:
+    return Parameter(
+        f"tau_{n}",
+        rf"\tau_{{{n}}}",
+        "s",
+        f"retardation time of Kelvin unit {n}",
+        TIME_CONSTANT,
+        "from the amplifier's charging time to four times the 0.5 s record of Sarban et al. 2012",
+        ordered="tau",
+    )
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Draws of a chain: 1/E_0 (W,), 1/E_n (W, K) and tau_n (W, K)."""
+
+    instantaneous: FloatArray
+    compliances: FloatArray
+    time_constants: FloatArray
+
+    @classmethod
+    def from_draws(cls, draws: Draws, units: int) -> Chain:
+        """Read the chain's parameters; a modulus that is not positive becomes NaN."""
+        moduli = np.column_stack([draws[f"E_{n}"] for n in range(units + 1)])
+        times = np.column_stack([draws[f"tau_{n}"] for n in range(1, units + 1)])
+        compliances = 1.0 / np.where(moduli > 0.0, moduli, np.nan)
+        return cls(compliances[:, 0], compliances[:, 1:], times)
+
+    def creep_compliance(self, time: float) -> FloatArray:
+        """D(t) (W,) [1/Pa]; the final compliance for an infinite time."""
+        grown = -np.expm1(-time / self.time_constants)
+        return self.instantaneous + np.sum(self.compliances * grown, axis=1)
+
+    def derived(self) -> dict[str, Derived]:
+        """`compliance_*` at 10, 100 and 500 ms and in the end [1/Pa], `eta_n` [Pa s]."""
+        result = {
+            f"compliance_{label}": Derived(
+                rf"D({time:g}\,\mathrm{{s}})",
+                "1/Pa",
+                f"creep compliance {time:g} s after a step",
+                self.creep_compliance(time),
+            )
+            for label, time in COMPLIANCE_TIMES.items()
+        }
+        result["compliance_total"] = Derived(
+            r"D(\infty)", "1/Pa", "final creep compliance", self.creep_compliance(np.inf)
+        )
+        for n, viscosity in enumerate((self.time_constants / self.compliances).T, start=1):
+            result[f"eta_{n}"] = Derived(
+                rf"\eta_{{{n}}}", "Pa*s", f"viscosity of Kelvin unit {n}", viscosity
+            )
+        return result
