@@ -1,0 +1,101 @@
+"""Checkpoints that survive a kill at any moment: whole files, written under another name first."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = dict[str, NDArray[Any]]
+
+PARTIAL = ".partial"
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write named arrays to `path` (npz): the file appears complete or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + PARTIAL)
+    with open(partial, "wb") as file:
+        np.savez(file, **arrays)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(partial, path)
+
+
+def read_arrays(path: Path) -> Arrays | None:
+    """Read named arrays; None when the file is missing or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+class Store:
+    """A folder of checkpoints, or the same thing in memory when `folder` is None.
+
+    Single results are kept by name; chunks of a chain are appended in order, one
+    immutable file each, and a damaged or missing one ends the sequence.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self._chunks: list[Arrays] | None = None
+
+    def sub(self, name: str) -> Store:
+        """A store inside this one."""
+        return Store(None if self.folder is None else self.folder / name)
+
+    def once(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
+        """The stored result `name`, computed and stored if it is not there yet."""
+        if self.folder is None:
+            return compute()
+        path = self.folder / f"{name}.npz"
+        stored = read_arrays(path)
+        if stored is None:
+            stored = compute()
+            write_arrays(path, stored)
+        return stored
+
+    def chunks(self) -> list[Arrays]:
+        """All chunks stored so far, in order."""
+        if self._chunks is None:
+            self._chunks = []
+            while self.folder is not None:
+                chunk = read_arrays(self._chunk_path(len(self._chunks)))
+                if chunk is None:
+                    break
+                self._chunks.append(chunk)
+        return self._chunks
+
+    def append(self, chunk: Arrays) -> None:
+        """Add the next chunk."""
+        chunks = self.chunks()
+        if self.folder is not None:
+            write_arrays(self._chunk_path(len(chunks)), chunk)
+        chunks.append(chunk)
+
+    def _chunk_path(self, index: int) -> Path:
+        assert self.folder is not None
+        return self.folder / f"chunk_{index:05d}.npz"
+
+
+def random_state_arrays(state: tuple[Any, ...]) -> Arrays:
+    """The state of a Mersenne Twister `RandomState` as arrays."""
+    _, key, position, has_gauss, cached = state
+    return {
+        "random_key": np.asarray(key),
+        "random_position": np.asarray([position, has_gauss]),
+        "random_cached": np.asarray(cached),
+    }
+
+
+def random_state_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, ...]:
+    """The inverse of `random_state_arrays`, for `RandomState.set_state`."""
+    position, has_gauss = (int(value) for value in arrays["random_position"])
+    return ("MT19937", arrays["random_key"], position, has_gauss, float(arrays["random_cached"]))

@@ -1,0 +1,246 @@
+"""Whether the runs may be believed: the gates of convergence, said in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes import chains
+from deabayes.experiment import FloatArray
+from deabayes.mixture import Mixture, fit
+from deabayes.study import Sampling
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TAU_TOLERANCE = 0.05
+BURN_IN_TIMES = 5.0
+GATE_STEPS = 400
+"""Steps per walker that statistics are computed from; more change none of them visibly."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """The verdict on a set of runs.
+
+    Attributes
+    ----------
+    converged : all gates passed.
+    reasons : one sentence per gate that failed.
+    table : one row per quantity with columns mean, sd, median, q05, q95, mcse_mean,
+        ess_bulk, ess_tail, r_hat.
+    autocorrelation_times : (E,) how many autocorrelation times each run covers.
+    mode_shares : one row per mode, one column per run, the share of its draws there.
+    """
+
+    converged: bool
+    reasons: list[str]
+    table: pd.DataFrame
+    autocorrelation_times: FloatArray
+    mode_shares: pd.DataFrame | None = None
+
+
+def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
+    """The table of `Convergence` for quantities (E, S, W)."""
+    import pandas as pd
+
+    rows = {name: _summary(np.asarray(values, float)) for name, values in quantities.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
+
+
+def _summary(values: FloatArray) -> dict[str, float]:
+    values = values[:, chains.thin_evenly(values.shape[1], GATE_STEPS)]
+    sd = values.std(ddof=1)
+    low, median, high = np.quantile(values, [0.05, 0.5, 0.95])
+    return {
+        "mean": float(values.mean()),
+        "sd": float(sd),
+        "median": float(median),
+        "q05": float(low),
+        "q95": float(high),
+        "mcse_mean": float(sd / np.sqrt(chains.ess_mean(values))),
+        "ess_bulk": chains.ess_bulk(values),
+        "ess_tail": chains.ess_tail(values),
+        "r_hat": chains.r_hat(values),
+    }
+
+
+def autocorrelation_times(quantities: Mapping[str, FloatArray]) -> FloatArray:
+    """How many autocorrelation times each run (E,) covers, for its slowest quantity.
+
+    With tau = draws / (smallest bulk effective sample size pooled over walkers), the
+    steps divided by tau are that size divided by the number of walkers.
+    """
+    covered = []
+    for values in quantities.values():
+        values = values[:, chains.thin_evenly(values.shape[1], GATE_STEPS)]
+        walkers = values.shape[2]
+        covered.append([chains.ess_bulk(run[None]) / walkers for run in values])
+    return np.min(covered, axis=0)
+
+
+def assess(
+    quantities: Mapping[str, FloatArray],
+    settings: Sampling,
+    *,
+    dropped: FloatArray | None = None,
+    log_posterior: FloatArray | None = None,
+    draws: FloatArray | None = None,
+) -> Convergence:
+    """Apply every gate to quantities (E, S, W): parameters and derived ones alike.
+
+    Parameters
+    ----------
+    dropped : (E,) steps dropped at the start of each run, over the steps kept.
+    log_posterior : (E, S, W), for the check on stuck walkers.
+    draws : (E, S, W, d) in z, for the check on the shares of modes.
+    """
+    table = summarise(quantities)
+    times = autocorrelation_times(quantities)
+    reasons = _table_reasons(table, settings) + _length_reasons(times, settings)
+    reasons += _tau_reasons(quantities)
+    if dropped is not None:
+        reasons += _burn_in_reasons(np.asarray(dropped) * times)
+    if log_posterior is not None:
+        reasons += _stuck_reasons(log_posterior)
+    shares = None
+    if draws is not None:
+        shares, mode_reasons = mode_shares(draws)
+        reasons += mode_reasons
+    return Convergence(not reasons, reasons, table, times, shares)
+
+
+def _table_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
+    reasons = []
+    for name, row in table.iterrows():
+        if not np.isfinite(row[["r_hat", "ess_bulk", "ess_tail"]].to_numpy(float)).all():
+            reasons.append(f"{name}: some draws are not a number, so it cannot be judged")
+            continue
+        if not row["r_hat"] < settings.r_hat:
+            reasons.append(
+                f"{name}: R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
+                "the independent runs disagree; sample longer"
+            )
+        for column, meaning in (("ess_bulk", "bulk"), ("ess_tail", "tail")):
+            if not row[column] >= settings.ess:
+                reasons.append(
+                    f"{name}: the {meaning} of the distribution rests on {row[column]:.0f} "
+                    f"effective draws, fewer than {settings.ess:g}; sample longer"
+                )
+    return reasons
+
+
+def _length_reasons(times: FloatArray, settings: Sampling) -> list[str]:
+    return [
+        f"run {run}: only {covered:.0f} autocorrelation times long, fewer than "
+        f"{settings.autocorrelation_times:g}; sample longer"
+        for run, covered in enumerate(times, start=1)
+        if not covered >= settings.autocorrelation_times
+    ]
+
+
+def _tau_reasons(quantities: Mapping[str, FloatArray]) -> list[str]:
+    """Compare tau of all runs with tau of their first four fifths."""
+    steps = next(iter(quantities.values())).shape[1]
+    early = {name: values[:, : steps * 4 // 5] for name, values in quantities.items()}
+    slowest = min(quantities, key=lambda name: _pooled_ess(quantities[name]))
+    tau = steps / _pooled_ess(quantities[slowest])
+    before = (steps * 4 // 5) / _pooled_ess(early[slowest])
+    change = abs(tau / before - 1)
+    if change <= TAU_TOLERANCE:
+        return []
+    reason = (
+        f"{slowest}: the autocorrelation time still changes by {change:.0%} over the last fifth "
+        f"of the runs, more than {TAU_TOLERANCE:.0%}; sample longer"
+    )
+    return [reason]
+
+
+def _pooled_ess(values: FloatArray) -> float:
+    return chains.ess_bulk(values[:, chains.thin_evenly(values.shape[1], GATE_STEPS)])
+
+
+def _burn_in_reasons(times: FloatArray) -> list[str]:
+    return [
+        f"run {run}: only {dropped:.1f} autocorrelation times were dropped at its start, "
+        f"fewer than {BURN_IN_TIMES:g}; sample longer"
+        for run, dropped in enumerate(times, start=1)
+        if not dropped >= BURN_IN_TIMES
+    ]
+
+
+def stuck_walkers(log_posterior: FloatArray) -> FloatArray:
+    """Which walkers (E, W) stayed put over half the steps, or far below all the others.
+
+    Far below: the time average is under the 0.1 % quantile of all draws (E, S, W).
+    """
+    half = log_posterior[:, log_posterior.shape[1] // 2 :]
+    frozen = (half == half[:, :1]).all(axis=1)
+    return frozen | (log_posterior.mean(axis=1) < np.quantile(log_posterior, 0.001))
+
+
+def _stuck_reasons(log_posterior: FloatArray) -> list[str]:
+    return [
+        f"run {run}: {stuck.sum()} of {len(stuck)} walkers are stuck (they did not move, or "
+        "stay where the posterior is far lower than elsewhere); start again with another seed"
+        for run, stuck in enumerate(stuck_walkers(log_posterior), start=1)
+        if stuck.any()
+    ]
+
+
+def mode_shares(
+    draws: FloatArray, components: int = 8, sample: int = 6000
+) -> tuple[pd.DataFrame, list[str]]:
+    """Share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
+
+    A mixture is fitted to the pooled draws; components between whose centres its density
+    has no gap make up one mode. Shares disagree when one is further from the pooled
+    share than four standard errors and half a per cent, or less than a fifth of a pooled
+    share above one per cent: a mode that this run has missed.
+    """
+    import pandas as pd
+
+    runs, steps, _, dimension = draws.shape
+    flat = draws.reshape(-1, dimension)
+    mixture = fit(flat[chains.thin_evenly(len(flat), sample)], components, np.random.default_rng(0))
+    kept = draws[:, chains.thin_evenly(steps, 200)]
+    cell = mixture.component_log_density(kept.reshape(-1, dimension)).argmax(axis=1)
+    mode = _modes(mixture)[cell].reshape(kept.shape[:3])
+    labels = [f"run {run}" for run in range(1, runs + 1)]
+    inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
+    inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
+    table = pd.DataFrame([each.mean(axis=(1, 2)) for each in inside], columns=labels)
+    table.index = pd.RangeIndex(1, len(table) + 1, name="mode")
+    reasons: list[str] = []
+    for index, each in enumerate(inside, start=1):
+        reasons += _share_reasons(index, each)
+    return table, reasons
+
+
+def _share_reasons(index: int, inside: FloatArray) -> list[str]:
+    pooled, shares = inside.mean(), inside.mean(axis=(1, 2))
+    sizes = [chains.ess_bulk(run[None]) for run in inside if 0 < run.mean() < 1]
+    error = np.sqrt(pooled * (1 - pooled) / np.median(sizes)) if sizes else 0.0
+    missed = (shares < pooled / 5) & (pooled > 0.01)
+    return [
+        f"mode {index}: it holds {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
+        "the independent runs weigh the modes differently; sample longer"
+        for run in np.flatnonzero((np.abs(shares - pooled) > 4 * error + 0.005) | missed)
+    ]
+
+
+def _modes(mixture: Mixture, gap: float = np.log(0.2)) -> FloatArray:
+    """Mode (K,) of every component: joined when the density between them has no gap."""
+    count = len(mixture.weights)
+    mode = np.arange(count)
+    path = np.linspace(0, 1, 21)[:, None]
+    for first in range(count):
+        for second in range(first):
+            between = mixture.means[first] * (1 - path) + mixture.means[second] * path
+            log_density = mixture.log_density(between)
+            if log_density.min() - min(log_density[0], log_density[-1]) > gap:
+                mode[mode == mode[first]] = mode[second]
+    return np.unique(mode, return_inverse=True)[1]

@@ -1,0 +1,110 @@
+"""The draws of one independent ensemble, and where they came from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.mixture import Mixture
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """What one run of the ensemble sampler keeps, in z.
+
+    Attributes
+    ----------
+    chain : (S, W, d), the last step included; `log_posterior` (S, W).
+    mixture : the frozen proposal the kept steps were made with.
+    steps : all steps made; the first `burn_in` of them are dropped, `thin` is the
+        spacing of those kept.
+    acceptance : share of proposals accepted.
+    autocorrelation_time : in steps, of the slowest coordinate.
+    replaced_walkers : walkers found stuck after the warm-up and started elsewhere.
+    evaluations, failures : likelihood evaluations, and how many gave no finite value.
+    enough : the run passed the gates that can be judged on one run alone.
+    refitted : sampled with a proposal fitted to the other ensembles' draws.
+    """
+
+    chain: FloatArray
+    log_posterior: FloatArray
+    mixture: Mixture
+    steps: int
+    burn_in: int
+    thin: int
+    acceptance: float
+    autocorrelation_time: float
+    replaced_walkers: int
+    evaluations: int
+    failures: int
+    enough: bool
+    refitted: bool = False
+
+    @property
+    def failed_share(self) -> float:
+        """Share of likelihood evaluations that gave no finite value."""
+        return self.failures / max(self.evaluations, 1)
+
+    def write(self, path: Path) -> None:
+        """Write to a netCDF file that appears complete or not at all."""
+        import xarray as xr
+
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        mixture = self.mixture.arrays()
+        dataset = xr.Dataset(
+            {
+                "chain": (("step", "walker", "dimension"), self.chain),
+                "log_posterior": (("step", "walker"), self.log_posterior),
+                "mixture_weights": (("component",), mixture["weights"]),
+                "mixture_means": (("component", "dimension"), mixture["means"]),
+                "mixture_factors": (("component", "dimension", "column"), mixture["factors"]),
+            },
+            attrs={name: _plain(getattr(self, name)) for name in _scalars()}
+            | {"degrees_of_freedom": self.mixture.degrees_of_freedom},
+        )
+        partial = path.with_name(f"{path.name}.partial")
+        dataset.to_netcdf(partial, engine="h5netcdf")
+        os.replace(partial, path)
+
+    @classmethod
+    def read(cls, path: Path) -> Ensemble:
+        """Read what `write` wrote."""
+        import xarray as xr
+
+        with xr.open_dataset(path, engine="h5netcdf") as dataset:
+            dataset = dataset.load()
+        mixture = Mixture(
+            *(dataset[f"mixture_{name}"].values for name in ("weights", "means", "factors")),
+            float(dataset.attrs["degrees_of_freedom"]),
+        )
+        scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}
+        return cls(dataset["chain"].values, dataset["log_posterior"].values, mixture, **scalars)
+
+
+def _scalars() -> dict[str, type]:
+    kinds = {"int": int, "float": float, "bool": bool}
+    return {field.name: kinds[str(field.type)] for field in fields(Ensemble) if field.type in kinds}
+
+
+def _plain(value: float | bool) -> float | int:
+    return int(value) if isinstance(value, bool) else value
+
+
+def align(ensembles: Sequence[Ensemble]) -> tuple[FloatArray, FloatArray]:
+    """Chains (E, S, W, d) and log-posteriors (E, S, W), each run thinned evenly to the shortest."""
+    shortest = min(len(ensemble.chain) for ensemble in ensembles)
+    kept = [
+        np.linspace(0, len(ensemble.chain) - 1, shortest).round().astype(int)
+        for ensemble in ensembles
+    ]
+    pairs = list(zip(ensembles, kept, strict=True))
+    return (
+        np.stack([ensemble.chain[index] for ensemble, index in pairs]),
+        np.stack([ensemble.log_posterior[index] for ensemble, index in pairs]),
+    )

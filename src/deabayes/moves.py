@@ -1,0 +1,88 @@
+"""The moves of the ensemble sampler: independence proposals and differential evolution.
+
+emcee 3.1.6's `DESnookerMove` does not leave the target invariant (on a unit Gaussian it
+gives 0.70 of the variance in 5 and 0.61 in 10 dimensions) and is not used; a test keeps
+it as the negative control of the check that every move here passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from emcee import EnsembleSampler
+from emcee.moves import DEMove, MHMove
+from emcee.state import State
+
+from deabayes.experiment import FloatArray
+from deabayes.mixture import Mixture
+from deabayes.smc import LogDensity
+
+
+class IndependenceMove(MHMove):
+    """Metropolis-Hastings with proposals drawn from a frozen mixture g, whatever the state.
+
+    The acceptance probability is min(1, p(x') g(x) / (p(x) g(x'))) (Tierney 1994,
+    Annals of Statistics 22, 1701), with x' the proposed point.
+    """
+
+    def __init__(self, mixture: Mixture) -> None:
+        self.mixture = mixture
+        super().__init__(self._propose_from_mixture, ndim=mixture.dimension)
+
+    def _propose_from_mixture(
+        self, coordinates: FloatArray, random: np.random.RandomState
+    ) -> tuple[FloatArray, FloatArray]:
+        proposed = self.mixture.sample(random, len(coordinates))
+        log_density = self.mixture.log_density(np.concatenate([coordinates, proposed]))
+        return proposed, log_density[: len(coordinates)] - log_density[len(coordinates) :]
+
+
+class DifferentialEvolutionMove(DEMove):
+    """emcee's `DEMove` with the walkers of a half accepted at once instead of in a loop.
+
+    Proposals are emcee's (ter Braak 2006, Statistics and Computing 16, 239; Nelson et al.
+    2014, ApJS 210, 11); on cheap models its acceptance loop costs as much as the model.
+    """
+
+    def propose(self, model: Any, state: State) -> tuple[State, FloatArray]:
+        walkers, dimension = state.coords.shape
+        if walkers < 2 * dimension:
+            raise ValueError(f"{walkers} walkers are too few for {dimension} dimensions")
+        self.setup(state.coords)
+        accepted = np.zeros(walkers, dtype=bool)
+        order = model.random.permutation(walkers)
+        for moving in (order[: walkers // 2], order[walkers // 2 :]):
+            moved = np.zeros(walkers, dtype=bool)
+            moved[moving] = True
+            proposed, factors = self.get_proposal(
+                state.coords[moved], [state.coords[~moved]], model.random
+            )
+            log_prob, blobs = model.compute_log_prob_fn(proposed)
+            threshold = np.log(model.random.rand(len(proposed)))
+            accepted[moved] = log_prob - state.log_prob[moved] + factors > threshold
+            new = State(proposed, log_prob=log_prob, blobs=blobs)
+            state = self.update(state, new, accepted, moved)
+        return state, accepted
+
+
+def recipe(mixture: Mixture) -> list[tuple[Any, float]]:
+    """Half independence proposals, 0.4 differential evolution, 0.1 jumps between modes."""
+    return [
+        (IndependenceMove(mixture), 0.5),
+        (DifferentialEvolutionMove(), 0.4),
+        (DifferentialEvolutionMove(gamma0=1.0), 0.1),
+    ]
+
+
+def build_sampler(target: LogDensity, mixture: Mixture, shape: tuple[int, ...]) -> EnsembleSampler:
+    """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
+    return EnsembleSampler(*shape, target, moves=recipe(mixture), vectorize=True)
+
+
+def initial_state(
+    walkers: FloatArray, log_posterior: FloatArray, seed: np.random.SeedSequence
+) -> State:
+    """Walkers (W, d) with their densities and a random stream of their own."""
+    random = np.random.RandomState(np.random.MT19937(seed))
+    return State(walkers, log_prob=log_posterior, random_state=random.get_state())
