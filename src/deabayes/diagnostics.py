@@ -175,11 +175,13 @@ def _burn_in_reasons(times: FloatArray) -> list[str]:
 def stuck_walkers(log_posterior: FloatArray) -> FloatArray:
     """Which walkers (E, W) stayed put over half the steps, or far below all the others.
 
-    Far below: the time average is under the 0.1 % quantile of all draws (E, S, W).
+    Far below: the time average is under what the median walker goes below in half a per
+    cent of its steps; log_posterior is (E, S, W).
     """
     half = log_posterior[:, log_posterior.shape[1] // 2 :]
     frozen = (half == half[:, :1]).all(axis=1)
-    return frozen | (log_posterior.mean(axis=1) < np.quantile(log_posterior, 0.001))
+    lowest = np.median(np.quantile(log_posterior, 0.005, axis=1))
+    return frozen | (log_posterior.mean(axis=1) < lowest)
 
 
 def _stuck_reasons(log_posterior: FloatArray) -> list[str]:
@@ -196,8 +198,8 @@ def mode_shares(
 ) -> tuple[pd.DataFrame, list[str]]:
     """Share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
 
-    A mixture is fitted to the pooled draws; components between whose centres its density
-    has no gap make up one mode. Shares disagree when one is further from the pooled
+    A mixture is fitted to the pooled draws; components that share more than one per cent
+    of their draws make up one mode. Shares disagree when one is further from the pooled
     share than four standard errors and half a per cent, or less than a fifth of a pooled
     share above one per cent: a mode that this run has missed.
     """
@@ -205,10 +207,11 @@ def mode_shares(
 
     runs, steps, _, dimension = draws.shape
     flat = draws.reshape(-1, dimension)
-    mixture = fit(flat[chains.thin_evenly(len(flat), sample)], components, np.random.default_rng(0))
+    flat = flat[chains.thin_evenly(len(flat), sample)]
+    mixture = fit(flat, components, np.random.default_rng(0))
     kept = draws[:, chains.thin_evenly(steps, 200)]
     cell = mixture.component_log_density(kept.reshape(-1, dimension)).argmax(axis=1)
-    mode = _modes(mixture)[cell].reshape(kept.shape[:3])
+    mode = _modes(mixture, flat)[cell].reshape(kept.shape[:3])
     labels = [f"run {run}" for run in range(1, runs + 1)]
     inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
     inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
@@ -232,15 +235,15 @@ def _share_reasons(index: int, inside: FloatArray) -> list[str]:
     ]
 
 
-def _modes(mixture: Mixture, gap: float = np.log(0.2)) -> FloatArray:
-    """Mode (K,) of every component: joined when the density between them has no gap."""
-    count = len(mixture.weights)
-    mode = np.arange(count)
-    path = np.linspace(0, 1, 21)[:, None]
-    for first in range(count):
+def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> FloatArray:
+    """Mode (K,) of every component: joined when they share some of the draws z (N, d)."""
+    terms = mixture.component_log_density(z)
+    member = np.exp(terms - terms.max(axis=1, keepdims=True))
+    member /= member.sum(axis=1, keepdims=True)
+    mode = np.arange(len(mixture.weights))
+    for first in range(len(mode)):
         for second in range(first):
-            between = mixture.means[first] * (1 - path) + mixture.means[second] * path
-            log_density = mixture.log_density(between)
-            if log_density.min() - min(log_density[0], log_density[-1]) > gap:
+            shared = np.minimum(member[:, first], member[:, second]).sum()
+            if shared > overlap * min(member[:, first].sum(), member[:, second].sum()):
                 mode[mode == mode[first]] = mode[second]
     return np.unique(mode, return_inverse=True)[1]

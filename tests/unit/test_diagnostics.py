@@ -1,0 +1,149 @@
+"""Convergence: the statistics agree with ArviZ, and every gate can fail."""
+
+import numpy as np
+import pytest
+
+from deabayes import chains
+from deabayes.diagnostics import assess, mode_shares, stuck_walkers, summarise
+from deabayes.study import Sampling
+
+SETTINGS = Sampling(walkers=16)
+SHAPE = (4, 300, 16)
+
+
+def autoregression(correlation=0.5, shape=SHAPE, seed=0):
+    """Stationary AR(1) of unit variance along the steps: tau = (1 + r) / (1 - r)."""
+    rng = np.random.default_rng(seed)
+    values = rng.standard_normal(shape)
+    for step in range(1, shape[1]):
+        innovation = np.sqrt(1 - correlation**2) * values[:, step]
+        values[:, step] = correlation * values[:, step - 1] + innovation
+    return values
+
+
+@pytest.mark.parametrize("correlation", [-0.3, 0.0, 0.5, 0.95])
+def test_effective_sample_sizes_agree_with_arviz(correlation):
+    from arviz_stats.base import array_stats
+
+    values = autoregression(correlation)
+    walkers = values.transpose(0, 2, 1).reshape(-1, SHAPE[1])
+    assert chains.ess_bulk(values) == pytest.approx(array_stats.ess(walkers), rel=1e-6)
+    assert chains.ess_mean(values) == pytest.approx(
+        array_stats.ess(walkers, method="mean"), rel=1e-6
+    )
+    expected = array_stats.ess(walkers, method="tail", prob=(0.05, 0.95))
+    assert chains.ess_tail(values) == pytest.approx(expected, rel=1e-3)
+
+
+def test_r_hat_agrees_with_arviz_on_ensembles_as_chains():
+    from arviz_stats.base import array_stats
+
+    for values in (autoregression(), autoregression() + 0.2 * np.arange(4)[:, None, None]):
+        expected = array_stats.rhat(values.reshape(4, -1))
+        assert chains.r_hat(values) == pytest.approx(expected, rel=1e-9)
+
+
+def test_tau_of_an_autoregression():
+    assert chains.ess_mean(autoregression(0.8)) == pytest.approx(np.prod(SHAPE) / 9, rel=0.1)
+
+
+def test_a_constant_is_converged_and_a_nan_is_not():
+    table = summarise({"constant": np.full(SHAPE, 3.0), "failed": np.full(SHAPE, np.nan)})
+    assert table.loc["constant", "r_hat"] == 1.0
+    assert np.isnan(table.loc["failed", "ess_bulk"])
+
+
+def test_good_runs_pass_every_gate():
+    quantities = {"mu": autoregression(seed=1), "tau": autoregression(0.3, seed=2)}
+    draws = np.stack(list(quantities.values()), axis=-1)
+    verdict = assess(
+        quantities,
+        SETTINGS,
+        dropped=np.full(4, 0.25),
+        log_posterior=-0.5 * (draws**2).sum(-1),
+        draws=draws,
+    )
+    assert verdict.converged, verdict.reasons
+    columns = "mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat".split()
+    assert list(verdict.table.columns) == columns
+    assert verdict.table.loc["mu", "sd"] == pytest.approx(1, abs=0.05)
+    assert verdict.autocorrelation_times == pytest.approx(100, rel=0.2)
+
+
+def failing(change):
+    values = autoregression(seed=1)
+    change(values)
+    return assess({"mu": values}, SETTINGS, dropped=np.full(4, 0.25), log_posterior=-(values**2))
+
+
+def test_a_shifted_run_fails_in_plain_words():
+    def shift(values):
+        values[2] += 0.5
+
+    verdict = failing(shift)
+    assert not verdict.converged
+    assert any("mu: R-hat" in reason and "disagree" in reason for reason in verdict.reasons)
+
+
+def test_a_stuck_walker_fails():
+    def freeze(values):
+        values[1, :, 3] = values[1, 0, 3]
+
+    verdict = failing(freeze)
+    assert any("run 2: 1 of 16 walkers are stuck" in reason for reason in verdict.reasons)
+
+
+def test_a_walker_far_below_is_stuck_although_it_moves():
+    log_posterior = -(autoregression() ** 2)
+    log_posterior[0, :, 5] -= 50
+    assert np.argwhere(stuck_walkers(log_posterior)).tolist() == [[0, 5]]
+
+
+def test_short_runs_fail():
+    verdict = assess(
+        {"mu": autoregression(0.9)}, SETTINGS, dropped=np.full(4, 0.01), log_posterior=None
+    )
+    text = " ".join(verdict.reasons)
+    assert "autocorrelation times long, fewer than 50" in text
+    assert "were dropped at its start, fewer than 5" in text
+
+
+def test_few_effective_draws_fail():
+    verdict = assess({"mu": autoregression()}, Sampling(ess=1e6))
+    assert any("the tail of the distribution rests on" in reason for reason in verdict.reasons)
+
+
+def test_a_drifting_autocorrelation_time_fails():
+    values = autoregression(0.5)
+    values[:, 240:] = values[:, 239:240] + 0.01 * values[:, 240:]
+    verdict = assess({"mu": values}, SETTINGS)
+    assert any("autocorrelation time still changes" in reason for reason in verdict.reasons)
+
+
+def bimodal(shares, seed=0):
+    rng = np.random.default_rng(seed)
+    draws = 0.3 * rng.standard_normal((*SHAPE, 2))
+    for run, share in enumerate(shares):
+        draws[run, :, :, 0] += 5 * (rng.random(SHAPE[1:]) < share)
+    return draws
+
+
+def test_equal_shares_of_two_modes_pass():
+    table, reasons = mode_shares(bimodal([0.03, 0.03, 0.03, 0.03]))
+    assert reasons == []
+    assert len(table) == 2
+    assert table.loc[2].to_numpy() == pytest.approx(0.03, abs=0.01)
+
+
+def test_a_mode_that_one_run_missed_fails():
+    _, reasons = mode_shares(bimodal([0.03, 0.03, 0.0, 0.03]))
+    assert any("mode 2" in reason and "0.0% of run 3" in reason for reason in reasons)
+
+
+def test_a_curved_ridge_is_one_mode():
+    rng = np.random.default_rng(0)
+    along = rng.standard_normal((*SHAPE, 1))
+    ridge = np.concatenate([along, along**2 + 0.1 * rng.standard_normal(along.shape)], axis=-1)
+    table, reasons = mode_shares(ridge)
+    assert len(table) == 1
+    assert reasons == []
