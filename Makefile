@@ -1,0 +1,77 @@
+# make          set up .venv if needed, run every shipped study on two cores, print where the report is
+# make help     the other targets
+# PYTHON=...    the Python to build the environment from (3.11 or newer)
+PYTHON ?= python3
+CORES ?= 2
+REPLICATES ?= 200
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+VERSION := import sys; print("%d.%d.%d" % sys.version_info[:3])
+REPORT := results/report/index.html
+QUICK_REPORT := results/quick/report/index.html
+SNAKEMAKE := $(BIN)/snakemake --cores $(CORES)
+
+# One thread per job: parallelism is over jobs.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+export NUMBA_NUM_THREADS := 1
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+# The user's own Python settings must not leak into the environment.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+.DEFAULT_GOAL := all
+.PHONY: all setup test quick bench lint docs validate data clean help
+
+all: $(READY)  ## run every shipped study, build the report
+	@$(SNAKEMAKE) --workflow-profile workflow/profiles/default
+	@echo "Report: $(CURDIR)/$(REPORT)"
+
+setup: $(READY)  ## only make the environment
+
+$(READY): requirements.lock pyproject.toml
+	@command -v "$(PYTHON)" >/dev/null 2>&1 || { echo "make: no Python called $(PYTHON) was found; install Python 3.11 or newer, or say where it is: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "make: deabayes needs Python 3.11 or newer, but $(PYTHON) is $$("$(PYTHON)" -c '$(VERSION)'); install a newer one or say where it is: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@echo "Setting up $(VENV) (once, a few minutes)"
+	@[ "$$("$(PYTHON)" -c '$(VERSION)')" = "$$($(BIN)/python -c '$(VERSION)' 2>/dev/null)" ] || "$(PYTHON)" -m venv --clear $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-deps --no-build-isolation -e .
+	@touch $@
+
+test: $(READY)  ## the whole test suite
+	@$(BIN)/python -m pytest
+
+quick: $(READY)  ## a preview run of the tubular study, about two minutes, not converged on purpose
+	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
+	@echo "Preview report (budget cut short, see its warnings): $(CURDIR)/$(QUICK_REPORT)"
+
+bench: $(READY)  ## time the forward models against general-purpose solvers
+	@$(BIN)/python -m benchmarks
+
+lint: $(READY)  ## style, types, layers, workflow
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check --quiet .
+	@$(BIN)/snakefmt --check --quiet Snakefile workflow
+	@$(BIN)/snakemake --lint
+	@$(BIN)/lint-imports
+	@$(BIN)/mypy
+
+docs: $(READY)  ## the documentation, in site/
+	@$(BIN)/mkdocs build --strict --quiet
+	@echo "Documentation: $(CURDIR)/site/index.html"
+
+validate: $(READY)  ## simulation-based calibration, long; figures go to docs/validation
+	@$(BIN)/python -m tests.validation.calibration voigt_kelvin_2 --replicates $(REPLICATES)
+	@$(BIN)/python -m tests.validation.calibration kv_gm_1 --replicates $(REPLICATES)
+
+data: $(READY)  ## download the public data sets, checked by SHA-256
+	@$(BIN)/deabayes data
+
+clean:  ## remove results, caches and the environment; data stay
+	@rm -rf $(VENV) .snakemake results site .pytest_cache .ruff_cache .mypy_cache .import_linter_cache
+	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+help:
+	@sed -n 's/^\([a-z]*\):[^#]*## /  make \1\t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 18
