@@ -111,7 +111,7 @@ def _opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
         return opener(path, **settings)
     except NotImplementedError:
         raise
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001
         raise UserError(
             f"{path}: cannot be read as {kind} ({str(error)[:80]}); copy it again or export it as csv"
         ) from None

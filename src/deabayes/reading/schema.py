@@ -1,0 +1,93 @@
+"""Checking a mapping against one of the schemas, each violation in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from deabayes.faults import nearest
+
+TYPE_NAMES = {
+    "object": "a mapping (key: value)",
+    "array": "a list",
+    "string": "a text",
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+    "null": "null",
+}
+LIMITS = {
+    "minimum": ">= {0}",
+    "exclusiveMinimum": "> {0}",
+    "maximum": "<= {0}",
+    "exclusiveMaximum": "< {0}",
+    "minItems": "a list of at least {0}",
+    "minLength": "not empty",
+    "uniqueItems": "a list without repetitions",
+    "minProperties": "not empty",
+    "maxProperties": "a single key with its settings",
+}
+
+
+@cache
+def schema(name: str) -> Mapping[str, Any]:
+    """The schema `schemas/{name}.schema.yaml`."""
+    import yaml
+
+    text = files("deabayes.schemas").joinpath(f"{name}.schema.yaml").read_text(encoding="utf-8")
+    loaded: Mapping[str, Any] = yaml.safe_load(text)
+    return loaded
+
+
+def violations(content: Any, name: str, where: str) -> list[str]:
+    """Every violation of a schema, in file order, as ``where, key: found; what to do``."""
+    import jsonschema
+
+    validator = jsonschema.Draft202012Validator(schema(name))
+    errors = sorted(validator.iter_errors(content), key=lambda error: list(map(str, error.path)))
+    return [sentence for error in errors for sentence in _sentences(error, where)]
+
+
+def _sentences(error: Any, where: str) -> list[str]:
+    key = ".".join(map(str, error.absolute_path))
+    place = f"{where}, {key}" if key else where
+    found = repr(error.instance)[:60]
+    match error.validator:
+        case "additionalProperties":
+            known = list(error.schema.get("properties", {}))
+            unknown = [name for name in error.instance if name not in known]
+            return [f"{place}: unknown key {name!r}{nearest(str(name), known)}" for name in unknown]
+        case "required":
+            missing = [name for name in error.validator_value if name not in error.instance]
+            named = [name for name in missing if f"{name!r} is a required" in error.message]
+            return [f"{place}: {name!r} is missing{_purpose(error, name)}" for name in named]
+        case "enum":
+            known = [str(value) for value in error.validator_value]
+            return [f"{place}: unknown value {found}{nearest(str(error.instance), known)}"]
+        case "type":
+            types = error.validator_value
+            types = [types] if isinstance(types, str) else types
+            wanted = " or ".join(TYPE_NAMES[kind] for kind in types)
+            return [f"{place}: expected {wanted}, found {found}{_description(error)}"]
+        case "pattern" | "propertyNames" | "anyOf" | "oneOf" | "not":
+            return [f"{place}: {found} is not possible here{_description(error)}"]
+        case limit if limit in LIMITS:
+            wanted = LIMITS[limit].format(error.validator_value)
+            return [f"{place}: must be {wanted}, found {found}{_description(error)}"]
+    return [f"{place}: {error.message}"]
+
+
+def _purpose(error: Any, name: str) -> str:
+    description = error.schema.get("properties", {}).get(name, {}).get("description", "")
+    return f"; add it ({_first(description)})" if description else "; add it"
+
+
+def _description(error: Any) -> str:
+    description = error.schema.get("description", "")
+    return f"; this key is: {_first(description)}" if description else "; correct it"
+
+
+def _first(description: str) -> str:
+    return description.split(". ")[0].rstrip(".")

@@ -1,0 +1,164 @@
+"""specimen.yaml: what was tested, checked against what its system needs to know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deabayes.experiment import Quantity, Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.columns import CHANNELS
+from deabayes.reading.instruments import PROPERTIES
+from deabayes.reading.schema import violations
+from deabayes.reading.yaml_file import read_yaml
+from deabayes.units import parse_quantity, si_unit, to_si
+
+if TYPE_CHECKING:
+    from deabayes.systems.base import System
+
+FILE = "specimen.yaml"
+INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
+
+
+@dataclass(frozen=True)
+class SpecimenFile:
+    """specimen.yaml as read: the specimen, and how its records are stored."""
+
+    specimen: Specimen
+    record_format: Mapping[str, Any] | None = None
+    download: Mapping[str, str] | None = None
+    note: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Quantity -> unit it was written in, for display."""
+
+
+def read_specimen(folder: Path) -> Specimen:
+    """The specimen of a study folder, in SI units.
+
+    Raises
+    ------
+    Faults : every fault of specimen.yaml.
+    """
+    return read_specimen_file(folder).specimen
+
+
+def read_specimen_file(folder: Path) -> SpecimenFile:
+    """specimen.yaml of a study folder with everything in it; raises as `read_specimen`."""
+    path = Path(folder) / FILE
+    content = read_yaml(path)
+    faults = violations(content, "specimen", str(path))
+    if faults:
+        raise Faults(faults + _system_faults(content, str(path)))
+    quantities = _quantities(content, str(path), faults)
+    instruments = _instruments(content.get("instruments", {}), str(path), faults)
+    if faults:
+        raise Faults(faults)
+    provenance = {key: str(value) for key, value in content["provenance"].items()}
+    return SpecimenFile(
+        Specimen(str(content["name"]), content["system"], provenance, quantities, instruments),
+        content.get("record_format"),
+        content.get("download"),
+        content.get("note", ""),
+        {name: str(entry["unit"]) for name, entry in content["quantities"].items()},
+    )
+
+
+def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Specimen:
+    """A specimen from a mapping of quantities: numbers in SI, texts (``40 µm``) or mappings.
+
+    Raises
+    ------
+    Faults : unknown system, unknown or missing quantity, wrong unit.
+    """
+    where = "specimen"
+    units = known_quantities(system)
+    content: dict[str, Any] = {"system": system, "quantities": {}}
+    faults: list[str] = []
+    for name, given in quantities.items():
+        if isinstance(given, Mapping):
+            content["quantities"][name] = given
+            continue
+        unit = units.get(name, "1")
+        try:
+            value = parse_quantity(given, unit, f"{where}, {name}")
+            content["quantities"][name] = {"value": value, "unit": unit}
+        except UserError as error:
+            faults.append(str(error))
+    read = _quantities(content, where, faults)
+    if faults:
+        raise Faults(faults)
+    return Specimen(where, system, {"kind": "simulated"}, read, {})
+
+
+def system_class(name: str) -> type[System]:
+    """The class of a system, by name; a UserError names the nearest."""
+    from deabayes import systems
+
+    return systems.system_class(name)
+
+
+def known_quantities(system: str) -> dict[str, str]:
+    """Quantity -> SI unit of all that a system requires or can use."""
+    kind = system_class(system)
+    return {**kind.required_quantities, **kind.optional_quantities}
+
+
+def _system_faults(content: Mapping[str, Any], where: str) -> list[str]:
+    """What is wrong with the system's name, where the rest is too broken to go on."""
+    if not isinstance(content.get("system"), str):
+        return []
+    try:
+        system_class(content["system"])
+    except UserError as error:
+        return [f"{where}, system: {error}"]
+    return []
+
+
+def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
+    """All quantities in SI; what is wrong with them is added to `faults`."""
+    faults += (wrong := _system_faults(content, where))
+    units = {} if wrong else known_quantities(content["system"])
+    required = {} if wrong else system_class(content["system"]).required_quantities
+    read = {}
+    for name, entry in content["quantities"].items():
+        place = f"{where}, quantities.{name}"
+        if units and name not in units:
+            faults.append(f"{place}: system {content['system']!r} has no such quantity"
+                          f"{nearest(name, units)}")  # fmt: skip
+            continue
+        try:
+            read[name] = _quantity(entry, units.get(name), place)
+        except UserError as error:
+            faults.append(str(error))
+    for name, unit in required.items():
+        if name not in content["quantities"]:
+            example = f"{name}: {{value: ..., unit: {unit}}}"
+            faults.append(
+                f"{where}, quantities: system {content['system']!r} requires {name!r}; add {example}"
+            )
+    return read
+
+
+def _quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
+    written = str(entry["unit"])
+    unit = unit or si_unit(written, where)
+    value = float(to_si(entry["value"], written, unit, where))
+    sd = None if entry.get("sd") is None else float(to_si(entry["sd"], written, unit, where))
+    return Quantity(value, unit, sd, str(entry.get("source", "")))
+
+
+def _instruments(settings: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
+    """Properties by name; those of one channel as ``channel.name``."""
+    read = {}
+    for key, entry in settings.items():
+        nested = {key: entry} if key in PROPERTIES else {f"{key}.{n}": e for n, e in entry.items()}
+        for name, item in nested.items():
+            prop = name.rpartition(".")[2]
+            unit = INSTRUMENT_UNITS.get(prop) or (None if key in PROPERTIES else CHANNELS[key])
+            try:
+                read[name] = _quantity(item, unit, f"{where}, instruments.{name}")
+            except UserError as error:
+                faults.append(str(error))
+    return read

@@ -1,0 +1,166 @@
+"""experiments.csv: one row per record."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.raw import ExperimentRow
+from deabayes.reading.schema import schema, violations
+from deabayes.reading.specimen import system_class
+from deabayes.reading.text import DELIMITERS
+
+FILE = "experiments.csv"
+WITHOUT_TIME = ("quasi_static", "frequency_response")
+FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
+
+
+def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
+    """All rows of experiments.csv, checked.
+
+    Parameters
+    ----------
+    folder : study folder.
+    system : name of the system, to check protocols and channels against; None skips that.
+
+    Raises
+    ------
+    Faults : every fault of every row, with its line.
+    """
+    path = Path(folder) / FILE
+    lines, header, cells = _read_cells(path)
+    faults = _header_faults(header, path)
+    if faults:
+        raise Faults(faults)
+    if not cells:
+        raise UserError(f"{path}: lists no record; add a row per record below the header")
+    rows = []
+    for line, values in zip(lines, cells, strict=True):
+        where = f"{path}, line {line}"
+        content = _content(header, values)
+        wrong = violations(content, "experiments", where)
+        faults += wrong
+        if not wrong:
+            rows.append(_row(content))
+            faults += [] if system is None else _system_faults(rows[-1], system, where)
+    faults += _repeated(rows, path)
+    if faults:
+        raise Faults(faults)
+    return rows
+
+
+def values_of(folder: Path, column: str) -> list[str]:
+    """The distinct values of a metadata column, in order of appearance (for `split_by`)."""
+    rows = read_table(folder)
+    if not any(column in row.metadata for row in rows):
+        known = dict.fromkeys(key for row in rows for key in row.metadata)
+        hint = nearest(column, known) if known else "; add it"
+        raise UserError(f"{Path(folder) / FILE}: has no column {column!r} to split by{hint}")
+    missing = [row.name for row in rows if column not in row.metadata]
+    if missing:
+        raise UserError(
+            f"{Path(folder) / FILE}: column {column!r} is empty for {', '.join(missing)}; fill it in"
+        )
+    return list(dict.fromkeys(str(row.metadata[column]) for row in rows))
+
+
+def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
+    """Line numbers, header and cells; empty lines and comments left out."""
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file; write one row per record into it")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise UserError(f"{path}: is not UTF-8 (byte 0x{byte:02x}); save it as UTF-8") from None
+    kept = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip(" ,;\t") and not line.lstrip().startswith("#")
+    ]
+    if not kept:
+        raise UserError(f"{path}: the file is empty; write a header and one row per record into it")
+    delimiter = max(DELIMITERS, key=kept[0][1].count)
+    rows = [[c.strip() for c in r] for r in csv.reader((t for _, t in kept), delimiter=delimiter)]
+    return [number for number, _ in kept[1:]], rows[0], rows[1:]
+
+
+def _header_faults(header: list[str], path: Path) -> list[str]:
+    required = schema("experiments")["required"]
+    missing = [name for name in required if name not in header]
+    faults = [
+        f"{path}: column {name!r} is missing{nearest(name, [h for h in header if h])}"
+        for name in missing
+    ]
+    if missing and len(header) == 1:
+        return [f"{path}: only one column found; separate columns with a comma, ';' or a tab"]
+    repeated = [name for name, count in Counter(h for h in header if h).items() if count > 1]
+    return faults + [f"{path}: column {name!r} occurs twice; remove one" for name in repeated]
+
+
+def _content(header: list[str], values: list[str]) -> dict[str, Any]:
+    """A row's filled cells by column; metadata that reads as a number is one."""
+    texts = ("name", "protocol", "record", "role", "excitation", "response", "note", "columns")
+    content: dict[str, Any] = {}
+    for name, cell in zip(header, values, strict=False):
+        if name and cell:
+            content[name] = cell if name in texts else _number_or_text(cell)
+    if len(values) > len(header) and any(values[len(header) :]):
+        content["note"] = " ".join([*content.get("note", "").split(), *values[len(header) :]])
+    return content
+
+
+def _number_or_text(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _row(content: Mapping[str, Any]) -> ExperimentRow:
+    fixed = ("name", "protocol", "record", "role", "excitation", "response")
+    metadata = {key: value for key, value in content.items() if key not in fixed}
+    return ExperimentRow(*(content[key] for key in fixed), metadata=metadata)
+
+
+def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Excitation and response channels of a system -> SI units, for one protocol."""
+    kind = system_class(system)
+    if protocol == "frequency_response":
+        gain = {k: v for k, v in FREQUENCY_RESPONSE.items() if k != "frequency"}
+        return {"frequency": "Hz"}, {**gain, **kind.responses}
+    return dict(kind.excitations), dict(kind.responses)
+
+
+def _system_faults(row: ExperimentRow, system: str, where: str) -> list[str]:
+    kind = system_class(system)
+    place = f"{where} ({row.name})"
+    if row.protocol not in kind.protocols:
+        known = ", ".join(kind.protocols)
+        return [
+            f"{place}: system {system!r} has no model of protocol {row.protocol!r} "
+            f"(it has {known}); correct or remove the row"
+        ]
+    excitations, responses = channels_of(system, row.protocol)
+    faults = []
+    for key, name, known_channels in (
+        ("excitation", row.excitation, excitations),
+        ("response", row.response, responses),
+    ):
+        if name not in known_channels:
+            hint = nearest(name, known_channels)
+            faults.append(f"{place}: system {system!r} has no {key} {name!r}{hint}")
+    return faults
+
+
+def _repeated(rows: list[ExperimentRow], path: Path) -> list[str]:
+    names = Counter(row.name.lower() for row in rows)
+    return [
+        f"{path}: {count} rows are named {name!r} (upper and lower case count as one); rename them"
+        for name, count in names.items()
+        if count > 1
+    ]

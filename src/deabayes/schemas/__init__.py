@@ -1,0 +1,1 @@
+"""JSON schemas of config.yaml, specimen.yaml and experiments.csv, every key described."""
