@@ -1,0 +1,72 @@
+"""Rosenbrock-Wanner integration: what kernels share, whatever they integrate.
+
+The coefficients are in `rodas5p`; a kernel unrolls the stages for its own right-hand
+side and Jacobian, with the innermost loop over draws in contiguous lanes. LANES is the
+fixed number of draws in a group: loops of a known length compile to full vectors only,
+so that a draw's arithmetic does not depend on where in a batch it stands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from deabayes.integrate import rodas5p
+
+FloatArray = NDArray[np.float64]
+LANES = 32
+KERNEL_OPTIONS = {
+    "cache": True,
+    "error_model": "numpy",
+    "parallel": False,
+    "fastmath": {"contract"},
+}
+"""Fused multiply-add is allowed, nothing that assumes away NaN."""
+SAFETY = 0.9
+LARGEST_GROWTH = 4.0
+LARGEST_CUT = 0.1
+
+
+@njit(**KERNEL_OPTIONS)
+def interpolate(x: float, start: float, end: float, k2: float, k3: float, k4: float) -> float:
+    """Dense output at the fraction `x` of a step (order 4)."""
+    return (1.0 - x) * start + x * (end + (1.0 - x) * (k2 + x * (k3 + x * k4)))
+
+
+@njit(**KERNEL_OPTIONS)
+def size_factor(error_ratio: float) -> float:
+    """Factor to the next step size; `error_ratio` = estimate over what is allowed.
+
+    The estimate is of order h^5; NaN (a stage left the model's domain) counts as the
+    largest cut.
+    """
+    if not error_ratio < 1e8:
+        return LARGEST_CUT
+    factor = SAFETY * max(error_ratio, 1e-8) ** -0.2
+    return min(LARGEST_GROWTH, max(LARGEST_CUT, factor))
+
+
+def transformed_coefficients() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A (8, 8), C (8, 8) and the weights of the increments (8,), as kernels use them."""
+    stages = 8
+    a, c = np.zeros((stages, stages)), np.zeros((stages, stages))
+    for i in range(1, stages):
+        for j in range(i):
+            c[i, j] = getattr(rodas5p, f"C{i + 1}{j + 1}")
+            a[i, j] = getattr(rodas5p, f"A{min(i, 5) + 1}{j + 1}") if j < 5 else 1.0
+    weights = np.append(a[7, :7], 1.0)
+    return a, c, weights
+
+
+def classical_coefficients() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """alpha (8, 8), Gamma (8, 8), b (8,) and embedded b (8,) of the untransformed method.
+
+    Hairer & Wanner, Solving ODEs II, section IV.7: A = alpha Gamma^-1,
+    C = 1/gamma - Gamma^-1, m = b Gamma^-1.
+    """
+    a, c, weights = transformed_coefficients()
+    gamma = np.linalg.inv(np.eye(8) / rodas5p.GAMMA - c)
+    embedded = weights.copy()
+    embedded[7] = 0.0
+    return a @ gamma, gamma, weights @ gamma, embedded @ gamma
