@@ -1,0 +1,52 @@
+"""specimen.yaml of the reference tubular actuator: what its experimenter would know."""
+
+from __future__ import annotations
+
+STAND_IN = "stand-in, not in the paper's text"
+
+PROVENANCE = (
+    "Simulated by deabayes.reference.tubular with scipy's DOP853: three Kelvin units with "
+    "stand-in constants for the actuator of Sarban, Jones, Mace and Rustighi (2012), of which "
+    "the third is slow (1.5 s), behind an amplifier limited to 120 mA that takes milliseconds "
+    "to charge the capacitance through its series resistance, read by a sensor with 0.4 ms "
+    "delay, offset, drift, Ornstein-Uhlenbeck and white noise and quantisation. Inertia is "
+    "left out: a real actuator also rings at tens of hertz within the first tenths of a second."
+)
+
+
+def _quantity(
+    value: float, unit: str, source: str = STAND_IN, sd: float | None = None
+) -> dict[str, object]:
+    uncertain = {} if sd is None else {"sd": sd}
+    return {"value": value, "unit": unit, **uncertain, "source": source}
+
+
+SPECIMEN: dict[str, object] = {
+    "name": "tubular",
+    "system": "tubular",
+    "provenance": {"kind": "simulated", "source": PROVENANCE, "licence": "BSD-3-Clause"},
+    "quantities": {
+        "thickness": _quantity(80, "um", "Sarban et al. 2012, laminate; sd is a stand-in", 2),
+        "relative_permittivity": _quantity(3.1, "1", sd=0.1),
+        "active_length": _quantity(70, "mm", STAND_IN + "; taken as exact"),
+        "cross_section": _quantity(6.0e-4, "m^2", sd=0.15e-4),
+        "total_mass": _quantity(100.5, "g", "Sarban et al. 2012"),
+        "active_mass": _quantity(46.2, "g", "1100 kg/m^3 (stand-in) x cross_section x length"),
+        "sensor_mass": _quantity(10, "g"),
+        "series_resistance": _quantity(
+            954,
+            "ohm",
+            "phase of 1.56 rad at 10 Hz (Sarban et al. 2012); its rounding allows 510 to 1390 ohm",
+            250,
+        ),
+        "leakage_resistance": _quantity(1.0, "Gohm", sd=0.2),
+        "capacitance": _quantity(180, "nF", sd=2),
+    },
+    "instruments": {
+        "delay": {"value": 0.4, "unit": "ms"},
+        "range": {"value": 5, "unit": "mm"},
+        "resolution": {"value": 0.2, "unit": "um"},
+        "noise": {"value": 1.4, "unit": "um"},
+        "current_limit": {"value": 120, "unit": "mA"},
+    },
+}
