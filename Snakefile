@@ -1,0 +1,33 @@
+from snakemake.utils import min_version
+
+min_version("9.27")
+
+
+# Jobs run in the environment that called Snakemake; the image counts only
+# with `--software-deployment-method apptainer`.
+container: "docker://python:3.11"
+
+
+# Studies of one's own: `snakemake --configfile my.yaml` (replaces these).
+if "studies" not in config:
+
+    configfile: "config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/prepare.smk"
+include: "workflow/rules/identify.smk"
+include: "workflow/rules/compare.smk"
+include: "workflow/rules/predict.smk"
+include: "workflow/rules/report.smk"
+
+
+localrules:
+    all,
+    study,
+
+
+rule all:
+    default_target: True
+    input:
+        "<results>/report/index.html",

@@ -1,0 +1,45 @@
+"""Tables in the pages come from measured CSV files and the command line, not from typing."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+TABLE = re.compile(r"<!-- table: (?P<path>\S+) -->")
+COMMANDS = "<!-- commands -->"
+NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
+
+
+def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
+    """Fill `<!-- table: file.csv -->` and `<!-- commands -->`."""
+    docs = Path(config["docs_dir"])
+    markdown = TABLE.sub(lambda match: table(docs, match["path"]), markdown)
+    return markdown.replace(COMMANDS, commands()) if COMMANDS in markdown else markdown
+
+
+def table(docs: Path, name: str) -> str:
+    """A CSV file as a Markdown table, or a note that it was not measured."""
+    path = docs / name
+    if not path.is_file():
+        return NOT_MEASURED.format(path=f"docs/{name}")
+    with path.open(newline="", encoding="utf-8") as stream:
+        header, *rows = csv.reader(stream)
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def commands() -> str:
+    """The help of every command, as the command line prints it."""
+    import click
+
+    from deabayes.cli import cli
+
+    parts = []
+    for name, command in sorted(cli.commands.items()):
+        context = click.Context(
+            command, info_name=f"deabayes {name}", max_content_width=100, terminal_width=100
+        )
+        parts.append(f"## `deabayes {name}`\n\n```text\n{command.get_help(context)}\n```")
+    return "\n\n".join(parts)

@@ -1,0 +1,198 @@
+"""Stages run by hand: studies by name, default places, several stages in a row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deabayes.faults import UserError, nearest
+from deabayes.study import Study
+
+if TYPE_CHECKING:
+    from deabayes.experiment import FloatArray
+
+TRIAL_WALKERS = 2
+
+
+def find_study(study: str, config: Path) -> Study:
+    """A study by its settings file (`results/NAME/study.yaml`) or by its name in `config`."""
+    from deabayes.study import load_studies, load_study
+
+    if Path(study).suffix in (".yaml", ".yml"):
+        return load_study(Path(study))
+    studies = {each.name: each for each in load_studies(config)}
+    if study not in studies:
+        raise UserError(f"{config}: has no study {study!r}{nearest(study, studies)}")
+    return studies[study]
+
+
+def prepare_by_name(study: str, config: Path, output: Path) -> None:
+    """Prepare the records of one study."""
+    from deabayes.pipeline import prepare_study
+
+    prepare_study(find_study(study, config), output)
+
+
+def fit_one(
+    study: str, candidate: str, config: Path, prepared: Path, ensemble: int, output: Path
+) -> None:
+    """Run one ensemble of a candidate."""
+    from deabayes.pipeline import fit_ensemble
+
+    found = find_study(study, config)
+    fit_ensemble(found, _known(found, candidate), prepared, ensemble, output, progress=True)
+
+
+def pool_by_name(
+    study: str,
+    candidate: str,
+    config: Path,
+    prepared: Path,
+    ensembles: Sequence[Path],
+    output: Path,
+    summary: Path,
+) -> None:
+    """Pool the ensembles of a candidate."""
+    from deabayes.pipeline import pool_candidate
+
+    pool_candidate(find_study(study, config), candidate, prepared, ensembles, output, summary)
+
+
+def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
+    """Prepare, run every ensemble in turn and pool; a sentence on convergence."""
+    from deabayes.api import open_posterior
+    from deabayes.pipeline import fit_ensemble, pool_candidate, prepare_study
+
+    found = find_study(study, config)
+    _known(found, candidate)
+    prepared, folder = results / found.name / "prepared", results / found.name / candidate
+    prepare_study(found, prepared)
+    count = found.sampling.ensembles
+    outputs = [folder / "ensembles" / f"{index}.nc" for index in range(1, count + 1)]
+    for index, output in enumerate(outputs, start=1):
+        fit_ensemble(found, candidate, prepared, index, output, progress=True)
+    posterior = folder / "posterior.nc"
+    pool_candidate(found, candidate, prepared, outputs, posterior, folder / "summary.csv")
+    verdict = "converged" if open_posterior(posterior).converged else "NOT converged"
+    return f"{posterior}: {verdict}; parameters in {folder / 'summary.csv'}"
+
+
+def compile_study(study: str, config: Path) -> None:
+    """Evaluate each candidate of a prepared study once, so that numba's cache is filled."""
+    import numpy as np
+
+    from deabayes.pipeline import build_target
+
+    found = find_study(study, config)
+    for candidate in found.candidates:
+        target = build_target(found, candidate, Path(study).parent / "prepared")
+        target.log_likelihood_of_normal(np.zeros((TRIAL_WALKERS, target.dimension)))
+
+
+def compare_posteriors(
+    sources: Sequence[str], results: Path, prepared: Path | None, output: Path | None
+) -> str:
+    """Score the posteriors that have no score yet, rank them; the table as text."""
+    from deabayes.pipeline import compare_candidates, score_candidate
+
+    posteriors = _posteriors(sources, results)
+    prepared = prepared or posteriors[0].parent.parent / "prepared"
+    output = output or posteriors[0].parent.parent / "comparison.csv"
+    for posterior in posteriors:
+        scores = posterior.with_name("scores.json")
+        if not scores.exists() or scores.stat().st_mtime < posterior.stat().st_mtime:
+            score_candidate(posterior, prepared, scores)
+    compare_candidates(posteriors, prepared, output)
+    return output.read_text()
+
+
+def predict_posteriors(
+    source: str, results: Path, prepared: Path | None, output: Path | None, errors: Path | None
+) -> str:
+    """Predict with one posterior, or with every posterior of a study; where the tables are."""
+    from deabayes.pipeline import predict_candidate
+
+    posteriors = _posteriors([source], results)
+    if len(posteriors) > 1 and (output or errors):
+        raise UserError("--output and --errors go with one posterior file, not with a study")
+    lines = []
+    for posterior in posteriors:
+        table = errors or posterior.with_name("errors.csv")
+        predict_candidate(
+            posterior,
+            prepared or posterior.parent.parent / "prepared",
+            output or posterior.with_name("predictions"),
+            table,
+        )
+        lines.append(f"{table}")
+    return "\n".join(lines)
+
+
+def simulate_record(
+    system: str,
+    candidate: str,
+    specimen: Path,
+    excitation: Path,
+    settings: Sequence[str],
+    output: Path,
+) -> None:
+    """Simulate the response to the drive in a record; write time, drive and response as CSV."""
+    from deabayes.reading.records import read_record
+    from deabayes.simulate import simulate
+    from deabayes.storage import write_atomically
+
+    columns: Mapping[str, FloatArray] = read_record(excitation).columns
+    response = simulate(
+        system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **columns
+    )
+    table = response.to_dataframe().reset_index()
+    write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def download(studies: Sequence[str], config: Path) -> Iterator[str]:
+    """Fetch the public records of the studies; one line per specimen folder."""
+    from deabayes.reading.download import fetch
+    from deabayes.study import load_studies
+
+    wanted = [find_study(name, config) for name in studies] or load_studies(config)
+    for folder, root in dict.fromkeys((study.specimen, study.data_root) for study in wanted):
+        place = fetch(folder, root, progress=True)
+        if place != folder:
+            yield f"{folder}: records are in {place}"
+
+
+def _known(study: Study, candidate: str) -> str:
+    if candidate not in study.candidates:
+        raise UserError(
+            f"study {study.name} has no candidate {candidate!r}{nearest(candidate, study.candidates)}"
+        )
+    return candidate
+
+
+def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
+    """Posterior files given as such, or all those of one study given by name."""
+    if all(Path(source).is_file() for source in sources):
+        return [Path(source) for source in sources]
+    if len(sources) > 1:
+        missing = [source for source in sources if not Path(source).is_file()]
+        raise UserError(f"{missing[0]}: no such posterior file")
+    found = sorted((results / sources[0]).glob("*/posterior.nc"))
+    if not found:
+        fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
+        raise UserError(
+            f"{sources[0]!r} is neither a posterior file nor a fitted study under {results}"
+            + (nearest(sources[0], fitted) if fitted else "; run `deabayes fit` first")
+        )
+    return found
+
+
+def _numbers(settings: Sequence[str]) -> Iterator[tuple[str, float]]:
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        try:
+            yield name.strip(), float(value)
+        except ValueError:
+            raise UserError(
+                f"--set {setting!r}: expected NAME=VALUE with a number in SI units"
+            ) from None

@@ -1,0 +1,131 @@
+"""Configuration, the studies that can run, and the named input functions of the rules."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import deabayes
+from deabayes.faults import UserError
+from deabayes.reading.download import missing_data
+from deabayes.reading.folder import read_folder
+from deabayes.study import load_studies, to_settings
+
+PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
+CONFIG_FILES = ", ".join(str(path) for path in workflow.configfiles)
+SNAKEMAKE_KEYS = {"pathvars"}
+
+# Snakemake sets OMP_, OPENBLAS_ and MKL_NUM_THREADS to a job's threads, not this one.
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
+
+def read_studies():
+    """The studies whose records are at hand, and a line on each one left out."""
+    settings = {
+        key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS
+    }
+    at_hand, left_out = {}, []
+    for study in load_studies(settings, CONFIG_FILES):
+        missing = missing_data(study.specimen, study.data_root)
+        if missing:
+            left_out.append(f"{study.name} left out: {missing}")
+        else:
+            at_hand[study.name] = study
+    return at_hand, left_out
+
+
+try:
+    STUDIES, LEFT_OUT = read_studies()
+except UserError as error:
+    print(error, file=sys.stderr)
+    sys.exit(1)
+
+# Jobs of a cluster read the Snakefile again; they need not say it again.
+if workflow.is_main_process:
+    for line in LEFT_OUT:
+        print(line, file=sys.stderr)
+
+ENSEMBLES = range(
+    1, max((study.sampling.ensembles for study in STUDIES.values()), default=0) + 1
+)
+
+
+wildcard_constraints:
+    study="|".join(STUDIES),
+    candidate="|".join({c for study in STUDIES.values() for c in study.candidates}),
+    ensemble=r"\d+",
+
+
+def modules(*patterns):
+    """Source files a rule depends on: Snakemake does not notice edits in src/ by itself."""
+    found = []
+    for pattern in patterns:
+        matches = sorted(str(path) for path in PACKAGE.glob(pattern))
+        if not matches:
+            sys.exit(f"workflow/rules: no module src/deabayes/{pattern}")
+        found += matches
+    return found
+
+
+def settings_of(wildcards):
+    """One study's settings as JSON (which is YAML), so that editing it reruns only that study."""
+    return json.dumps(to_settings(STUDIES[wildcards.study]), indent=1, default=str)
+
+
+def raw_files(wildcards):
+    """The study's specimen, table and records, wherever the records are."""
+    study = STUDIES[wildcards.study]
+    try:
+        folder = read_folder(study.specimen, study.data_root, check_records=False)
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
+    records = [folder.locate(row) or folder.path / row.record for row in folder.table]
+    tables = [folder.path / name for name in ("specimen.yaml", "experiments.csv")]
+    return [str(path) for path in dict.fromkeys([*tables, *records])]
+
+
+def inherited_posterior(wildcards):
+    """The posterior named by `prior_from`."""
+    source = STUDIES[wildcards.study].prior_from
+    return [] if source is None else [source]
+
+
+def ensembles_of(wildcards):
+    """One file per ensemble of a candidate."""
+    count = STUDIES[wildcards.study].sampling.ensembles
+    return expand(
+        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
+        study=wildcards.study,
+        candidate=wildcards.candidate,
+        ensemble=range(1, count + 1),
+    )
+
+
+def posteriors_of(wildcards):
+    """The posteriors of all candidates of a study."""
+    return per_candidate(wildcards.study, "posterior.nc")
+
+
+def scores_of(wildcards):
+    """The scores of all candidates of a study."""
+    return per_candidate(wildcards.study, "scores.json")
+
+
+def errors_of(wildcards):
+    """The error tables of all candidates of a study."""
+    return per_candidate(wildcards.study, "errors.csv")
+
+
+def per_candidate(study, name):
+    """One file of each candidate of a study."""
+    return expand(
+        "<results>/{study}/{candidate}/{name}",
+        study=study,
+        candidate=STUDIES[study].candidates,
+        name=name,
+    )
+
+
+def left_out_options():
+    """The studies left out, as options of `deabayes report`."""
+    return [word for line in LEFT_OUT for word in ("--left-out", line)]

@@ -1,0 +1,31 @@
+rule score:
+    input:
+        posterior="<results>/{study}/{candidate}/posterior.nc",
+        prepared="<results>/{study}/prepared",
+        modules=modules("scoring.py"),
+    output:
+        "<results>/{study}/{candidate}/scores.json",
+    log:
+        "<results>/{study}/{candidate}/logs/score.log",
+    threads: 1
+    shell:
+        "deabayes score {input.posterior} --prepared {input.prepared} -o {output} 2> {log}"
+
+
+rule compare:
+    input:
+        posteriors=posteriors_of,
+        scores=scores_of,
+        prepared="<results>/{study}/prepared",
+        modules=modules("comparison.py", "ranking.py"),
+    output:
+        report(
+            "<results>/{study}/comparison.csv",
+            caption="../report/comparison.rst",
+            category="Model order",
+        ),
+    log:
+        "<results>/{study}/logs/compare.log",
+    threads: 1
+    shell:
+        "deabayes compare {input.posteriors} --prepared {input.prepared} -o {output} > {log} 2>&1"

@@ -1,0 +1,63 @@
+MODEL = modules(
+    "experiment.py",
+    "parameter.py",
+    "distributions.py",
+    "prior.py",
+    "posterior.py",
+    "electrostatics.py",
+    "integrate/*.py",
+    "springs/*.py",
+    "systems/*.py",
+    "noise/*.py",
+)
+SAMPLING = modules("sampling.py", "smc.py", "mixture.py", "moves.py", "diagnostics.py")
+
+
+rule compile:
+    input:
+        studies=expand("<results>/{study}/study.yaml", study=STUDIES),
+        prepared=expand("<results>/{study}/prepared", study=STUDIES),
+        modules=MODEL,
+    output:
+        touch("<results>/logs/compiled"),
+    log:
+        "<results>/logs/compile.log",
+    threads: 1
+    shell:
+        "deabayes compile {input.studies} 2> {log}"
+
+
+rule fit:
+    input:
+        study="<results>/{study}/study.yaml",
+        prepared="<results>/{study}/prepared",
+        prior=inherited_posterior,
+        compiled=ancient("<results>/logs/compiled"),
+        modules=MODEL + SAMPLING,
+    output:
+        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
+    log:
+        "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
+    threads: 1
+    shell:
+        "deabayes fit {input.study} {wildcards.candidate} --prepared {input.prepared}"
+        " --ensemble {wildcards.ensemble} -o {output} 2> {log}"
+
+
+rule pool:
+    input:
+        study="<results>/{study}/study.yaml",
+        prepared="<results>/{study}/prepared",
+        ensembles=ensembles_of,
+        modules=modules(
+            "pooling.py", "diagnostics.py", "posterior_file.py", "storage.py"
+        ),
+    output:
+        posterior="<results>/{study}/{candidate}/posterior.nc",
+        summary="<results>/{study}/{candidate}/summary.csv",
+    log:
+        "<results>/{study}/{candidate}/logs/pool.log",
+    threads: 1
+    shell:
+        "deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
+        " --prepared {input.prepared} -o {output.posterior} --summary {output.summary} 2> {log}"

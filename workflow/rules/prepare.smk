@@ -1,0 +1,23 @@
+rule study:
+    output:
+        "<results>/{study}/study.yaml",
+    log:
+        "<results>/{study}/logs/study.log",
+    params:
+        settings=settings_of,
+    shell:
+        "printf '%s\n' {params.settings:q} > {output} 2> {log}"
+
+
+rule prepare:
+    input:
+        study="<results>/{study}/study.yaml",
+        raw=raw_files,
+        modules=modules("reading/*.py", "preparation/*.py", "units.py", "experiment.py"),
+    output:
+        directory("<results>/{study}/prepared"),
+    log:
+        "<results>/{study}/logs/prepare.log",
+    threads: 1
+    shell:
+        "deabayes prepare {input.study} -o {output} 2> {log}"

@@ -1,0 +1,36 @@
+rule figures:
+    input:
+        comparison="<results>/{study}/comparison.csv",
+        errors=errors_of,
+        modules=modules("figures/*.py"),
+    output:
+        directory("<results>/{study}/figures"),
+    log:
+        "<results>/{study}/logs/figures.log",
+    threads: 1
+    params:
+        results=subpath(output[0], parent=True),
+    shell:
+        "deabayes figures {params.results} -o {output} 2> {log}"
+
+
+rule report:
+    input:
+        figures=expand("<results>/{study}/figures", study=STUDIES),
+        modules=modules("report/*.py", "report/*.html*"),
+    output:
+        page=report(
+            "<results>/report/index.html",
+            caption="../report/page.rst",
+            category="Report",
+        ),
+        tables=directory("<results>/report/tables"),
+    log:
+        "<results>/logs/report.log",
+    threads: 1
+    params:
+        folders=expand("<results>/{study}", study=STUDIES),
+        left_out=left_out_options(),
+    shell:
+        "deabayes report {params.folders} -o {output.page} --tables {output.tables}"
+        " {params.left_out:q} > {log} 2>&1"
