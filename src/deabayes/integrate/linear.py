@@ -118,17 +118,21 @@ def relaxation_response(
         (W, N). A draw with a time constant that is not positive, or any value that
         is not finite, gives a row of NaN; no draw changes another's row.
     """
-    size, units = compliances.shape
-    blocks = max(1, -(-size // LANES))
-    # Every block has all its lanes, so a draw is computed alike in any company.
-    lanes = _pad(time_constants, blocks), _pad(compliances, blocks)
+    size = instantaneous.size
+    blocks = -(-size // LANES)
     response = np.empty((blocks * LANES, load.input.size))
-    if load.input.size:
-        _advance(
-            load.lengths, load.length_index, load.polynomials, load.output_index, *lanes, response
-        )
-    response = response[:size] if units else np.zeros((size, load.input.size))
-    return response + instantaneous[:, None] * load.input
+    # Every block has all its lanes, so a draw is computed alike in any company.
+    _advance(
+        load.lengths,
+        load.length_index,
+        load.polynomials,
+        load.output_index,
+        load.input,
+        _lanes(np.column_stack([instantaneous, compliances]), blocks),
+        _lanes(time_constants, blocks),
+        response,
+    )
+    return response[:size]
 
 
 def _check(knots: FloatArray, values: FloatArray, coordinate: FloatArray) -> None:
@@ -170,7 +174,7 @@ def _distinct(lengths: FloatArray, largest: float) -> tuple[FloatArray, NDArray[
     return np.bincount(group, ascending) / np.bincount(group), index
 
 
-def _pad(values: FloatArray, blocks: int) -> FloatArray:
+def _lanes(values: FloatArray, blocks: int) -> FloatArray:
     """(W, K) to (blocks, K, LANES), the last block filled with ones."""
     size, units = values.shape
     padded = np.ones((blocks * LANES, units))
@@ -213,8 +217,13 @@ def _fill_weights(lengths, time_constants, weights):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _advance(lengths, length_index, polynomials, output_index, time_constants, compliances, out):  # type: ignore[no-untyped-def]
-    """Fill out (blocks * LANES, N) with sum_n D_n y_n, one block of lanes after another."""
+def _advance(  # type: ignore[no-untyped-def]
+    lengths, length_index, polynomials, output_index, load, compliances, time_constants, response
+):
+    """Fill response (blocks * LANES, N), one block of lanes after another.
+
+    compliances (blocks, 1 + K, LANES) begin with the instantaneous one.
+    """
     blocks, units, _ = time_constants.shape
     weights = np.empty((lengths.size, units, 4, LANES))
     sums = np.zeros((length_index.size + 1, LANES))
@@ -234,7 +243,9 @@ def _advance(lengths, length_index, polynomials, output_index, time_constants, c
                         + p_2 * weights[c, n, 3, lane]
                     )
                     state[n, lane] = y
-                    sums[step + 1, lane] += compliances[block, n, lane] * y
-        for lane in range(LANES):
-            for i in range(output_index.size):
-                out[block * LANES + lane, i] = sums[output_index[i], lane]
+                    sums[step + 1, lane] += compliances[block, n + 1, lane] * y
+        for i in range(output_index.size):
+            for lane in range(LANES):
+                response[block * LANES + lane, i] = (
+                    sums[output_index[i], lane] + compliances[block, 0, lane] * load[i]
+                )
