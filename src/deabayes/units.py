@@ -153,7 +153,7 @@ def _parse(unit: str, where: str) -> Any:
         return registry().dimensionless
     try:
         return registry().parse_units(text)
-    except Exception:  # noqa: BLE001
+    except Exception:
         raise UserError(f"{where}: unknown unit {unit!r}{_nearest_unit(text)}") from None
 
 

@@ -128,9 +128,7 @@ def _convert(
     column: Column, array: NDArray[Any], expected_unit: str | None, where: str
 ) -> FloatArray:
     if column.unit is None:
-        raise UserError(
-            f"{where}: no unit; write {column.name + ' [' + (expected_unit or '1')!r}]'"
-        )
+        raise UserError(f"{where}: no unit; write '{column.name} [{expected_unit or '1'}]'")
     return to_si(numbers(array, where), column.unit, expected_unit, where) + column.offset
 
 

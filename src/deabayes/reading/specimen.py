@@ -136,7 +136,8 @@ def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> di
         if name not in content["quantities"]:
             example = f"{name}: {{value: ..., unit: {unit}}}"
             faults.append(
-                f"{where}, quantities: system {content['system']!r} requires {name!r}; add {example}"
+                f"{where}, quantities: system {content['system']!r} requires {name!r}; "
+                f"add {example}"
             )
     return read
 

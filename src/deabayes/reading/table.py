@@ -20,37 +20,56 @@ FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
-    """All rows of experiments.csv, checked.
+    """All rows of experiments.csv.
+
+    Raises
+    ------
+    Faults : every fault of every row, as `scan_table` finds them.
+    """
+    rows, faults = scan_table(folder, system)
+    if faults:
+        raise Faults(faults)
+    return rows
+
+
+def scan_table(folder: Path, system: str | None = None) -> tuple[list[ExperimentRow], list[str]]:
+    """The sound rows of experiments.csv, and every fault of the others with its line.
 
     Parameters
     ----------
     folder : study folder.
     system : name of the system, to check protocols and channels against; None skips that.
-
-    Raises
-    ------
-    Faults : every fault of every row, with its line.
     """
     path = Path(folder) / FILE
-    lines, header, cells = _read_cells(path)
+    try:
+        lines, header, cells = _read_cells(path)
+    except UserError as error:
+        return [], [str(error)]
     faults = _header_faults(header, path)
     if faults:
-        raise Faults(faults)
-    if not cells:
-        raise UserError(f"{path}: lists no record; add a row per record below the header")
-    rows = []
+        return [], faults
+    rows: list[ExperimentRow] = []
     for line, values in zip(lines, cells, strict=True):
         where = f"{path}, line {line}"
         content = _content(header, values)
-        wrong = violations(content, "experiments", where)
+        wrong = _too_many(header, values, where) + violations(content, "experiments", where)
+        row = None if wrong else _row(content)
+        if row is not None and system is not None:
+            wrong = _system_faults(row, system, where)
         faults += wrong
-        if not wrong:
-            rows.append(_row(content))
-            faults += [] if system is None else _system_faults(rows[-1], system, where)
-    faults += _repeated(rows, path)
-    if faults:
-        raise Faults(faults)
-    return rows
+        rows += [row] if row is not None and not wrong else []
+    if not cells:
+        faults.append(f"{path}: lists no record; add a row per record below the header")
+    return rows, faults + _repeated(rows, path)
+
+
+def _too_many(header: list[str], values: list[str], where: str) -> list[str]:
+    if any(values[len(header) :]):
+        return [
+            f"{where}: has {len(values)} cells under {len(header)} columns; put a text that "
+            'holds a comma in "quotation marks"'
+        ]
+    return []
 
 
 def values_of(folder: Path, column: str) -> list[str]:
@@ -63,7 +82,8 @@ def values_of(folder: Path, column: str) -> list[str]:
     missing = [row.name for row in rows if column not in row.metadata]
     if missing:
         raise UserError(
-            f"{Path(folder) / FILE}: column {column!r} is empty for {', '.join(missing)}; fill it in"
+            f"{Path(folder) / FILE}: column {column!r} is empty for {', '.join(missing)}; "
+            "fill it in"
         )
     return list(dict.fromkeys(str(row.metadata[column]) for row in rows))
 
@@ -109,8 +129,6 @@ def _content(header: list[str], values: list[str]) -> dict[str, Any]:
     for name, cell in zip(header, values, strict=False):
         if name and cell:
             content[name] = cell if name in texts else _number_or_text(cell)
-    if len(values) > len(header) and any(values[len(header) :]):
-        content["note"] = " ".join([*content.get("note", "").split(), *values[len(header) :]])
     return content
 
 
@@ -124,7 +142,7 @@ def _number_or_text(cell: str) -> float | str:
 def _row(content: Mapping[str, Any]) -> ExperimentRow:
     fixed = ("name", "protocol", "record", "role", "excitation", "response")
     metadata = {key: value for key, value in content.items() if key not in fixed}
-    return ExperimentRow(*(content[key] for key in fixed), metadata=metadata)
+    return ExperimentRow(**{key: content[key] for key in fixed}, metadata=metadata)
 
 
 def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:

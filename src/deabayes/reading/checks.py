@@ -1,0 +1,193 @@
+"""Tiny checks of one record's values. Each returns sentences: none if all is well.
+
+`where` names the file and the experiment. Rows are data rows, counted from 1
+after the header.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import nearest
+
+SMALLEST_RECORD = 4
+
+
+def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
+    """Columns that the experiment names and the record lacks."""
+    return [
+        f"{where}: column {name!r} is missing{nearest(name, columns)}; the record has "
+        f"{', '.join(columns)}; correct the header or experiments.csv"
+        for name in needed
+        if name not in columns
+    ]
+
+
+def not_finite(values: FloatArray, channel: str, where: str) -> list[str]:
+    """NaN, infinite or missing values."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size == 0:
+        return []
+    run = int(np.argmin(np.append(np.diff(bad) == 1, False))) + 1
+    return [
+        f"{where}, column {channel}: {bad.size} values are missing, NaN or infinite, the first "
+        f"in data row {bad[0] + 1} (a run of {run}); repair the record or cut it there"
+    ]
+
+
+def time_goes_back(time: FloatArray, where: str) -> list[str]:
+    """Time that decreases."""
+    back = np.flatnonzero(np.diff(time) < 0.0)
+    if back.size == 0:
+        return []
+    row = int(back[0]) + 2
+    return [
+        f"{where}, column time: goes back at data row {row}, from {time[row - 2]:.9g} s to "
+        f"{time[row - 1]:.9g} s ({back.size} such rows); sort the rows or remove the wrong ones"
+    ]
+
+
+def time_repeats(time: FloatArray, where: str) -> list[str]:
+    """Time stamps given twice."""
+    same = np.flatnonzero(np.diff(time) == 0.0)
+    if same.size == 0:
+        return []
+    row = int(same[0]) + 2
+    return [
+        f"{where}, column time: data row {row} repeats the time {time[row - 1]:.9g} s of the row "
+        f"before ({same.size} such rows); remove the duplicates or give time more digits"
+    ]
+
+
+def constant_channel(values: FloatArray, channel: str, where: str) -> list[str]:
+    """A channel that never changes: a dead sensor or the wrong column."""
+    if np.ptp(values) > 1e-12 * np.max(np.abs(values)):
+        return []
+    return [
+        f"{where}, column {channel}: is constant ({values[0]:g} in all {values.size} rows); "
+        "check the sensor and the column named in experiments.csv"
+    ]
+
+
+def too_few_points(points: int, parameters: int, where: str) -> list[str]:
+    """Fewer points than parameters, or hardly any."""
+    if points > parameters:
+        return []
+    return [
+        f"{where}: {points} points cannot determine {parameters} parameters; give more data or "
+        "a smaller candidate"
+    ]
+
+
+def too_short(points: int, where: str) -> list[str]:
+    """A record of hardly any rows."""
+    if points >= SMALLEST_RECORD:
+        return []
+    return [
+        f"{where}: holds {points} data rows, at least {SMALLEST_RECORD} are needed; the file may "
+        "be truncated, copy it again"
+    ]
+
+
+def outside_range(
+    values: FloatArray, limit: float, channel: str, unit: str, where: str
+) -> list[str]:
+    """An excitation beyond what its instrument can do."""
+    beyond = np.flatnonzero(np.abs(values) > limit * (1.0 + 1e-9))
+    if beyond.size == 0:
+        return []
+    row, worst = int(beyond[0]) + 1, float(values[np.argmax(np.abs(values))])
+    return [
+        f"{where}, column {channel}: reaches {worst:g} {unit}, beyond the instrument's range of "
+        f"{limit:g} {unit} (first in data row {row}); correct the column's unit or the range in "
+        "specimen.yaml"
+    ]
+
+
+def not_positive(values: FloatArray, channel: str, where: str) -> list[str]:
+    """A stretch, area or frequency that is zero or negative."""
+    wrong = np.flatnonzero(values <= 0.0)
+    if wrong.size == 0:
+        return []
+    return [
+        f"{where}, column {channel}: is {values[wrong[0]]:g} in data row {wrong[0] + 1}, must be "
+        "positive; a strain becomes a stretch with `offset: 1` in record_format"
+    ]
+
+
+def current_at_limit(current: FloatArray, limit: float, protocol: str, where: str) -> list[str]:
+    """An amplifier that runs into its current limit."""
+    share = float(np.mean(np.abs(current) >= 0.98 * limit))
+    if share == 0.0:
+        return []
+    effect = (
+        "the voltage is distorted" if protocol == "sine" else "the voltage rises slower than asked"
+    )
+    return [f"{where}: the amplifier is at its current limit of {limit:g} A in {share:.2%} of the "
+            f"record, so {effect}"]  # fmt: skip
+
+
+def clipped_sensor(values: FloatArray, limit: float | None, channel: str, where: str) -> list[str]:
+    """A sensor at the end of its range: values at the limit, or a flat top in a noisy record."""
+    if limit is not None:
+        share = float(np.mean(np.abs(values) >= 0.999 * limit))
+        if share > 0.0:
+            return [f"{where}, column {channel}: {share:.2%} of the values lie at the sensor's "
+                    f"range of {limit:g}, the sensor is clipped"]  # fmt: skip
+    if np.mean(np.diff(values) == 0.0) > 0.5:
+        return []  # quantised so coarsely that plateaus say nothing
+    for name, end in (("largest", np.max(values)), ("smallest", np.min(values))):
+        run = longest_run(values == end)
+        if run >= 5:
+            return [f"{where}, column {channel}: the {name} value {end:g} is held for {run} "
+                    "samples in a row, the sensor may be clipped"]  # fmt: skip
+    return []
+
+
+def sampling_jitter(time: FloatArray, where: str) -> list[str]:
+    """Uneven sampling and gaps."""
+    intervals = np.diff(time)
+    usual = float(np.median(intervals))
+    sentences = []
+    longest = int(np.argmax(intervals))
+    if intervals[longest] > 10.0 * usual:
+        sentences.append(f"{where}: a gap of {intervals[longest]:.3g} s after "
+                         f"{time[longest]:.6g} s (usual interval {usual:.3g} s)")  # fmt: skip
+    share = float(np.mean(np.abs(intervals - usual) > 0.2 * usual))
+    if share > 0.01:
+        sentences.append(f"{where}: sampling jitter, {share:.0%} of the intervals differ from "
+                         f"{usual:.3g} s by more than 20 %")  # fmt: skip
+    return sentences
+
+
+def coarse_quantisation(
+    values: FloatArray, resolution: float | None, noise: float | None, channel: str, where: str
+) -> list[str]:
+    """Quantisation coarser than the noise: stated, or seen as equal neighbours."""
+    if resolution is not None and noise is not None and resolution > noise:
+        return [f"{where}, column {channel}: the resolution {resolution:g} is coarser than the "
+                f"noise {noise:g}"]  # fmt: skip
+    share = float(np.mean(np.diff(values) == 0.0))
+    if share <= 0.5:
+        return []
+    steps = np.diff(np.unique(values))
+    step = float(np.min(steps)) if steps.size else 0.0
+    return [f"{where}, column {channel}: quantised in steps of {step:.3g}, coarser than the noise "
+            f"({share:.0%} of neighbouring samples are equal)"]  # fmt: skip
+
+
+def shorter_than_time_constant(duration: float, longest: float, where: str) -> list[str]:
+    """A record shorter than the longest time constant that its prior allows."""
+    if duration >= longest:
+        return []
+    return [f"{where}: lasts {duration:.3g} s, less than the longest time constant of the prior "
+            f"({longest:.3g} s), which the prior will then set"]  # fmt: skip
+
+
+def longest_run(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+    """Length of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -1,0 +1,181 @@
+"""A study folder: specimen.yaml, experiments.csv and the records, checked together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from deabayes.experiment import Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.columns import CHANNELS, from_text
+from deabayes.reading.download import locate, missing_sentence, read_registry
+from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.record_checks import record_faults, record_warnings, repeated_records
+from deabayes.reading.records import read_record
+from deabayes.reading.specimen import SpecimenFile, read_specimen_file
+from deabayes.reading.table import FILE, channels_of, scan_table
+from deabayes.reading.yaml_file import read_yaml
+
+KEPT_BYTES = 200e6
+"""Records stay in memory up to this much, so that checking and preparing read them once."""
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """What a user brought: the specimen, the rows of experiments.csv, and their records.
+
+    `specimen` and `table` are checked; records are read, and checked, by `record`.
+    """
+
+    path: Path
+    file: SpecimenFile
+    table: tuple[ExperimentRow, ...]
+    data_root: Path | None = None
+    _kept: dict[str, RawRecord] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def specimen(self) -> Specimen:
+        """What was tested."""
+        return self.file.specimen
+
+    def locate(self, row: ExperimentRow) -> Path | None:
+        """The record's file: study folder, $DEABAYES_DATA, `data_root`, cache; else None."""
+        return locate(row.record, self.path, self.file.download, self.data_root)
+
+    def record(self, row: ExperimentRow) -> RawRecord:
+        """The row's record in SI units.
+
+        Raises
+        ------
+        Faults, UserError : the file cannot be read, or its values cannot be used.
+        """
+        if row.name in self._kept:
+            return self._kept[row.name]
+        raw = self.read(row)
+        faults = record_faults(row, raw, self.specimen, self._where(row))
+        if faults:
+            raise Faults(faults)
+        used = sum(a.nbytes for r in self._kept.values() for a in r.columns.values())
+        if used + sum(a.nbytes for a in raw.columns.values()) < KEPT_BYTES:
+            self._kept[row.name] = raw
+        return raw
+
+    def read(self, row: ExperimentRow) -> RawRecord:
+        """The row's record, its values unchecked."""
+        path = self.locate(row)
+        if path is None:
+            raise UserError(self._missing_file(row))
+        text = row.metadata.get("columns")
+        columns = from_text(text) if isinstance(text, str) else None
+        return read_record(path, self.file.record_format, self._channels(row), columns)
+
+    def warnings(self, row: ExperimentRow) -> list[str]:
+        """What to know before trusting a row's record."""
+        raw = self.record(row)
+        found = record_warnings(row, raw, self.specimen, self._where(row))
+        published = self._published().get(row.record)
+        if published is not None and published != raw.sha256:
+            found.append(f"{self._where(row)}: differs from the published file (SHA-256)")
+        return found
+
+    def faults(self, rows: Sequence[ExperimentRow] | None = None) -> list[str]:
+        """Every fault of these rows' records, and of the rows together."""
+        rows = self.table if rows is None else rows
+        missing = [row for row in rows if self.locate(row) is None]
+        found = self._missing_files(missing, len(rows))
+        sound = []
+        for row in rows:
+            if row in missing:
+                continue
+            try:
+                sound.append((row, self.record(row)))
+            except Faults as error:
+                found += error.faults
+            except UserError as error:
+                found.append(str(error))
+        return found + repeated_records(sound, str(self.path / FILE))
+
+    def _channels(self, row: ExperimentRow) -> Mapping[str, str]:
+        try:
+            excitations, responses = channels_of(self.specimen.system, row.protocol)
+        except UserError:  # the system's name is at fault, which is said elsewhere
+            return CHANNELS
+        return {**CHANNELS, **excitations, **responses}
+
+    def _where(self, row: ExperimentRow) -> str:
+        return f"{self.locate(row) or self.path / row.record} ({row.name})"
+
+    def _published(self) -> dict[str, str]:
+        download = self.file.download
+        return {} if download is None else read_registry(self.path / download["registry"])
+
+    def _missing_files(self, rows: Sequence[ExperimentRow], total: int) -> list[str]:
+        if rows and self.file.download is not None:
+            names = [row.record for row in rows]
+            return [missing_sentence(self.path, self.file.download, names, total)]
+        return [self._missing_file(row) for row in rows]
+
+    def _missing_file(self, row: ExperimentRow) -> str:
+        path = self.path / row.record
+        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        hint = nearest(path.name, beside) if beside else ""
+        return f"{path} ({row.name}): there is no such file; put it there or correct {FILE}{hint}"
+
+
+def read_folder(
+    folder: Path, data_root: Path | None = None, check_records: bool = True
+) -> StudyFolder:
+    """Read and check a study folder.
+
+    Parameters
+    ----------
+    folder : holds specimen.yaml and experiments.csv.
+    data_root : local copy of the public data sets; $DEABAYES_DATA comes first.
+    check_records : read every record too; False leaves that to `StudyFolder.record`.
+
+    Raises
+    ------
+    Faults : every fault of specimen.yaml, experiments.csv and the records.
+    """
+    read, faults = scan_folder(folder, data_root, check_records)
+    if faults or read is None:
+        raise Faults(faults)
+    return read
+
+
+def scan_folder(
+    folder: Path, data_root: Path | None = None, check_records: bool = True
+) -> tuple[StudyFolder | None, list[str]]:
+    """As much of a study folder as can be read, and every fault of it."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return None, [f"{folder}: there is no such folder; `deabayes new` makes one to fill in"]
+    faults: list[str] = []
+    file = _specimen_file(folder, faults)
+    system = file.specimen.system if file is not None and file.specimen.system else None
+    rows, wrong = scan_table(folder, system)
+    faults += wrong
+    if file is None:
+        return None, faults
+    read = StudyFolder(folder, file, tuple(rows), data_root)
+    return read, faults + (read.faults() if check_records else [])
+
+
+def _specimen_file(folder: Path, faults: list[str]) -> SpecimenFile | None:
+    """specimen.yaml; if faulty, what is needed to go on and look for faults in records."""
+    try:
+        return read_specimen_file(folder)
+    except UserError as error:
+        found = list(error.faults) if isinstance(error, Faults) else [str(error)]
+    faults += found
+    if any("record_format" in fault or "download" in fault for fault in found):
+        return None
+    try:
+        content = read_yaml(folder / "specimen.yaml")
+    except UserError:
+        return None
+    known = not any(", system" in fault for fault in found)
+    system = content.get("system") if known else None
+    specimen = Specimen(str(content.get("name")), system if isinstance(system, str) else "", {}, {})
+    return SpecimenFile(specimen, content.get("record_format"), content.get("download"))

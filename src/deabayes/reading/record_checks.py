@@ -1,0 +1,102 @@
+"""Which checks a record goes through: its protocol and instruments decide."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from deabayes.experiment import Specimen
+from deabayes.reading import checks
+from deabayes.reading.instruments import instrument
+from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.table import WITHOUT_TIME
+
+POSITIVE = ("stretch", "area", "frequency")
+STEPS = ("creep", "step")
+
+
+def needed_columns(row: ExperimentRow) -> tuple[str, ...]:
+    """Columns the experiment cannot do without."""
+    time = () if row.protocol in WITHOUT_TIME else ("time",)
+    return tuple(dict.fromkeys((*time, row.excitation, row.response)))
+
+
+def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
+    """Every fault of one record; later checks are left out where earlier ones void them."""
+    needed = needed_columns(row)
+    faults = checks.missing_columns(raw.columns, needed, where)
+    if faults:
+        return faults
+    rows = raw.columns[row.response].size
+    faults = checks.too_short(rows, where)
+    for name in needed:
+        faults += checks.not_finite(raw.columns[name], name, where)
+    if faults or rows < checks.SMALLEST_RECORD:
+        return faults
+    if "time" in needed:
+        faults += checks.time_goes_back(raw.columns["time"], where)
+        faults += checks.time_repeats(raw.columns["time"], where)
+    for name in (row.excitation, row.response):
+        if not _is_step_from_the_start(row, raw, name):
+            faults += checks.constant_channel(raw.columns[name], name, where)
+        if name in POSITIVE:
+            faults += checks.not_positive(raw.columns[name], name, where)
+    limit = instrument(specimen, "range", row.excitation, raw.units[row.excitation])
+    if limit is not None:
+        values = raw.columns[row.excitation]
+        faults += checks.outside_range(values, limit.value, row.excitation, limit.unit, where)
+    return faults
+
+
+def record_warnings(
+    row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str
+) -> list[str]:
+    """What a user must know before trusting a record that has no faults."""
+    response, unit = raw.columns[row.response], raw.units[row.response]
+    limits = {
+        name: None if found is None else found.value
+        for name in ("range", "resolution", "noise")
+        for found in [instrument(specimen, name, row.response, unit)]
+    }
+    found = checks.clipped_sensor(response, limits["range"], row.response, where)
+    found += checks.coarse_quantisation(
+        response, limits["resolution"], limits["noise"], row.response, where
+    )
+    if "time" in needed_columns(row):
+        found += checks.sampling_jitter(raw.columns["time"], where)
+    if _is_step_from_the_start(row, raw, row.excitation):
+        found.append(f"{where}: {row.excitation} is constant, so the step is taken to happen at "
+                     "the first sample")  # fmt: skip
+    limit = instrument(specimen, "current_limit", "current", "A")
+    if limit is not None and "current" in raw.columns:
+        found += checks.current_at_limit(raw.columns["current"], limit.value, row.protocol, where)
+    return found
+
+
+def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
+    """Validate records with the same values as a calibrate record."""
+    calibrate: dict[str, str] = {}
+    validate: list[tuple[str, str]] = []
+    for row, raw in records:
+        if row.response not in raw.columns:
+            continue
+        digest = hashlib.sha256(raw.columns[row.response].tobytes()).hexdigest()
+        if row.role == "calibrate":
+            calibrate.setdefault(digest, row.name)
+        else:
+            validate.append((digest, row.name))
+    return [
+        f"{where}: validate record {name!r} holds the same values as calibrate record "
+        f"{calibrate[digest]!r}; give it another measurement, or remove the row"
+        for digest, name in validate
+        if digest in calibrate
+    ]
+
+
+def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:
+    """A voltage that is on from the first sample is a step there, no dead channel."""
+    values = raw.columns[channel]
+    held = channel == row.excitation and row.protocol in STEPS
+    return bool(held and values[0] != 0.0 and np.all(values == values[0]))
