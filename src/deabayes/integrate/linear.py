@@ -25,8 +25,8 @@ from deabayes.experiment import FloatArray
 
 LANES = 8
 SMALL_STEP = 0.5
-SERIES_TERMS = 14
-"""z^14 2! / 17! / (1/3) < 1e-18 at z = SMALL_STEP."""
+SERIES = tuple((-1.0) ** j * 2.0 / math.factorial(j + 3) for j in range(15))
+"""psi_2(z) / z = sum_j (-z)^j 2! / (j + 3)!, to 1e-18 at z = SMALL_STEP."""
 
 
 @dataclass(frozen=True)
@@ -188,16 +188,17 @@ def _weights(z: float) -> tuple[float, float, float, float]:
     if not z >= 0.0:
         return math.nan, math.nan, math.nan, math.nan
     if z < SMALL_STEP:
-        total = 1.0
-        for j in range(SERIES_TERMS, 0, -1):
-            total = 1.0 - z * total / (j + 3.0)
-        psi_2 = z * total / 3.0
+        total = 0.0
+        for coefficient in SERIES[::-1]:
+            total = total * z + coefficient
+        psi_2 = z * total
         psi_1 = 0.5 * z * (1.0 - psi_2)
         psi_0 = z * (1.0 - psi_1)
         return 1.0 - psi_0, psi_0, psi_1, psi_2
-    psi_0 = -math.expm1(-z)
+    decay = math.exp(-z)
+    psi_0 = 1.0 - decay
     psi_1 = 1.0 - psi_0 / z
-    return math.exp(-z), psi_0, psi_1, 1.0 - 2.0 * psi_1 / z
+    return decay, psi_0, psi_1, 1.0 - 2.0 * psi_1 / z
 
 
 @njit(cache=True)
