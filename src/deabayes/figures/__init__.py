@@ -1,0 +1,141 @@
+"""Figures drawn from results files: one module per figure, one line of the registry.
+
+A figure module has `SCOPE` (candidate | study), `TITLE`, `CAPTION` and
+`draw(results)`, which returns a Figure or a list of them (one per sheet) from a
+`CandidateResults` or a `StudyResults`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from deabayes.faults import UserError, nearest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from deabayes.figures.results import CandidateResults, StudyResults
+
+REGISTRY: Mapping[str, str] = {
+    "data_and_bands": "deabayes.figures.data_and_bands",
+    "residuals": "deabayes.figures.residuals",
+    "marginals": "deabayes.figures.marginals",
+    "identifiability": "deabayes.figures.identifiability",
+    "pairs": "deabayes.figures.pairs",
+    "convergence": "deabayes.figures.convergence",
+    "coverage": "deabayes.figures.coverage",
+    "noise_share": "deabayes.figures.noise_share",
+    "prior_predictive": "deabayes.figures.prior_predictive",
+    "comparison": "deabayes.figures.comparison",
+    "errors": "deabayes.figures.errors",
+    "preparation": "deabayes.figures.preparation",
+}
+"""Figure -> its module, in the report's order."""
+
+INDEX = "index.json"
+
+
+@dataclass(frozen=True)
+class SavedFigure:
+    """One sheet on disk; `candidate` is empty for a figure of the whole study."""
+
+    name: str
+    candidate: str
+    sheet: int
+    title: str
+    caption: str
+    svg: Path
+    png: Path
+
+
+def module(name: str) -> ModuleType:
+    """The module of a registered figure."""
+    if name not in REGISTRY:
+        raise UserError(f"no figure is called {name!r}{nearest(name, REGISTRY)}")
+    return import_module(REGISTRY[name])
+
+
+def names(scope: str) -> list[str]:
+    """Registered figures of a scope (candidate | study) whose module is installed."""
+    present = [name for name, path in REGISTRY.items() if find_spec(path)]
+    return [name for name in present if getattr(module(name), "SCOPE", "study") == scope]
+
+
+def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
+    """Draw a registered figure, with the marks that no figure may go without.
+
+    Simulated data are said to be simulated, and the figure of a candidate that
+    did not converge is watermarked, whatever the figure's own module does.
+    """
+    from deabayes.figures import style
+
+    with style.applied():
+        drawn = module(name).draw(results)
+        figures = list(drawn) if isinstance(drawn, list | tuple) else [drawn]
+        for figure in figures:
+            candidate = "" if results is results.study else f"  ·  {results.name}"
+            style.header(figure, f"{results.study.name}{candidate}")
+            if results.provenance == "simulated":
+                style.mark_simulated(figure)
+            if candidate and not results.converged:
+                style.watermark_unconverged(figure)
+    return figures
+
+
+def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
+    """Draw every registered figure of a study and its candidates as SVG and PNG (200 dpi).
+
+    Files are `{figure}[_{sheet}].svg` for the study and
+    `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them.
+    """
+    from deabayes.figures.results import StudyResults
+
+    study, out = StudyResults(Path(study_folder)), Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    saved = [figure for name in names("study") for figure in _save(name, study, out)]
+    for candidate in study.candidates:
+        for name in names("candidate"):
+            saved += _save(name, candidate, out)
+    entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
+    (out / INDEX).write_text(json.dumps(entries, indent=1), encoding="utf-8")
+    return saved
+
+
+def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
+    """What `save_all` wrote into `out`; None if it never did, or the results are newer."""
+    from deabayes.figures.results import StudyResults
+
+    index = out / INDEX
+    if not index.is_file():
+        return None
+    drawn = index.stat().st_mtime
+    if any(path.stat().st_mtime > drawn for path in StudyResults(study_folder).inputs):
+        return None
+    entries = json.loads(index.read_text(encoding="utf-8"))
+    return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
+
+
+def _save(name: str, results: CandidateResults | StudyResults, out: Path) -> list[SavedFigure]:
+    from deabayes.figures import style
+
+    source = module(name)
+    candidate = "" if results is results.study else results.name
+    figures = draw(name, results)
+    saved = []
+    for sheet, figure in enumerate(figures, start=1):
+        stem = "_".join(filter(None, (candidate, name, str(sheet) if len(figures) > 1 else "")))
+        svg, png = out / f"{stem}.svg", out / f"{stem}.png"
+        with style.applied():
+            figure.savefig(svg, metadata={"Date": None})
+            figure.savefig(png)
+        saved.append(
+            SavedFigure(name, candidate, sheet, source.TITLE, source.CAPTION, svg, png)
+        )
+    return saved

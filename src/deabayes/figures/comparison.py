@@ -1,0 +1,86 @@
+"""What the records say about the model order."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from deabayes.figures import style
+from deabayes.figures.results import StudyResults
+
+SCOPE = "study"
+TITLE = "Which model order"
+CAPTION = (
+    "Differences to the reference candidate (dotted); further right is better. Evidence with its "
+    "Monte Carlo error, expected log predictive density (elpd) with two standard errors where the "
+    "paired error was stored. Candidates that did not converge are named but not ranked."
+)
+CRITERIA = (
+    ("log_evidence", "log_evidence_mcse", "Δ log evidence"),
+    ("elpd_block_loo", "elpd_difference_se", "Δ elpd, blocks left out"),
+    ("elpd_leave_one_experiment_out", None, "Δ elpd, experiments left out"),
+    ("bic", None, "−½ Δ BIC"),
+)
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """One panel per criterion; nothing where there are fewer than two candidates."""
+    table = results.comparison
+    if table is None or len(table) < 2:
+        return []
+    reference = results.recommended.name
+    if reference not in table.index:
+        reference = str(table.index[0])
+    shown = [c for c in CRITERIA if c[0] in table and np.isfinite(table.loc[reference, c[0]])]
+    if not shown:
+        return []
+    height = 0.24 * len(table) + 0.65 + style.HEADER + 0.13 * len(table)
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    for ax, criterion in zip(axes, shown, strict=True):
+        _criterion(ax, table, reference, *criterion)
+    axes[0].set_yticks(range(len(table)), [_name(n, row) for n, row in table.iterrows()])
+    axes[0].set_ylim(len(table) - 0.5, -0.5)
+    figure.supxlabel(_verdict(table, reference), fontsize=6.5, x=0.01, ha="left")
+    return [figure]
+
+
+def _criterion(
+    ax: Axes, table: pd.DataFrame, reference: str, column: str, error: str | None, label: str
+) -> None:
+    sign = -0.5 if column == "bic" else 1.0
+    difference = sign * (table[column] - table.loc[reference, column])
+    converged = table["converged"].astype(bool)
+    width = 2.0 * table[error].fillna(0.0) if error in table else 0.0 * difference
+    for row, name in enumerate(table.index):
+        if not converged[name] or not np.isfinite(difference[name]):
+            ax.text(0.5, row, "not ranked", transform=ax.get_yaxis_transform(), ha="center",
+                    va="center", fontsize=6, style="italic", color=style.VERMILLION)  # fmt: skip
+            continue
+        colour = style.VERMILLION if name == reference else style.BLUE
+        ax.errorbar(difference[name], row, xerr=width[name] or None, fmt="o", color=colour,
+                    capsize=2, elinewidth=0.8)  # fmt: skip
+    ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
+    shown = difference[converged].dropna()
+    if shown.empty:
+        ax.set_xticks([])
+    elif np.ptp(np.append(shown, 0)) > 300:
+        ax.set_xscale("symlog", linthresh=10)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+    ax.margins(x=0.12)
+    ax.set_xlabel(label)
+
+
+def _name(name: object, row: pd.Series) -> str:
+    return f"{name} ({int(row['n_parameters'])} par.)"
+
+
+def _verdict(table: pd.DataFrame, reference: str) -> str:
+    text = f"{reference}: {table.loc[reference, 'verdict']}"
+    return "\n".join(textwrap.wrap(text, 130))

@@ -1,0 +1,113 @@
+"""Whether independent runs agree: gates for every quantity, ranks and traces of the worst."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from deabayes.experiment import FloatArray
+from deabayes.figures import style
+from deabayes.figures.quantities import display_unit, symbol_text
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+TITLE = "Convergence"
+CAPTION = (
+    "R-hat and effective sample sizes with the limits they must keep (dashed), then the quantities "
+    "with the largest R-hat: one colour per independent run. Runs that agree have traces that "
+    "overlie each other and flat rank counts."
+)
+WORST = 6
+TRACE_POINTS = 250
+RANK_BINS = 20
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """The gates of all quantities, then traces and ranks of the worst."""
+    table = results.summary
+    if table is None:
+        return []
+    names = [n for n in table.index if n in results.posterior and np.ptp(_runs(results, n)) > 0]
+    worst = table.loc[names].sort_values("r_hat", ascending=False).index[:WORST]
+    return [_gates(results, table.loc[names]), _traces(results, list(worst))]
+
+
+def _runs(results: CandidateResults, name: str) -> FloatArray:
+    """Draws (run, draw) of a quantity."""
+    return np.asarray(results.posterior[name].transpose("chain", "draw").values, dtype=float)
+
+
+def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
+    height = 0.135 * len(table) + 0.9 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(len(table))
+    r_hat, ess = results.gate("r_hat", 1.01), results.gate("ess", 400.0)
+    failed = ~(table["r_hat"] < r_hat)
+    colours = np.where(failed, style.VERMILLION, style.BLUE)
+    left.scatter(table["r_hat"], rows, c=colours, s=9)
+    left.axvline(r_hat, color=style.BLACK, linestyle="--", linewidth=0.8)
+    left.set_xlabel(f"R-hat (limit {r_hat:g}; red: not kept)")
+    left.set_xlim(min(0.998, table["r_hat"].min() - 0.001))
+    for column, marker, text in (("ess_bulk", "o", "bulk"), ("ess_tail", "^", "tails")):
+        low = ~(table[column] >= ess)
+        right.scatter(table[column], rows, c=np.where(low, style.VERMILLION, style.BLUE),
+                      s=9, marker=marker)  # fmt: skip
+        right.scatter([], [], c=style.BLUE, s=9, marker=marker, label=text)
+    right.axvline(ess, color=style.BLACK, linestyle="--", linewidth=0.8)
+    right.set_xscale("log")
+    right.set_xlabel(f"effective sample size (limit {ess:g})")
+    figure.legend(loc="outside lower right", ncols=2)
+    left.set_yticks(rows, [_name(results, n) for n in table.index], fontsize=6.0)
+    left.set_ylim(len(table) - 0.5, -0.5)
+    for ax in (left, right):
+        ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
+        ax.set_axisbelow(True)
+    return figure
+
+
+def _name(results: CandidateResults, name: str) -> str:
+    return symbol_text(name, results.label(name)["symbol"])
+
+
+def _traces(results: CandidateResults, names: list[str]) -> Figure:
+    height = 26 * style.MILLIMETRE * len(names) + 0.45 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(len(names), 2, squeeze=False, width_ratios=(2, 1), sharex="col")
+    for (trace, rank), name in zip(axes, names, strict=True):
+        runs = _runs(results, name)
+        unit = display_unit(results.label(name)["unit"], np.nanmedian(runs), name)
+        _trace(trace, runs / unit.factor)
+        trace.set_ylabel(_name(results, name) + unit.suffix)
+        _ranks(rank, runs)
+    axes[-1, 0].set_xlabel("draw (kept, thinned)")
+    axes[-1, 1].set_xlabel("rank among all draws")
+    handles = [
+        Line2D([], [], color=style.SERIES[i % len(style.SERIES)], label=f"run {i + 1}")
+        for i in range(results.posterior.sizes["chain"])
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=8)
+    return figure
+
+
+def _trace(ax: Axes, runs: FloatArray) -> None:
+    step = max(runs.shape[1] // TRACE_POINTS, 1)
+    for index, values in enumerate(runs):
+        ax.plot(np.arange(values.size)[::step], values[::step], linewidth=0.4, alpha=0.8,
+                color=style.SERIES[index % len(style.SERIES)], rasterized=True)  # fmt: skip
+
+
+def _ranks(ax: Axes, runs: FloatArray) -> None:
+    """Rank counts per run relative to the count expected if all runs agree."""
+    from scipy.stats import rankdata
+
+    ranks = (rankdata(runs.ravel()) / runs.size).reshape(runs.shape)
+    for values in ranks:
+        counts, edges = np.histogram(values, RANK_BINS, range=(0, 1))
+        ax.stairs(counts * RANK_BINS / values.size, edges, linewidth=0.9)
+    ax.axhline(1.0, color=style.BLACK, linewidth=0.6, linestyle="--")
+    ax.set_ylim(0, max(2.0, ax.get_ylim()[1]))
+    ax.set_ylabel("count / expected")

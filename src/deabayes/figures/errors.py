@@ -1,0 +1,65 @@
+"""How far every candidate's curves are from every record, in the papers' measure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deabayes.figures import style
+from deabayes.figures.results import StudyResults
+
+SCOPE = "study"
+TITLE = "Errors, calibration and held out"
+CAPTION = (
+    "Root-mean-square error in per cent of each record's range, with the 90 % posterior interval. "
+    "Only the held-out records say how well a candidate predicts. Open markers: the candidate did "
+    "not converge. ✕ after a name: outside the calibrated range."
+)
+ROLES = (("calibrate", "calibration records"), ("validate", "held-out records"))
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """One panel for the calibration records and one for the held-out ones."""
+    tables = {c.name: c.errors.set_index("experiment") for c in results.candidates
+              if c.errors is not None}  # fmt: skip
+    if not tables:
+        return []
+    roles = {n: r for t in tables.values() for n, r in t["role"].items()}
+    present = [(role, text) for role, text in ROLES if role in roles.values()]
+    counts = [sum(r == role for r in roles.values()) for role, _ in present]
+    step = 0.10 + 0.05 * len(tables)
+    height = step * sum(counts) + 0.45 * len(counts) + 0.5 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(len(present), 1, squeeze=False, height_ratios=counts, sharex=True)[:, 0]
+    unconverged = {c.name for c in results.candidates if not c.converged}
+    for ax, (role, text) in zip(axes, present, strict=True):
+        _panel(ax, tables, [n for n, r in roles.items() if r == role], unconverged)
+        ax.set_title(text, loc="left", weight="bold")
+    axes[-1].set_xlabel("rms error (% of the record's range)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return [figure]
+
+
+def _panel(
+    ax: Axes, tables: dict[str, pd.DataFrame], experiments: list[str], unconverged: set[str]
+) -> None:
+    offsets = np.linspace(-0.3, 0.3, len(tables)) if len(tables) > 1 else [0.0]
+    flagged = set()
+    for index, (candidate, table) in enumerate(tables.items()):
+        rows = table.reindex(experiments)
+        flagged |= {n for n, t in rows["extrapolation"].fillna("").items() if t}
+        centre = rows["e_rms_percent"].to_numpy()
+        reach = [centre - rows["e_rms_q05"], rows["e_rms_q95"] - centre]
+        ax.errorbar(
+            centre, np.arange(len(rows)) + offsets[index], xerr=np.clip(reach, 0, None),
+            fmt=style.MARKERS[index % len(style.MARKERS)], color=style.SERIES[index % len(style.SERIES)],
+            markerfacecolor="white" if candidate in unconverged else None, elinewidth=0.8,
+            label=candidate + (" (not converged)" if candidate in unconverged else ""),
+        )  # fmt: skip
+    ax.set_yticks(range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments])
+    ax.set_ylim(len(experiments) - 0.5, -0.5)
+    ax.set_xlim(left=0)
+    ax.grid(axis="x", color=style.LIGHT_GREY, linewidth=0.4)
+    ax.set_axisbelow(True)

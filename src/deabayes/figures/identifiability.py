@@ -1,0 +1,77 @@
+"""Which numbers the data determined, and which are still the prior's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from deabayes.figures import style
+from deabayes.figures.quantities import symbol_text
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+TITLE = "What the data determined"
+CAPTION = (
+    "Left: contraction, the share of the prior's variance that the data removed; below 10 % (dashed) "
+    "a number is set by the prior. Right: relative width of the posterior. Derived quantities, such "
+    "as ratios, may be well known although no single parameter in them is."
+)
+THRESHOLD = 0.1
+COLOURS = {
+    "material": style.BLUE,
+    "specimen": style.ORANGE,
+    "derived": style.GREEN,
+    "noise": style.GREY,
+}
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """Bars of contraction, and the posterior's relative width."""
+    table = results.summary
+    if table is None:
+        return []
+    names = [n for kind in COLOURS for n in results.names(kind) if n in table.index]
+    table = table.loc[names]
+    kinds = [results.kind(name) for name in names]
+    height = 0.135 * len(table) + 0.75 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    _contraction(left, table, kinds)
+    _width(right, table, kinds)
+    labels = [symbol_text(name, results.label(name)["symbol"]) for name in names]
+    left.set_yticks(range(len(names)), labels, fontsize=6.0)
+    left.set_ylim(len(names) - 0.5, -0.5)
+    handles = [Patch(color=c, label=k) for k, c in COLOURS.items() if k in kinds]
+    set_by_prior = Patch(facecolor="white", edgecolor=style.VERMILLION, label="set by the prior")
+    figure.legend(handles=[*handles, set_by_prior], loc="outside lower center", ncols=5)
+    return [figure]
+
+
+def _contraction(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
+    values = table["contraction"].to_numpy(dtype=float)
+    for row, (value, kind) in enumerate(zip(values, kinds, strict=True)):
+        if not np.isfinite(value):
+            continue
+        low = value < THRESHOLD
+        ax.barh(row, 100 * np.clip(value, 0, 1), color=COLOURS[kind], height=0.65)
+        if low:
+            ax.barh(row, 100 * THRESHOLD, facecolor="none", edgecolor=style.VERMILLION, height=0.65,
+                    linewidth=0.8)  # fmt: skip
+    ax.axvline(100 * THRESHOLD, color=style.BLACK, linestyle="--", linewidth=0.8)
+    ax.set_xlim(0, 102)
+    ax.set_xlabel("contraction (%)")
+
+
+def _width(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
+    relative = 100 * (table["q95"] - table["q05"]) / 2 / table["median"].abs()
+    rows = np.arange(len(table))
+    kept = np.isfinite(relative) & (relative > 0)
+    colours = np.array([COLOURS[k] for k in kinds])
+    ax.scatter(relative[kept], rows[kept], c=colours[kept], s=10, zorder=3)
+    ax.set_xscale("log")
+    ax.set_xlabel("half width of the 90 % interval (% of the median)")
+    ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
+    ax.set_axisbelow(True)

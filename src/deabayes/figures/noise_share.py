@@ -1,0 +1,90 @@
+"""How much of what was measured the noise model explains instead of the physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deabayes.experiment import FloatArray
+from deabayes.figures import style
+
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+TITLE = "What the noise model took"
+CAPTION = (
+    "Left: share of each calibration record's variance that the correlated noise and the white noise "
+    "stand for (median, 90 % interval). Right: the noise's correlation time against the record's "
+    "length. A large share with a long time is physics that the candidate lacks."
+)
+ALARMING = 0.1
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """One row per calibration record."""
+    shares = correlated_shares(results)
+    if not shares:
+        return []
+    height = 0.17 * len(shares) + 0.75 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    for row, name in enumerate(shares):
+        _shares(left, row, shares[name])
+        _times(right, row, results, name)
+    left.axvline(100 * ALARMING, color=style.BLACK, linestyle="--", linewidth=0.8)
+    left.set_xscale("log")
+    left.set_xlabel("share of the record's variance (%)")
+    right.set_xscale("log")
+    right.set_xlabel("time (s)")
+    left.set_yticks(range(len(shares)), list(shares))
+    left.set_ylim(len(shares) - 0.5, -0.5)
+    handles = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
+    handles |= dict(zip(*reversed(right.get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    return [figure]
+
+
+def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, FloatArray]]:
+    """Record -> {`correlated`, `white`} -> (low, median, high) shares of the record's variance."""
+    shares: dict[str, Mapping[str, FloatArray]] = {}
+    for name, prediction in results.predictions.items():
+        group = results.noise_group(name)
+        if prediction.attrs["role"] != "calibrate" or f"{group}.sigma_white" not in results.posterior:
+            continue
+        observed = prediction["observed"].values
+        relative = results.settings.get("noise_scale") == "range"
+        scale = float(results.records.get(name, {}).get("scale", np.ptp(observed) if relative else 1.0))
+        shares[name] = {
+            kind: _quantiles((results.posterior[parameter].values * scale) ** 2 / observed.var())
+            for kind, parameter in (
+                ("correlated", f"{group}.sigma_ou"),
+                ("white", f"{group}.sigma_white"),
+            )
+            if parameter in results.posterior
+        }
+    return shares
+
+
+def _quantiles(values: FloatArray) -> FloatArray:
+    return np.nanquantile(values, [0.05, 0.5, 0.95])
+
+
+def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
+    for kind, colour, shift in (("correlated", style.ORANGE, -0.12), ("white", style.GREY, 0.12)):
+        if kind in shares:
+            low, median, high = 100 * np.maximum(shares[kind], 1e-9)
+            ax.errorbar(median, row + shift, xerr=[[median - low], [high - median]], fmt="o",
+                        color=colour, elinewidth=0.9, label=f"{kind} noise")  # fmt: skip
+
+
+def _times(ax: Axes, row: int, results: CandidateResults, name: str) -> None:
+    coordinate = results.predictions[name]["coordinate"].values
+    ax.plot(np.ptp(coordinate), row, "|", color=style.BLACK, markersize=6, label="record's length")
+    parameter = f"{results.noise_group(name)}.tau_ou"
+    if parameter in results.posterior:
+        low, median, high = _quantiles(results.posterior[parameter].values)
+        ax.errorbar(median, row, xerr=[[median - low], [high - median]], fmt="s", color=style.BLUE,
+                    elinewidth=0.9, label="correlation time")  # fmt: skip

@@ -1,0 +1,239 @@
+"""Small multiples: sheets of panels, and a record shown in one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
+
+from deabayes.experiment import FloatArray
+from deabayes.figures import style
+from deabayes.figures.quantities import DisplayUnit, display_unit, plain
+
+PANELS_PER_SHEET = 9
+DENSE = 400
+LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
+CYCLES_SHOWN = 3
+ROLES = {"calibrate": "calibration", "validate": "held out"}
+Item = TypeVar("Item")
+
+
+def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequence[Item]]:
+    """Split into sheets of nearly equal length, `size` at most."""
+    count = max(-(-len(items) // size), 1)
+    edges = np.linspace(0, len(items), count + 1).round().astype(int)
+    return [items[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figure, list[Axes]]:
+    """A double-column figure with `count` panels, three abreast at most."""
+    columns = min(count, 3) if count != 4 else 2
+    rows = -(-count // columns)
+    width = style.DOUBLE_COLUMN if columns > 1 else 0.7 * style.DOUBLE_COLUMN
+    if columns < 3:
+        panel_height *= 1.25
+    height = rows * panel_height + style.HEADER + 0.35
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for ax in axes[count:]:
+        ax.remove()
+    return figure, list(axes[:count])
+
+
+def legend_below(figure: Figure, handles: Sequence[Line2D | Patch], columns: int = 3) -> None:
+    """One legend for all panels, below them."""
+    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+
+
+def band_handles(names: Sequence[str] = tuple(style.BANDS)) -> list[Line2D | Patch]:
+    """Legend entries of observed points, median and bands."""
+    return [
+        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
+        Line2D([], [], color=style.BLUE, linewidth=1.1, label="posterior median"),
+        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in names),
+    ]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values to plot in display units, their label, and whether the axis is logarithmic."""
+
+    values: FloatArray
+    label: str
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Record:
+    """One prediction file, in display units.
+
+    `shown` is the part that a panel shows: all of it, or the last cycles of a
+    long sine.
+    """
+
+    prediction: xr.Dataset
+    log_time: bool | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.prediction.attrs["experiment"])
+
+    @property
+    def protocol(self) -> str:
+        return str(self.prediction.attrs["protocol"])
+
+    @property
+    def extrapolation(self) -> str:
+        return str(self.prediction.attrs.get("extrapolation", ""))
+
+    @property
+    def unit(self) -> DisplayUnit:
+        attributes = self.prediction.attrs
+        observed = self.prediction["observed"]
+        return display_unit(
+            attributes["response_unit"], observed, attributes["response_name"]
+        )
+
+    @property
+    def label(self) -> str:
+        return plain(str(self.prediction.attrs["response_name"])) + self.unit.suffix
+
+    def response(self, name: str, **selection: object) -> FloatArray:
+        """A variable of the response's kind, in its display unit."""
+        variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]
+        return np.asarray(variable.values, dtype=float)[..., self.shown] / self.unit.factor
+
+    @property
+    def shown(self) -> slice:
+        time = self.prediction["coordinate"].values
+        crossings = _upward_crossings(self.prediction["excitation"].values)
+        if self.protocol != "sine" or len(crossings) <= CYCLES_SHOWN + 2:
+            return slice(None)
+        period = np.median(np.diff(time[crossings]))
+        return slice(int(np.searchsorted(time, time[-1] - CYCLES_SHOWN * period)), None)
+
+    def against_coordinate(self) -> Axis:
+        """Time, frequency, or the excitation of a record without time."""
+        coordinate = self.prediction["coordinate"]
+        values = coordinate.values[self.shown]
+        logarithmic = self.log_time
+        if logarithmic is None:
+            positive = values[values > 0]
+            logarithmic = (
+                self.protocol in LOG_TIME_PROTOCOLS
+                and positive.size > 0.9 * values.size
+                and positive.max() > 30 * positive.min()
+            )
+        name = str(coordinate.attrs.get("name", "coordinate"))
+        return _axis(values, name, _unit(coordinate), bool(logarithmic))
+
+    def horizontal(self) -> Axis:
+        """The excitation for a loop, else the coordinate."""
+        if self.protocol != "load_unload":
+            return self.against_coordinate()
+        excitation = self.prediction["excitation"]
+        name = str(excitation.attrs.get("name", excitation.attrs.get("long_name", "excitation")))
+        return _axis(excitation.values[self.shown], name, _unit(excitation))
+
+
+def _unit(variable: xr.DataArray) -> str:
+    return str(variable.attrs.get("unit", variable.attrs.get("units", "1")))
+
+
+def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -> Axis:
+    display = display_unit(unit, values, name)
+    return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
+
+
+def _upward_crossings(values: FloatArray) -> FloatArray:
+    level = (values.max() + values.min()) / 2
+    return np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
+
+
+def branches(values: FloatArray) -> Iterator[slice]:
+    """Monotone stretches of `values`: the loading and unloading branches of a loop."""
+    steps = np.sign(np.diff(values))
+    steps = steps[steps != 0] if not steps.any() else _filled(steps)
+    turns = np.flatnonzero(np.diff(steps)) + 1
+    edges = [0, *turns.tolist(), len(values) - 1]
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        yield slice(start, stop + 1)
+
+
+def _filled(steps: FloatArray) -> FloatArray:
+    """Zero steps take the sign of the step before them."""
+    index = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
+    return steps[index]
+
+
+def draw_bands(ax: Axes, record: Record, x: Axis, minus: FloatArray | float = 0.0) -> None:
+    """The three 90 % bands, widest first; `minus` is subtracted (the median, for residuals)."""
+    for name, (colour, _) in style.BANDS.items():
+        lower, upper = (
+            record.response(name, level=0.9, bound=bound) - minus for bound in ("lower", "upper")
+        )
+        for part in branches(x.values):
+            ax.fill_between(x.values[part], lower[part], upper[part], color=colour, linewidth=0.4)
+
+
+def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> None:
+    """Observed points; as pixels where they are many, so that a vector file stays small."""
+    ax.plot(
+        x,
+        y,
+        linestyle="none",
+        marker="o",
+        markersize=size if len(x) <= DENSE else 0.7 * size,
+        markerfacecolor=style.BLACK,
+        markeredgewidth=0,
+        alpha=0.65,
+        rasterized=len(x) > DENSE,
+        zorder=3,
+    )
+
+
+def title(ax: Axes, record: Record) -> None:
+    """Name, role and protocol of a record above its panel, and the extrapolation flag."""
+    attributes = record.prediction.attrs
+    words = f"{ROLES.get(str(attributes['role']), attributes['role'])}, {plain(record.protocol)}"
+    if record.shown.start:
+        words += f", last {CYCLES_SHOWN} cycles"
+    size = 7.0 if len(record.name) <= 30 else 210.0 / len(record.name)
+    ax.set_title(record.name, loc="left", fontsize=size, pad=11, weight="bold")
+    ax.annotate(words, (0, 1), (0, 2.5), "axes fraction", "offset points",
+                fontsize=6.0, color=style.GREY, va="bottom")  # fmt: skip
+    if record.extrapolation:
+        ax.annotate("EXTRAPOLATION", (1, 1), (0, 2.5), "axes fraction", "offset points",
+                    fontsize=5.5, color=style.VERMILLION, ha="right", va="bottom", weight="bold")  # fmt: skip
+
+
+def set_horizontal(ax: Axes, x: Axis) -> None:
+    """Label and scale of the horizontal axis."""
+    ax.set_xlabel(x.label)
+    if x.logarithmic:
+        logarithmic(ax, x.values)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+
+
+def logarithmic(ax: Axes, values: FloatArray, ticks: int = 5) -> None:
+    """A logarithmic horizontal axis with few, readable labels."""
+    positive = values[values > 0]
+    decades = np.log10(positive.max() / positive.min()) if positive.size else 1.0
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(numticks=ticks))
+    if decades < 2:
+        few = (1.0, 2.0, 5.0) if decades > 0.6 else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+        ax.xaxis.set_major_locator(LogLocator(subs=few, numticks=20))
+        ax.xaxis.set_major_formatter("{x:g}")
+    else:
+        ax.xaxis.set_major_formatter(LogFormatterMathtext())
+    ax.xaxis.set_minor_formatter(NullFormatter())

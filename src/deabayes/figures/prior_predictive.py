@@ -1,0 +1,63 @@
+"""What the prior held possible before it saw the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from deabayes.figures import panels, style
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+TITLE = "What the prior held possible"
+CAPTION = (
+    "Model curves drawn from the prior (grey) and the calibration data (black). The data should lie "
+    "among the curves; if they lie outside, the prior excludes what was measured."
+)
+CURVES = 50
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """Sheets of the calibration records."""
+    known = results.prior_predictive
+    records = [panels.Record(p) for n, p in results.predictions.items() if n in known]
+    return [_sheet(results, group) for group in panels.batches(records) if group]
+
+
+def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE)
+    for ax, record in zip(axes, records, strict=True):
+        x = record.horizontal()
+        curves = results.prior_predictive[record.name].values
+        curves = curves.reshape(-1, curves.shape[-1])[:CURVES, record.shown] / record.unit.factor
+        ax.plot(x.values, curves.T, color=style.GREY, linewidth=0.5, alpha=0.45, rasterized=True)
+        observed = record.response("observed")
+        panels.draw_observed(ax, x.values, observed)
+        ax.set_ylim(*_limits(observed, curves))
+        ax.set_ylabel(record.label)
+        panels.set_horizontal(ax, x)
+        panels.title(ax, record)
+    panels.legend_below(
+        figure,
+        [
+            Line2D([], [], color=style.GREY, linewidth=0.8, label="drawn from the prior"),
+            Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
+        ],
+    )
+    return figure
+
+
+def _limits(observed: np.ndarray, curves: np.ndarray) -> tuple[float, float]:
+    """Show the data and most curves, not the wildest."""
+    finite = curves[np.isfinite(curves).all(axis=1)]
+    low, high = float(observed.min()), float(observed.max())
+    if finite.size:
+        inner = np.quantile(finite, [0.05, 0.95])
+        reach = 4 * (high - low)
+        low = min(low, max(float(inner[0]), low - reach))
+        high = max(high, min(float(inner[1]), high + reach))
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin

@@ -1,0 +1,214 @@
+"""A study's results files, read when they are needed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deabayes.faults import UserError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from deabayes.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """`results/{study}`: what was prepared, its fitted candidates and their comparison."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        return self.folder.resolve().name
+
+    @property
+    def study(self) -> StudyResults:
+        """Itself, so that a figure may ask any results for their study."""
+        return self
+
+    @cached_property
+    def candidates(self) -> tuple[CandidateResults, ...]:
+        """Fitted candidates, fewest parameters first."""
+        found = [CandidateResults(self, p.parent) for p in self.folder.glob("*/posterior.nc")]
+        if not found:
+            raise UserError(
+                f"{self.folder}: holds no fitted candidate (*/posterior.nc); "
+                "run `snakemake --cores 2` or `deabayes fit` first"
+            )
+        return tuple(sorted(found, key=lambda c: (len(c.sampled), c.name)))
+
+    @cached_property
+    def comparison(self) -> pd.DataFrame | None:
+        """comparison.csv indexed by candidate; None where there is none."""
+        table = _table(self.folder / "comparison.csv")
+        return None if table is None else table.set_index("candidate")
+
+    @cached_property
+    def recommended(self) -> CandidateResults:
+        """The chosen candidate, else the smallest adequate, else the first converged, else the first."""
+        by_name = {c.name: c for c in self.candidates}
+        if self.comparison is not None:
+            verdicts = {str(n): str(v) for n, v in self.comparison["verdict"].items()}
+            for mark in ("chosen", "recommended", "smallest adequate"):
+                for name, verdict in verdicts.items():
+                    if name in by_name and not verdict.startswith("not chosen") and mark in verdict:
+                        return by_name[name]
+        return next((c for c in self.candidates if c.converged), self.candidates[0])
+
+    @cached_property
+    def experiments(self) -> Mapping[str, Experiment]:
+        """The prepared records by name, calibration records first."""
+        from deabayes.preparation.prepared import read_prepared
+
+        records = [read_prepared(path) for path in sorted(self.folder.glob("prepared/*.nc"))]
+        return {e.name: e for e in sorted(records, key=lambda e: (e.role, e.protocol, e.name))}
+
+    @property
+    def provenance(self) -> str:
+        return self.recommended.provenance
+
+    @cached_property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that a figure may have been drawn from."""
+        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv")
+        return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
+
+
+@dataclass(frozen=True)
+class CandidateResults:
+    """`results/{study}/{candidate}`: the posterior file, its tables and its predictions."""
+
+    study: StudyResults
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @cached_property
+    def attributes(self) -> Mapping[str, Any]:
+        """Root attributes of the posterior file, JSON decoded."""
+        attributes = self.group(None).attrs
+        return {str(key): _decoded(value) for key, value in attributes.items()}
+
+    def group(self, name: str | None) -> xr.Dataset:
+        """A group of the posterior file in memory; empty where the file has none."""
+        import xarray as xr
+
+        with xr.open_datatree(self.folder / "posterior.nc", engine="h5netcdf") as tree:
+            if name is None:
+                return tree.to_dataset().load()
+            return tree[name].to_dataset().load() if name in tree.children else xr.Dataset()
+
+    @cached_property
+    def posterior(self) -> xr.Dataset:
+        return self.group("posterior")
+
+    @cached_property
+    def prior(self) -> xr.Dataset:
+        return self.group("prior")
+
+    @cached_property
+    def prior_predictive(self) -> xr.Dataset:
+        return self.group("prior_predictive")
+
+    @property
+    def convergence(self) -> Mapping[str, Any]:
+        found = self.attributes.get("convergence", {})
+        return found if isinstance(found, Mapping) else {}
+
+    @property
+    def converged(self) -> bool:
+        return bool(self.convergence.get("converged", False))
+
+    @property
+    def provenance(self) -> str:
+        return str(self.attributes.get("provenance", "measured"))
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The study's settings as they were at the fit."""
+        found = self.attributes.get("study", {})
+        return found if isinstance(found, Mapping) else {}
+
+    def gate(self, name: str, default: float) -> float:
+        """A convergence gate of the sampling settings: `r_hat` or `ess`."""
+        sampling = self.settings.get("sampling")
+        return float(sampling.get(name, default)) if isinstance(sampling, Mapping) else default
+
+    def kind(self, name: str) -> str:
+        """material | specimen | noise | derived."""
+        fallback = "noise" if "." in name else "material"
+        return str(self.posterior[name].attrs.get("kind", fallback))
+
+    def names(self, *kinds: str) -> list[str]:
+        """Quantities of these kinds, in the file's order."""
+        return [str(n) for n in self.posterior.data_vars if self.kind(str(n)) in kinds]
+
+    @property
+    def sampled(self) -> list[str]:
+        return self.names("material", "specimen", "noise")
+
+    def label(self, name: str) -> dict[str, str]:
+        """symbol, unit, description, prior of a quantity."""
+        keys = ("symbol", "unit", "description", "prior")
+        return {key: str(self.posterior[name].attrs.get(key, "")) for key in keys}
+
+    @cached_property
+    def summary(self) -> pd.DataFrame | None:
+        """summary.csv indexed by parameter."""
+        table = _table(self.folder / "summary.csv")
+        return None if table is None else table.set_index(table.columns[0])
+
+    @cached_property
+    def errors(self) -> pd.DataFrame | None:
+        return _table(self.folder / "errors.csv")
+
+    @cached_property
+    def predictions(self) -> Mapping[str, xr.Dataset]:
+        """Predictions by experiment, calibration records first."""
+        import xarray as xr
+
+        found = []
+        for path in sorted((self.folder / "predictions").glob("*.nc")):
+            with xr.open_dataset(path, engine="h5netcdf") as dataset:
+                found.append(dataset.load())
+        found.sort(key=lambda p: (p.attrs["role"], p.attrs["protocol"], p.attrs["experiment"]))
+        return {str(p.attrs["experiment"]): p for p in found}
+
+    @cached_property
+    def records(self) -> Mapping[str, Mapping[str, Any]]:
+        """Calibrated records as the posterior file remembers them: `group`, `scale`, ..."""
+        found = self.attributes.get("experiments", [])
+        return {r["name"]: r for r in found} if isinstance(found, list) else {}
+
+    def noise_group(self, experiment: str) -> str:
+        """The noise group an experiment belongs to."""
+        if experiment in self.records:
+            return str(self.records[experiment]["group"])
+        attributes = self.predictions[experiment].attrs
+        by_experiment = self.settings.get("noise_groups") == "experiment"
+        fallback = experiment if by_experiment else attributes["protocol"]
+        return str(attributes.get("noise_group", fallback))
+
+
+def _table(path: Path) -> pd.DataFrame | None:
+    import pandas as pd
+
+    return pd.read_csv(path) if path.is_file() else None
+
+
+def _decoded(value: object) -> Any:
+    if isinstance(value, str) and value[:1] in "[{":
+        try:
+            return json.loads(value)
+        except json.JSONDecodeError:
+            return value
+    return value

@@ -1,0 +1,115 @@
+"""How every figure looks: sizes for a journal's columns, colours safe for the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+MILLIMETRE = 1 / 25.4
+SINGLE_COLUMN = 89 * MILLIMETRE
+DOUBLE_COLUMN = 183 * MILLIMETRE
+HEADER = 0.22
+"""Inches above the axes for the study's name and the marks."""
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+GREY, LIGHT_GREY = "#6b6b6b", "#d9d9d9"
+SERIES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK, GREY)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+BANDS = {
+    "predictive": ("#dcdcdc", "90 % predictive: parameters + discrepancy + noise"),
+    "discrepancy": ("#f3c766", "90 % with model discrepancy"),
+    "parameter": (SKY, "90 % parameters only (not predictive)"),
+}
+"""Band -> (colour, label), widest first so that the narrower are drawn on top."""
+
+SETTINGS = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 7.0,
+    "axes.labelsize": 7.0,
+    "axes.titlesize": 7.0,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.prop_cycle": matplotlib.cycler(color=SERIES),
+    "axes.formatter.limits": (-4, 5),
+    "axes.formatter.use_mathtext": True,
+    "axes.formatter.useoffset": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.0,
+    "patch.linewidth": 0.5,
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "deabayes",
+}
+
+
+def apply() -> None:
+    """Set matplotlib's defaults for the rest of the process."""
+    matplotlib.rcParams.update(SETTINGS)
+
+
+@contextmanager
+def applied() -> Iterator[None]:
+    """The same for the duration of a block."""
+    with matplotlib.rc_context(SETTINGS):
+        yield
+
+
+def mark_simulated(target: Axes | Figure) -> None:
+    """Say in the upper right corner, outside the data, that nothing here was measured."""
+    style = {"fontsize": 6.5, "color": VERMILLION, "style": "italic", "ha": "right"}
+    if isinstance(target, Figure):
+        height = target.get_size_inches()[1]
+        target.text(0.995, 1 - 0.05 / height, "simulated data", va="top", **style)
+    else:
+        target.text(1.0, 1.01, "simulated data", va="bottom", transform=target.transAxes, **style)
+
+
+def watermark_unconverged(figure: Figure) -> None:
+    """Write NOT CONVERGED across the figure: its numbers are not to be trusted."""
+    width, height = figure.get_size_inches()
+    figure.text(
+        0.5,
+        0.5,
+        "NOT CONVERGED",
+        fontsize=min(5.2 * width, 22 * height),
+        color=VERMILLION,
+        alpha=0.28,
+        weight="bold",
+        ha="center",
+        va="center",
+        rotation=25 if height > 0.4 * width else 10,
+        zorder=1000,
+    )
+
+
+def header(figure: Figure, text: str) -> None:
+    """Name what the figure was made from, in a strip kept free above the axes.
+
+    The layout is computed here once and then kept, not again for every file written.
+    """
+    height = figure.get_size_inches()[1]
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.set(rect=(0, 0, 1, 1 - HEADER / height))
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    figure.text(0.005, 1 - 0.05 / height, text, fontsize=6.5, color=GREY, va="top")
