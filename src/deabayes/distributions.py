@@ -395,9 +395,7 @@ def _between(lower: float, upper: float, z: ArrayLike) -> FloatArray:
     return np.where(z < 0.0, lower + part, upper - part)
 
 
-def _score_between(
-    lower: float, upper: float, x: FloatArray, slack: float = 0.0
-) -> FloatArray:
+def _score_between(lower: float, upper: float, x: FloatArray, slack: float = 0.0) -> FloatArray:
     below = (x - lower) / (upper - lower)
     above = (upper - x) / (upper - lower)
     inside = (below >= -slack) & (above >= -slack)

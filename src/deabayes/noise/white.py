@@ -1,0 +1,55 @@
+"""White noise: for diagnosis only, because residuals of dense records are correlated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.noise.base import Draws, variance
+from deabayes.noise.default_priors import white_amplitude
+from deabayes.noise.gaussian import LOG_2PI, GaussianNoise, white_sample
+from deabayes.parameter import Parameter
+
+
+class White(GaussianNoise):
+    """r_k ~ N(0, sigma_white^2 w_k), independent.
+
+    Sampling faster makes its credible intervals too narrow without bound; use
+    it to see what correlation changes, not to report.
+    """
+
+    name = "white"
+    diagnostic_only = True
+
+    def parameters(
+        self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
+    ) -> tuple[Parameter, ...]:
+        return (white_amplitude(unit, scale),)
+
+    def filtered(
+        self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws
+    ) -> tuple[FloatArray, FloatArray]:
+        return np.array(residuals), variance(draws["sigma_white"])[:, None] * weights
+
+    def log_prob(
+        self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws
+    ) -> FloatArray:
+        with np.errstate(all="ignore"):
+            squares = np.einsum("wn,wn,n->w", residuals, residuals, 1.0 / weights)
+            white = variance(draws["sigma_white"])
+            total = -0.5 * (squares / white + weights.size * (LOG_2PI + np.log(white)))
+            total -= 0.5 * np.log(weights).sum()
+        return np.where(np.isfinite(total), total, -np.inf)
+
+    def sample(
+        self,
+        rng: np.random.Generator,
+        coordinate: FloatArray,
+        weights: FloatArray,
+        draws: Draws,
+    ) -> tuple[FloatArray, FloatArray]:
+        white = white_sample(rng, weights, draws["sigma_white"])
+        return np.zeros_like(white), white
+
+    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
+        return np.zeros_like(draws["sigma_white"], dtype=float)
