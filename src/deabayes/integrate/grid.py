@@ -23,9 +23,9 @@ class GridSettings:
     kink : change of slope x first step that is not worth a restart.
     """
 
-    first_step: float = 0.02
-    growth: float = 1.25
-    increment: float = 0.1
+    first_step: float = 0.015
+    growth: float = 1.15
+    increment: float = 0.05
     kink: float = 1e-4
 
 

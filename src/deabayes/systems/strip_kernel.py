@@ -26,6 +26,12 @@ from deabayes.integrate.rosenbrock import (
 
 SMALLEST_FRACTION = 1e-7
 """Of a grid step: a unit that needs smaller steps has failed."""
+ROWS = 11
+GAUGE, INVERSE, RATE, MODULUS, LIMIT, START, END, ERROR, K2, K3, K4 = (
+    row * LANES for row in range(ROWS)
+)
+"""Offsets of a block's rows in one flat work array: from a single array the compiler
+sees that the rows do not overlap, and makes vectors of the lanes."""
 
 
 @njit(**KERNEL_OPTIONS)
@@ -46,7 +52,7 @@ def _stress(stretch: float, xi: float, q: float) -> float:
     return (stretch_cube - cube) / (stretch * b)
 
 
-@njit(**KERNEL_OPTIONS)
+@njit(inline="always", **KERNEL_OPTIONS)
 def _step(
     lam: float, change: float, y: float, hr: float, q: float
 ) -> tuple[float, float, float, float, float]:
@@ -103,42 +109,71 @@ def _step(
 
 @njit(**KERNEL_OPTIONS)
 def _repeat_step(
-    lam: float,
+    work: FloatArray,
+    i: int,
+    before: float,
     change: float,
-    y: float,
-    hr: float,
-    q: float,
-    limit: float,
+    duration: float,
     positions: FloatArray,
     stretch: FloatArray,
-    gauge: float,
-    weight: float,
     stress: FloatArray,
-) -> tuple[float, int]:
-    """Repeat a grid step of one unit of one draw with sizes of its own.
+) -> int:
+    """Repeat a grid step of one unit of draw `i` with sizes of its own.
 
     `positions` (M,) are the outputs as fractions of the grid step; their stress is added
-    to `stress`. Returns the end value, NaN on failure, and the number of steps tried.
+    to `stress` (M,). Sets the end value, NaN on failure; returns the steps tried.
     """
-    done, size, tried, output = 0.0, 0.25, 0, 0
+    gauge, q, hr = work[GAUGE + i], work[INVERSE + i], duration * work[RATE + i]
+    limit, y = work[LIMIT + i], work[START + i]
+    done, size, tried, output = 0.0, 0.5, 0, 0
     while done < 1.0 and size > SMALLEST_FRACTION and np.isfinite(y):
         size = min(size, 1.0 - done)
-        end, k2, k3, k4, error = _step(lam + done * change, size * change, y, size * hr, q)
+        lam = 1.0 + gauge * (before + done * change)
+        end, k2, k3, k4, error = _step(lam, gauge * size * change, y, size * hr, q)
         tried += 1
         if error <= limit:
             last = done + size >= 1.0
             while output < positions.size and (last or positions[output] <= done + size):
                 xi = interpolate((positions[output] - done) / size, y, end, k2, k3, k4)
                 here = 1.0 + gauge * (stretch[output] - 1.0)
-                stress[output] += weight * _stress(here, xi, q)
+                stress[output] += work[MODULUS + i] * _stress(here, xi, q)
                 output += 1
             y = end
             done = 1.0 if last else done + size
         size *= size_factor(error / limit)
     if done < 1.0:
         stress[output:] = np.nan
-        return np.nan, tried
-    return y, tried
+        y = np.nan
+    work[END + i] = y
+    return tried
+
+
+@njit(**KERNEL_OPTIONS)
+def _step_lanes(work: FloatArray, before: float, change: float, duration: float) -> int:
+    """One grid step of a unit of LANES draws; returns how many exceed their limit."""
+    for i in range(LANES):
+        lam = 1.0 + work[GAUGE + i] * before
+        lam_change = work[GAUGE + i] * change
+        end, k2, k3, k4, error = _step(
+            lam, lam_change, work[START + i], duration * work[RATE + i], work[INVERSE + i]
+        )
+        work[END + i], work[ERROR + i] = end, error
+        work[K2 + i], work[K3 + i], work[K4 + i] = k2, k3, k4
+    failures = 0
+    for i in range(LANES):
+        failures += 0 if work[ERROR + i] <= work[LIMIT + i] else 1
+    return failures
+
+
+@njit(**KERNEL_OPTIONS)
+def _add_outputs(work: FloatArray, position: float, strain: float, stress: FloatArray) -> None:
+    """Add the stress at one output to `stress` (LANES,), of the draws whose step passed."""
+    for i in range(LANES):
+        xi = interpolate(
+            position, work[START + i], work[END + i], work[K2 + i], work[K3 + i], work[K4 + i]
+        )
+        p = work[MODULUS + i] * _stress(1.0 + work[GAUGE + i] * strain, xi, work[INVERSE + i])
+        stress[i] += p if work[ERROR + i] <= work[LIMIT + i] else 0.0
 
 
 @njit(**KERNEL_OPTIONS)
@@ -148,11 +183,7 @@ def unit_stress(
     first_output: FloatArray,
     position: FloatArray,
     output_stretch: FloatArray,
-    gauge: FloatArray,
-    inverse_limit: FloatArray,
-    rate: FloatArray,
-    modulus: FloatArray,
-    limit: FloatArray,
+    draws: FloatArray,
     stress: FloatArray,
 ) -> FloatArray:
     """Nominal stress of all Maxwell units, summed into `stress`.
@@ -162,61 +193,36 @@ def unit_stress(
     duration : (S,) grid steps [s]; stretch (S + 1,) at their ends.
     first_output : (S + 1,) output `o` lies in step s if first_output[s] <= o < [s + 1].
     position, output_stretch : (N,) fraction of its step and stretch of each output.
-    gauge : (W,) factor of each draw on stretch - 1 (nominal gauge length over its own).
-    inverse_limit : (W,) 1/J. W is a multiple of LANES.
-    rate, modulus, limit : (n, W) 1/tau, mu and the error of P/mu allowed in a step.
-    stress : (N, W) [Pa], added to.
+    draws : (B, n, 5, LANES) blocks of draws, for each unit: factor on stretch - 1
+        (nominal gauge length over the draw's), 1/J, 1/tau, mu, error of P/mu allowed in
+        a step.
+    stress : (B, N, LANES) [Pa], added to.
 
     Returns
     -------
-    (W,) steps taken in repetition of grid steps.
+    (B, LANES) steps taken in repetition of grid steps.
     """
-    repeated = np.zeros(gauge.size, np.int64)
-    lam, y, end = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    k2, k3, k4 = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    passed = np.empty(LANES, np.bool_)
-    for block in range(0, gauge.size, LANES):
-        g, q = gauge[block : block + LANES], inverse_limit[block : block + LANES]
-        for unit in range(rate.shape[0]):
-            r = rate[unit, block : block + LANES]
-            mu = modulus[unit, block : block + LANES]
-            allowed = limit[unit, block : block + LANES]
-            for l in range(LANES):
-                y[l] = 1.0 + g[l] * (stretch[0] - 1.0)
+    repeated = np.zeros((draws.shape[0], LANES), np.int64)
+    work = np.empty(ROWS * LANES)
+    for block in range(draws.shape[0]):
+        for unit in range(draws.shape[1]):
+            work[: 5 * LANES] = draws[block, unit].ravel()
+            for i in range(LANES):
+                work[START + i] = 1.0 + work[GAUGE + i] * (stretch[0] - 1.0)
             for s in range(duration.size):
-                change = stretch[s + 1] - stretch[s]
-                failures = 0
-                for l in range(LANES):
-                    lam[l] = 1.0 + g[l] * (stretch[s] - 1.0)
-                    end[l], k2[l], k3[l], k4[l], error = _step(
-                        lam[l], g[l] * change, y[l], duration[s] * r[l], q[l]
-                    )
-                    passed[l] = error <= allowed[l]
-                    failures += 0 if passed[l] else 1
+                before, change = stretch[s] - 1.0, stretch[s + 1] - stretch[s]
+                failures = _step_lanes(work, before, change, duration[s])
                 first, last = first_output[s], first_output[s + 1]
                 for o in range(first, last):
-                    x, here = position[o], output_stretch[o] - 1.0
-                    for l in range(LANES):
-                        xi = interpolate(x, y[l], end[l], k2[l], k3[l], k4[l])
-                        p = mu[l] * _stress(1.0 + g[l] * here, xi, q[l])
-                        stress[o, block + l] += p if passed[l] else 0.0
+                    _add_outputs(work, position[o], output_stretch[o] - 1.0, stress[block, o])
                 if failures > 0:
-                    for l in range(LANES):
-                        if not passed[l]:
-                            end[l], tried = _repeat_step(
-                                lam[l],
-                                g[l] * change,
-                                y[l],
-                                duration[s] * r[l],
-                                q[l],
-                                allowed[l],
+                    for i in range(LANES):
+                        if not work[ERROR + i] <= work[LIMIT + i]:
+                            repeated[block, i] += _repeat_step(
+                                work, i, before, change, duration[s],
                                 position[first:last],
                                 output_stretch[first:last],
-                                g[l],
-                                mu[l],
-                                stress[first:last, block + l],
-                            )
-                            repeated[block + l] += tried
-                for l in range(LANES):
-                    y[l] = end[l]
+                                stress[block, first:last, i],
+                            )  # fmt: skip
+                work[START : START + LANES] = work[END : END + LANES]
     return repeated

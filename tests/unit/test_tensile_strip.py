@@ -1,0 +1,330 @@
+"""Tensile strip: golden tables, accuracy over the prior, lanes, limits, mistakes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deabayes.experiment import Excitation, Quantity, Specimen
+from deabayes.faults import UserError
+from deabayes.springs import REGISTRY as SPRINGS
+from deabayes.systems import build, candidates
+from deabayes.systems.tensile_strip import TensileStrip
+from tests.unit.golden import golden_table, load_golden
+
+HISTORIES = {
+    "strip_relaxation": ([0.0, 4.0, 1804.0], [1.0, 2.0, 2.0]),
+    "strip_triangle": ([0.0, 40.0, 80.0], [1.0, 3.0, 1.0]),
+}
+BARE = Specimen("bare", "tensile_strip", {}, {})
+TIGHT = 1e-12
+
+
+def strip(candidate, tolerance=1e-6, specimen=BARE):
+    return TensileStrip(candidate, specimen, tolerance)
+
+
+def excitation(time, stretch, name="stretch", **conditions):
+    unit = {"stretch": "1", "displacement": "m"}[name]
+    return Excitation(name, unit, np.array(time, float), np.array(stretch, float), conditions)
+
+
+def relaxation(top=2.5, hold=1800.0):
+    ramp = (top - 1.0) / 0.25
+    time = np.unique(np.r_[np.linspace(0.1, ramp, 40), ramp + np.geomspace(0.1, hold, 140)])
+    return excitation([0.0, ramp, ramp + hold], [1.0, top, top]), time
+
+
+def prior_draws(system, count, seed):
+    rng = np.random.default_rng(seed)
+    draws = {p.name: p.prior.from_normal(rng.standard_normal(count)) for p in system.parameters()}
+    for group in {p.ordered for p in system.parameters()} - {None}:
+        names = [p.name for p in system.parameters() if p.ordered == group]
+        for name, values in zip(names, np.sort([draws[n] for n in names], axis=0), strict=True):
+            draws[name] = values
+    return draws
+
+
+def some_draws(units=3, count=1, **changes):
+    values = {"mu_alpha": 35e3, "zeta_alpha": 1e5, "J_alpha": 110.0, "J_beta": 55.0}
+    for i, tau in zip(range(1, units + 1), (4.0, 33.5, 83.5, 400.0), strict=False):
+        values |= {f"mu_beta_{i}": 15e3, f"tau_beta_{i}": tau}
+    return {name: np.full(count, value) for name, value in (values | changes).items()}
+
+
+def rows(draws, which):
+    return {name: values[which] for name, values in draws.items()}
+
+
+@pytest.mark.parametrize("units", [1, 2, 3])
+@pytest.mark.parametrize("case", HISTORIES)
+def test_golden(case, units):
+    inputs, table = load_golden(case)["inputs"], golden_table(case, f"n{units}")
+    draws = some_draws(units)
+    for i in range(units):
+        draws[f"tau_beta_{i + 1}"] = np.array([inputs["zeta_beta_Pa_s"][i] / 15e3])
+    expected = table["nominal_stress"]
+    for tolerance, relative in ((TIGHT, 1e-9), (1e-6, None)):
+        system = strip(f"kv_gm_{units}", tolerance)
+        found = system.predict(
+            excitation(*HISTORIES[case]), table["time"], "nominal_stress", draws
+        )[0]
+        if relative is not None:
+            np.testing.assert_allclose(found, expected, rtol=relative)
+        assert np.max(np.abs(found - expected)) < 1e-6 * np.ptp(expected)
+
+
+def scipy_unit_stress(history, time, tau, inverse_limit):
+    """P/mu of one Maxwell unit by an independent solver, restarted at every knot."""
+    from scipy.integrate import solve_ivp
+
+    knots, values = (np.array(part, float) for part in history)
+
+    def law(stretch, xi):
+        invariant = stretch**2 / xi**2 + 2 * xi / stretch - 3
+        return 1 - invariant * inverse_limit
+
+    stress, xi = np.zeros_like(time), values[0]
+    for k in range(knots.size - 1):
+        rate = (values[k + 1] - values[k]) / (knots[k + 1] - knots[k])
+
+        def flow(t, y, k=k, rate=rate):
+            lam = values[k] + rate * (t - knots[k])
+            return (lam**2 / y**3 - 1 / lam) / law(lam, y) / tau
+
+        inside = (time >= knots[k]) & (time <= knots[k + 1])
+        asked = np.unique(np.append(time[inside], knots[k + 1]))
+        solution = solve_ivp(
+            flow, knots[k : k + 2], [xi], "LSODA", asked, rtol=1e-11, atol=1e-13
+        )
+        lam = values[k] + rate * (time[inside] - knots[k])
+        found = solution.y[0, np.searchsorted(asked, time[inside])]
+        stress[inside] = (lam / found**2 - found / lam**2) / law(lam, found)
+        xi = solution.y[0, -1]
+    return stress
+
+
+def scipy_response(model, history, time, draws, walker):
+    knots, values = history
+    single = rows(draws, [walker])
+    lam = np.interp(time, knots, values)
+    total = model.spring.nominal_stress(lam, model.spring_draws(single))[0]
+    if model.kelvin:
+        segment = np.searchsorted(knots, time, side="right") - 1
+        slopes = np.diff(values) / np.diff(knots)
+        total = total + single["zeta_alpha"] * slopes[np.clip(segment, 0, slopes.size - 1)]
+    for modulus, tau in zip(*model.unit_draws(single), strict=True):
+        limit = 1.0 / single["J_beta"][0] if model.kelvin else 0.0
+        total = total + modulus * scipy_unit_stress(history, time, tau[0], limit)
+    return total
+
+
+@pytest.mark.parametrize(
+    "candidate, case, seed",
+    [("kv_gm_1", "strip_relaxation", 1), ("kv_gm_2", "strip_triangle", 2),
+     ("ogden_2_units_2", "strip_triangle", 3)],
+)  # fmt: skip
+def test_default_accuracy_against_scipy(candidate, case, seed):
+    system, history = strip(candidate), HISTORIES[case]
+    draws = prior_draws(system, 12, seed)
+    time = np.linspace(0.0, 80.0, 33)
+    found = system.predict(excitation(*history), time, "nominal_stress", draws)
+    for walker in range(12):
+        expected = scipy_response(system.model, history, time, draws, walker)
+        assert np.max(np.abs(found[walker] - expected)) < 1e-6 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("candidate", ["kv_gm_1", "kv_gm_3", "neo_hookean_units_3"])
+@pytest.mark.parametrize("record", ["relaxation", "triangle", "sine", "far"])
+def test_default_accuracy_over_the_prior(candidate, record):
+    time = np.linspace(0.0, 80.0, 161)
+    histories = {
+        "relaxation": relaxation(3.5),
+        "triangle": (excitation(*HISTORIES["strip_triangle"]), time),
+        "sine": (excitation(time, 1.5 - 0.5 * np.cos(0.2 * np.pi * time)), time),
+        "far": (excitation([0.0, 100.0], [1.0, 6.0]), time),
+    }
+    system, reference = strip(candidate), strip(candidate, 1e-11)
+    draws = prior_draws(system, 200, 11)
+    found, expected = (s.predict(*histories[record], "nominal_stress", draws)
+                       for s in (system, reference))  # fmt: skip
+    if record == "far" and system.model.kelvin:
+        top = 1.0 + 0.05 * time[-1]
+        passed = top**2 + 2 / top - 3 < draws["J_alpha"]
+    else:
+        passed = np.full(200, True)
+    np.testing.assert_array_equal(np.all(np.isfinite(found), axis=1), passed)
+    error = np.max(np.abs(found - expected)[passed], axis=1) / np.ptp(expected[passed], axis=1)
+    assert np.max(error) < 1e-6
+
+
+@pytest.mark.parametrize("candidate", ["kv_gm_1", "kv_gm_3", "ogden_2_units_2", "gent"])
+def test_a_draw_does_not_depend_on_its_batch(candidate):
+    system = strip(candidate)
+    simulate = system.simulator(*relaxation(), "nominal_stress")
+    draws = prior_draws(system, 37, 5)
+    together = simulate(draws)
+    alone = np.concatenate([simulate(rows(draws, [w])) for w in range(37)])
+    np.testing.assert_array_equal(together, alone)
+    shuffle = np.random.default_rng(6).permutation(37)
+    np.testing.assert_array_equal(simulate(rows(draws, shuffle)), together[shuffle])
+    first = system.parameters()[0].name
+    spoiled = draws | {first: np.where(np.arange(37) % 3 == 0, np.nan, draws[first])}
+    found = simulate(spoiled)
+    assert np.all(np.isnan(found[::3]))
+    kept = np.arange(37) % 3 != 0
+    np.testing.assert_array_equal(found[kept], together[kept])
+
+
+@pytest.mark.parametrize("spoiled", ["tau_beta_2", "J_beta", "mu_beta_1", "J_alpha"])
+def test_a_failed_draw_is_a_row_of_nan_and_changes_no_other(spoiled):
+    simulate = strip("kv_gm_3").simulator(*relaxation(), "nominal_stress")
+    draws = some_draws(3, 5)
+    expected = simulate(draws)
+    bad = 1.0 if spoiled == "J_alpha" else np.nan
+    draws[spoiled][2] = bad
+    found = simulate(draws)
+    assert np.all(np.isnan(found[2]))
+    np.testing.assert_array_equal(found[[0, 1, 3, 4]], expected[[0, 1, 3, 4]])
+
+
+def test_a_unit_near_its_gent_limit_is_resolved():
+    draws = some_draws(1, J_beta=3.0, tau_beta_1=500.0, zeta_alpha=0.0)
+    history = ([0.0, 10.0, 60.0], [1.0, 4.0, 4.0])
+    time = np.linspace(0.0, 60.0, 25)
+    found = strip("kv_gm_1").predict(excitation(*history), time, "nominal_stress", draws)[0]
+    expected = scipy_response(strip("kv_gm_1").model, history, time, draws, 0)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.ptp(expected))
+
+
+def test_small_strain_relaxation_is_a_prony_series():
+    strain, ramp = 1e-4, 1e-3
+    draws = some_draws(3, zeta_alpha=0.0)
+    history = excitation([0.0, ramp, 1000.0], [1.0, 1.0 + strain, 1.0 + strain])
+    time = np.geomspace(0.1, 1000.0, 60)
+    found = strip("kv_gm_3", 1e-10).predict(history, time, "nominal_stress", draws)[0]
+    modulus = np.full_like(time, 35e3)
+    for tau in (4.0, 33.5, 83.5):
+        modulus += 15e3 * np.exp(-3.0 * (time - ramp / 2) / tau)
+    np.testing.assert_allclose(found, 3.0 * strain * modulus, rtol=5e-4)
+
+
+def test_large_gent_limits_are_neo_hookean():
+    kelvin = some_draws(2, J_alpha=1e12, J_beta=1e12, zeta_alpha=0.0)
+    plain = {"mu": kelvin["mu_alpha"]} | {f"mu_beta_{i}": kelvin[f"mu_beta_{i}"] for i in (1, 2)}
+    plain |= {f"tau_{i}": kelvin[f"tau_beta_{i}"] for i in (1, 2)}
+    record = relaxation()
+    first = strip("kv_gm_2", 1e-9).predict(*record, "nominal_stress", kelvin)
+    second = strip("neo_hookean_units_2", 1e-9).predict(*record, "nominal_stress", plain)
+    np.testing.assert_allclose(first, second, rtol=1e-8)
+
+
+def test_outputs_in_any_order_and_outside_the_history():
+    history, draws = excitation([0.0, 4.0], [1.0, 2.0]), some_draws(2)
+    time = np.array([-1.0, 0.0, 2.0, 4.0, 10.0, 50.0])
+    found = strip("kv_gm_2").predict(history, time, "nominal_stress", draws)[0]
+    assert found[0] == pytest.approx(0.0, abs=1e-6)
+    assert found[1] == pytest.approx(1e5 * 0.25)
+    longer = excitation([0.0, 4.0, 50.0], [1.0, 2.0, 2.0])
+    same = strip("kv_gm_2").predict(longer, time, "nominal_stress", draws)[0]
+    np.testing.assert_allclose(found, same, rtol=1e-6, atol=1e-6)
+    backwards = strip("kv_gm_2").predict(history, time[::-1], "nominal_stress", draws)[0]
+    np.testing.assert_array_equal(backwards[::-1], found)
+
+
+def test_displacement_and_force_are_stretch_and_stress():
+    length, area = Quantity(0.08, "m"), Quantity(2e-5, "m^2")
+    specimen = Specimen("s", "tensile_strip", {}, {"gauge_length": length, "cross_section": area})
+    system, draws = strip("kv_gm_3", specimen=specimen), some_draws(3)
+    history, time = relaxation()
+    moved = excitation(history.coordinate, 0.08 * (history.values - 1.0), "displacement")
+    stress = system.predict(history, time, "nominal_stress", draws)
+    np.testing.assert_allclose(
+        system.predict(moved, time, "force", draws), 2e-5 * stress, rtol=1e-12
+    )
+
+
+def test_uncertain_quantities_are_parameters_that_act():
+    quantities = {
+        "gauge_length": Quantity(0.08, "m", 1e-3),
+        "cross_section": Quantity(2e-5, "m^2", 5e-7),
+    }
+    uncertain = strip("kv_gm_2", specimen=Specimen("u", "tensile_strip", {}, quantities))
+    assert [p.name for p in uncertain.parameters()][-2:] == ["gauge_length", "cross_section"]
+    exact = {name: Quantity(q.value * 1.02, q.unit) for name, q in quantities.items()}
+    certain = strip("kv_gm_2", specimen=Specimen("c", "tensile_strip", {}, exact))
+    draws = some_draws(2) | {n: np.array([q.value]) for n, q in exact.items()}
+    history = excitation([0.0, 4.0, 100.0], [0.0, 0.08, 0.08], "displacement")
+    time = np.linspace(0.0, 100.0, 41)
+    found = uncertain.predict(history, time, "force", draws)
+    expected = certain.predict(history, time, "force", draws)
+    assert np.max(np.abs(found - expected)) < 1e-6 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("deformation", ["uniaxial", "equibiaxial", "pure_shear"])
+def test_quasi_static_record_is_the_spring_alone(deformation):
+    stretch = np.array([1.0, 1.5, 3.0, 2.0, 1.1])
+    draws = {"mu": np.array([1e5, 2e5]), "J": np.array([80.0, 90.0])}
+    history = excitation(stretch, stretch, deformation=deformation)
+    found = strip("gent").predict(history, stretch, "nominal_stress", draws)
+    expected = SPRINGS["gent"].nominal_stress(stretch, draws, deformation)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("candidate", candidates("tensile_strip"))
+def test_every_candidate_builds_and_responds(candidate):
+    system = build("tensile_strip", candidate, BARE)
+    names = [p.name for p in system.parameters()]
+    assert len(set(names)) == len(names)
+    draws = prior_draws(system, 3, 8)
+    found = system.predict(*relaxation(2.0, 100.0), "nominal_stress", draws)
+    assert found.shape == (3, 180) and np.all(np.isfinite(found))
+    assert all(d.values.shape == (3,) and d.unit for d in system.derived(draws).values())
+
+
+def test_parameter_names_are_those_of_the_interface():
+    def names(candidate):
+        return [p.name for p in strip(candidate).parameters()]
+
+    assert names("kv_gm_2") == ["mu_alpha", "zeta_alpha", "J_alpha", "mu_beta_1", "mu_beta_2",
+                                "tau_beta_1", "tau_beta_2", "J_beta"]  # fmt: skip
+    assert names("ogden_2_units_1") == ["mu_1", "mu_2", "alpha_1", "alpha_2", "mu_beta_1", "tau_1"]
+    assert names("gent") == ["mu", "J"] and names("neo_hookean") == ["mu"]
+    assert strip("ogden_3").order == 3 and strip("ogden_3_units_2").order == 2
+
+
+def test_derived_quantities():
+    found = strip("kv_gm_2").derived(some_draws(2))
+    assert found["shear_modulus_total"].values[0] == pytest.approx(65e3)
+    assert found["shear_modulus_long_term"].values[0] == pytest.approx(35e3)
+    assert found["relaxation_time_1"].values[0] == pytest.approx(4.0 * 4 / 3)
+    assert found["zeta_beta_2"].values[0] == pytest.approx(15e3 * 33.5)
+
+
+@pytest.mark.parametrize(
+    "candidate, message",
+    [("kv_gm_9", "1 to 6"), ("kv_gn_2", "did you mean 'kv_gm_2'"), ("ogden", "needs terms"),
+     ("gent_3", "takes no terms"), ("ogden_2_units_0", "1 to 6")],
+)  # fmt: skip
+def test_a_wrong_candidate_is_named(candidate, message):
+    with pytest.raises(UserError, match=message):
+        strip(candidate)
+
+
+@pytest.mark.parametrize(
+    "candidate, history, response, message",
+    [
+        ("kv_gm_1", excitation([0, 1], [1, 2]), "force", "gives no cross_section"),
+        ("kv_gm_1", excitation([0, 1], [0, 1], "displacement"), "nominal_stress", "gauge_length"),
+        ("kv_gm_1", excitation([1, 2], [1, 2]), "nominal_stress", "needs time"),
+        ("kv_gm_1", excitation([0, 1], [1, 2], deformation="pure_shear"), "nominal_stress",
+         "uniaxial"),
+        ("gent", excitation([0, 1], [1, 2], deformation="shear"), "nominal_stress", "did you mean"),
+        ("kv_gm_1", excitation([0, 0], [1, 2]), "nominal_stress", "must ascend"),
+        ("kv_gm_1", excitation([0, 1], [1, -2]), "nominal_stress", "positive"),
+        ("kv_gm_1", excitation([0, 1], [1, 2]), "stress", "unknown response"),
+    ],
+)  # fmt: skip
+def test_a_record_that_does_not_fit_is_named(candidate, history, response, message):
+    with pytest.raises(UserError, match=message):
+        strip(candidate).simulator(history, np.array([1.0, 2.0]), response)
