@@ -47,8 +47,8 @@ quick: $(READY)  ## a preview run of the tubular study, about two minutes, not c
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
 	@echo "Preview report (budget cut short, see its warnings): $(CURDIR)/$(QUICK_REPORT)"
 
-bench: $(READY)  ## time the forward models against general-purpose solvers
-	@$(BIN)/python -m benchmarks
+bench: $(READY)  ## time against other solvers and samplers
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
 
 lint: $(READY)  ## style, types, layers, workflow
 	@$(BIN)/ruff check .

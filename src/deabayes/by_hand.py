@@ -139,7 +139,7 @@ def simulate_record(
 ) -> None:
     """Simulate the response to the drive in a record; write time, drive and response as CSV."""
     from deabayes.reading.records import read_record
-    from deabayes.simulate import simulate
+    from deabayes.simulation import simulate
     from deabayes.storage import write_atomically
 
     columns: Mapping[str, FloatArray] = read_record(excitation).columns
@@ -165,7 +165,8 @@ def download(studies: Sequence[str], config: Path) -> Iterator[str]:
 def _known(study: Study, candidate: str) -> str:
     if candidate not in study.candidates:
         raise UserError(
-            f"study {study.name} has no candidate {candidate!r}{nearest(candidate, study.candidates)}"
+            f"study {study.name} has no candidate {candidate!r}"
+            f"{nearest(candidate, study.candidates)}"
         )
     return candidate
 

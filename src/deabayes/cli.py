@@ -209,9 +209,7 @@ def figures(results: Path, output: Path) -> None:
 @click.option("-o", "--output", type=TARGET, default=Path("results/report/index.html"))
 @click.option("--tables", type=TARGET, default=Path("results/report/tables"))
 @click.option("--left-out", multiple=True, help="A line on a study that could not be run.")
-def report(
-    folders: Sequence[Path], output: Path, tables: Path, left_out: Sequence[str]
-) -> None:
+def report(folders: Sequence[Path], output: Path, tables: Path, left_out: Sequence[str]) -> None:
     """Build the report page from results folders (results/NAME ...)."""
     from deabayes.pipeline import build_report
 

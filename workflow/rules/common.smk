@@ -1,18 +1,19 @@
 """Configuration, the studies that can run, and the named input functions of the rules."""
 
-import json
 import os
+import re
 import sys
 from pathlib import Path
 
 import deabayes
+import yaml
 from deabayes.faults import UserError
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
 from deabayes.study import load_studies, to_settings
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
-CONFIG_FILES = ", ".join(str(path) for path in workflow.configfiles)
+CONFIG_FILES = ", ".join(os.path.relpath(path) for path in workflow.configfiles)
 SNAKEMAKE_KEYS = {"pathvars"}
 
 # Snakemake sets OMP_, OPENBLAS_ and MKL_NUM_THREADS to a job's threads, not this one.
@@ -50,14 +51,19 @@ ENSEMBLES = range(
 )
 
 
+def any_of(names):
+    """A pattern that matches these names and nothing else."""
+    return "|".join(re.escape(name) for name in sorted(names)) or "none"
+
+
 wildcard_constraints:
-    study="|".join(STUDIES),
-    candidate="|".join({c for study in STUDIES.values() for c in study.candidates}),
+    study=any_of(STUDIES),
+    candidate=any_of({name for study in STUDIES.values() for name in study.candidates}),
     ensemble=r"\d+",
 
 
 def modules(*patterns):
-    """Source files a rule depends on: Snakemake does not notice edits in src/ by itself."""
+    """Source files behind a command; Snakemake does not notice edits in src/ by itself."""
     found = []
     for pattern in patterns:
         matches = sorted(str(path) for path in PACKAGE.glob(pattern))
@@ -68,8 +74,9 @@ def modules(*patterns):
 
 
 def settings_of(wildcards):
-    """One study's settings as JSON (which is YAML), so that editing it reruns only that study."""
-    return json.dumps(to_settings(STUDIES[wildcards.study]), indent=1, default=str)
+    """One study's settings: a parameter of its job, so that editing one reruns only that one."""
+    settings = to_settings(STUDIES[wildcards.study])
+    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
 
 
 def raw_files(wildcards):

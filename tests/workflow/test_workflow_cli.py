@@ -1,0 +1,129 @@
+"""The `deabayes` command from outside: exit statuses, messages, no tracebacks."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def deabayes(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "deabayes.cli", *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "DEABAYES_DATA": ""},
+        check=False,
+    )
+
+
+def assert_one_message(run: subprocess.CompletedProcess[str], status: int, *words: str) -> None:
+    assert run.returncode == status, run.stderr
+    assert "Traceback" not in run.stderr
+    assert run.stdout == ""
+    for word in words:
+        assert word in run.stderr
+
+
+def test_version_and_help() -> None:
+    from importlib.metadata import version
+
+    assert version("deabayes") in deabayes("--version").stdout
+    overview = deabayes("--help")
+    assert overview.returncode == 0
+    for command in ("new", "check", "fit", "compare", "predict", "report", "simulate", "export"):
+        assert f"  {command} " in overview.stdout
+
+
+def test_every_command_explains_itself() -> None:
+    from click.testing import CliRunner
+
+    from deabayes.cli import cli
+
+    for name, command in cli.commands.items():
+        result = CliRunner().invoke(cli, [name, "--help"])
+        assert result.exit_code == 0
+        assert (command.help or "").strip(), f"{name} has no help"
+        assert "Usage:" in result.output
+
+
+def test_help_loads_nothing_heavy() -> None:
+    heavy = ("numpy", "scipy", "numba", "emcee")
+    code = f"import sys, deabayes.cli; print([m for m in {heavy} if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fitt",),
+        ("fit",),
+        ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "0"),
+        ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "1"),
+        ("export", "no_such_file.nc", "--to", "csv", "-o", "x.csv"),
+        ("check", "no_such_folder"),
+    ],
+)
+def test_wrong_usage_ends_with_status_2(arguments: tuple[str, ...]) -> None:
+    assert_one_message(deabayes(*arguments), 2, "Usage:")
+
+
+def test_unknown_study_names_the_nearest() -> None:
+    assert_one_message(deabayes("fit", "tubuler", "voigt_kelvin_1"), 1, "tubuler", "'tubular'")
+
+
+def test_unknown_candidate_names_the_nearest() -> None:
+    run = deabayes("fit", "tubular", "voigt_kelvin_9")
+    assert_one_message(run, 1, "voigt_kelvin_9", "did you mean")
+
+
+def test_compare_of_a_study_never_fitted(tmp_path: Path) -> None:
+    run = deabayes("compare", "tubular", "--results", tmp_path)
+    assert_one_message(run, 1, "tubular", "deabayes fit")
+
+
+def test_a_file_that_is_no_posterior(tmp_path: Path) -> None:
+    wrong = tmp_path / "posterior.nc"
+    wrong.write_text("not netCDF")
+    run = deabayes("export", wrong, "--to", "csv", "-o", tmp_path / "draws.csv")
+    assert_one_message(run, 1, str(wrong))
+    assert not (tmp_path / "draws.csv").exists()
+
+
+def test_a_broken_configuration_is_one_message(tmp_path: Path) -> None:
+    config = tmp_path / "config.yaml"
+    config.write_text("studies: {tubular: {specimen: data/tubular, candidtaes: [voigt_kelvin_1]}}")
+    run = deabayes("fit", "tubular", "voigt_kelvin_1", "--config", config)
+    assert_one_message(run, 1, "candidtaes", "candidates", str(config))
+
+
+def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
+    from deabayes import cli
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.cli, "main", interrupt)
+    with pytest.raises(SystemExit) as ended:
+        cli.main([])
+    assert ended.value.code == 1
+    assert "goes on where" in capsys.readouterr().err
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch) -> None:
+    from deabayes import cli
+
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli.cli, "main", fail)
+    with pytest.raises(ZeroDivisionError):
+        cli.main([])
