@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+from deabayes.faults import Faults, UserError, nearest
 
 Settings = Mapping[str, object]
 
@@ -44,3 +48,169 @@ class Study:
     data_root: Path | None = None
     """Local copy of the public data sets; else the environment variable DEABAYES_DATA."""
     sampling: Sampling = field(default_factory=Sampling)
+
+
+def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> tuple[Study, ...]:
+    """Every study of a config, in order; `split_by` gives one per value of the column.
+
+    Parameters
+    ----------
+    config : path of config.yaml, or what it holds.
+    where : for a mapping, the file or files (``a.yaml, b.yaml``) it was read from.
+        Folders are relative to the config's own folder (the working directory
+        where there is no file).
+
+    Raises
+    ------
+    Faults : every violation of the schema (schemas/config.schema.yaml), and of what it names.
+    """
+    from deabayes.reading.schema import violations
+    from deabayes.reading.yaml_file import read_yaml
+
+    content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
+    place = where or ("config" if isinstance(config, Mapping) else str(config))
+    faults = violations(content, "config", place)
+    if faults:
+        raise Faults(faults)
+    bases = [Path(file).parent for file in place.split(", ") if Path(file).is_file()] or [Path()]
+    studies: list[Study] = []
+    for name, settings in content["studies"].items():
+        inherited = _with_defaults(settings, content)
+        try:
+            study = _with_folders(from_settings({"name": name, **inherited}), bases)
+            studies += _split(study, settings.get("split_by"))
+        except UserError as error:
+            faults += [f"{place}, studies.{name}: {fault}" for fault in str(error).splitlines()]
+    if faults:
+        raise Faults(faults)
+    _check_names(studies, place)
+    return tuple(studies)
+
+
+def load_study(path: Path, name: str | None = None) -> Study:
+    """One study: of a file that holds just its settings (study.yaml), or by name of a config.
+
+    Folders in a study.yaml are relative to the working directory, as `to_settings` gives them.
+
+    Raises
+    ------
+    Faults, UserError : violations of the schema, or no study of this name.
+    """
+    from deabayes.reading.schema import violations
+    from deabayes.reading.yaml_file import read_yaml
+
+    content = read_yaml(Path(path))
+    if "studies" in content:
+        studies = {study.name: study for study in load_studies(Path(path))}
+        wanted = next(iter(studies)) if name is None and len(studies) == 1 else str(name)
+        if wanted not in studies:
+            raise UserError(f"{path}: has no study {wanted!r}{nearest(wanted, studies)}")
+        return studies[wanted]
+    name = str(content.pop("name", None) or name or Path(path).parent.name)
+    faults = violations({"studies": {name: content}}, "config", str(path))
+    if faults:
+        raise Faults(faults)
+    return from_settings({"name": name, **content})
+
+
+def write_study(study: Study, path: Path) -> None:
+    """Write a study.yaml; a file that says the same already is left alone, time stamp and all."""
+    import yaml
+
+    text = yaml.safe_dump(to_settings(study), sort_keys=False, allow_unicode=True)
+    path = Path(path)
+    if path.is_file() and path.read_text(encoding="utf-8") == text:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def to_settings(study: Study) -> dict[str, Any]:
+    """The study as plain lists, mappings, texts and numbers, ready for YAML or JSON."""
+    settings: dict[str, Any] = _plain(asdict(study))
+    return settings
+
+
+def from_settings(settings: Mapping[str, Any]) -> Study:
+    """The study that `to_settings` gave, or a config entry with its `name` put in."""
+    given = {k: v for k, v in settings.items() if v is not None and k != "split_by"}
+    for key in ("candidates", "calibrate", "validate"):
+        if key in given:
+            given[key] = tuple(given[key])
+    for key in ("specimen", "data_root"):
+        if key in given:
+            given[key] = Path(given[key])
+    if "select" in given:
+        given["select"] = {key: str(value) for key, value in given["select"].items()}
+    given["sampling"] = Sampling(**(given.get("sampling") or {}))
+    study = Study(**given)
+    both = set(study.calibrate or ()) & set(study.validate or ())
+    if both:
+        raise UserError(
+            f"{', '.join(sorted(both))} is listed under calibrate and under validate; "
+            "a held-out record must not be fitted, remove it from one"
+        )
+    return study
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
+    """A study's settings with the config's `sampling` and `data_root` beneath its own."""
+    sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
+    return {"data_root": content.get("data_root"), **settings, "sampling": sampling}
+
+
+def _with_folders(study: Study, bases: Sequence[Path]) -> Study:
+    """The study with its folders seen from the working directory."""
+    found = [base for base in bases if (base / study.specimen).is_dir()]
+    base = found[0] if found else bases[0]
+    root = study.data_root
+    return replace(
+        study,
+        specimen=Path(os.path.normpath(base / study.specimen)),
+        data_root=None if root is None else Path(os.path.normpath(base / root.expanduser())),
+    )
+
+
+def _split(study: Study, column: str | None) -> list[Study]:
+    """One study per value of `column` of experiments.csv, or the study itself without one."""
+    if column is None:
+        return [study]
+    from deabayes.reading.table import read_table, values_of
+
+    rows = read_table(study.specimen)
+    parts = []
+    for value in values_of(study.specimen, column):
+        names = [row.name for row in rows if str(row.metadata.get(column)) == value]
+        parts.append(
+            replace(
+                study,
+                name=f"{study.name}_{re.sub(r'[^A-Za-z0-9.-]+', '_', value).strip('_')}",
+                select={**study.select, column: value},
+                calibrate=_those_of(study.calibrate, names),
+                validate=_those_of(study.validate, names),
+            )
+        )
+    return parts
+
+
+def _those_of(listed: tuple[str, ...] | None, names: Sequence[str]) -> tuple[str, ...] | None:
+    return tuple(name for name in listed or () if name in names) or None
+
+
+def _check_names(studies: Sequence[Study], where: str) -> None:
+    """No two studies share a results folder (`split_by` may make them), also where case is lost."""
+    seen: set[str] = set()
+    for study in studies:
+        if study.name.lower() in seen:
+            raise UserError(f"{where}: two studies are called {study.name!r}; rename one")
+        seen.add(study.name.lower())
