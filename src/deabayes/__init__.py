@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
-    from deabayes.simulate import simulate
+    from deabayes.simulation import simulate
 
 __version__ = version("deabayes")
 __all__ = ["Posterior", "open_posterior", "simulate"]
@@ -25,7 +25,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(api, name)
     if name == "simulate":
-        from deabayes.simulate import simulate
+        from deabayes.simulation import simulate
 
         return simulate
     raise AttributeError(f"module 'deabayes' has no attribute {name!r}")

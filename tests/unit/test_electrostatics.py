@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.unit.golden import load_golden
 
 from deabayes.electrostatics import maxwell_pressure
-from tests.unit.golden import load_golden
 
 
 def test_pressure_of_the_golden_step():

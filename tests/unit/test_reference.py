@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import yaml
 from scipy.integrate import solve_ivp
+from tests.unit.golden import REPOSITORY
 
 from deabayes.reference import tubular
 from deabayes.reference.sensor import Sensor, ornstein_uhlenbeck
-from tests.unit.golden import REPOSITORY
 
 SHIPPED = REPOSITORY / "data" / "tubular"
 

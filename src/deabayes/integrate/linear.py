@@ -202,7 +202,7 @@ def _weights(z: float) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
-def _fill_weights(lengths, time_constants, weights):  # type: ignore[no-untyped-def]
+def _fill_weights(lengths, time_constants, weights) -> None:  # type: ignore[no-untyped-def]
     """Weights (C, K, 4, LANES) of every step length for one block (K, LANES)."""
     units, lanes = time_constants.shape
     for c in range(lengths.size):
@@ -220,7 +220,7 @@ def _fill_weights(lengths, time_constants, weights):  # type: ignore[no-untyped-
 @njit(cache=True)
 def _advance(  # type: ignore[no-untyped-def]
     lengths, length_index, polynomials, output_index, load, compliances, time_constants, response
-):
+) -> None:
     """Fill response (blocks * LANES, N), one block of lanes after another.
 
     compliances (blocks, 1 + K, LANES) begin with the instantaneous one.

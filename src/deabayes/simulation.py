@@ -1,0 +1,186 @@
+"""`deabayes.simulate`: a candidate's response for given parameters, no records needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.systems import build
+from deabayes.systems.base import System
+
+
+def simulate(
+    system: str,
+    candidate: str,
+    parameters: Mapping[str, ArrayLike],
+    specimen: str | Path | Mapping[str, Any],
+    time: ArrayLike | None = None,
+    response: str | None = None,
+    conditions: Mapping[str, float | str] | None = None,
+    **excitation: ArrayLike,
+) -> xr.Dataset:
+    """The response of a candidate to an excitation, for one or many parameter values.
+
+    Parameters
+    ----------
+    system : e.g. ``"tubular"``.
+    candidate : e.g. ``"voigt_kelvin_2"``.
+    parameters : SI; one value, or an array of draws (W,), per parameter. A quantity of
+        the specimen that carries an sd may be given too, else its value is taken.
+    specimen : a study folder, or a mapping of its quantities
+        (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
+    time : (N,) [s], ascending; without it the excitation is quasi-static.
+    response : response channel; the system's first by default.
+    conditions : what is held during the record (`deformation`, `load_g`).
+    **excitation : one channel (N,) in SI: ``voltage=``, ``stretch=``, ...; linear
+        between its values.
+
+    Returns
+    -------
+    xarray.Dataset
+        The response (draw, time), the excitation (time) and the parameters (draw),
+        each with `units`; without the dimension `draw` where every parameter is one
+        value. A draw that fails is NaN and counted in the attribute `failed_draws`.
+
+    Raises
+    ------
+    UserError
+        Missing or unknown parameters (all of them listed), channels or quantities;
+        arrays of unlike length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deabayes
+    >>> time = np.linspace(0.0, 0.5, 6)
+    >>> creep = deabayes.simulate(
+    ...     "tubular",
+    ...     "voigt_kelvin_1",
+    ...     parameters={"E_0": 1.5e6, "E_1": 6e6, "tau_1": 0.1},
+    ...     specimen={"thickness": 80e-6, "relative_permittivity": 3.1},
+    ...     time=time,
+    ...     voltage=np.full(6, 2000.0),
+    ... )
+    >>> round(float(creep.strain[0]), 5)
+    0.01144
+    """
+    model = build(system, candidate, _specimen(system, specimen))
+    driven, coordinate_name, coordinate = _excitation(model, time, excitation, conditions or {})
+    response = response or next(iter(model.responses))
+    draws, scalar = _draws(model, parameters)
+    values = model.predict(driven, coordinate, response, draws)
+    failed = ~np.all(np.isfinite(values), axis=1)
+    values = np.where(failed[:, None], np.nan, values)
+    dataset = _dataset(model, driven, coordinate_name, coordinate, response, values, draws)
+    dataset.attrs["failed_draws"] = int(failed.sum())
+    return dataset.squeeze("draw") if scalar else dataset
+
+
+def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
+    from deabayes.reading.specimen import read_specimen, specimen_from_quantities
+
+    if isinstance(given, Mapping):
+        return specimen_from_quantities(system, given)
+    specimen = read_specimen(Path(given))
+    if specimen.system != system:
+        raise UserError(
+            f"{given} describes a specimen of system {specimen.system!r}, not {system!r}"
+        )
+    return specimen
+
+
+def _excitation(
+    model: System,
+    time: ArrayLike | None,
+    channels: Mapping[str, ArrayLike],
+    conditions: Mapping[str, float | str],
+) -> tuple[Excitation, str, FloatArray]:
+    """The excitation, and the coordinate's name and values."""
+    known = model.excitations
+    for name in channels:
+        if name not in known:
+            raise UserError(
+                f"excitation {name!r} is unknown for system {model.name!r}{nearest(name, known)}"
+            )
+    if len(channels) != 1:
+        found = " and ".join(channels) or "none"
+        raise UserError(f"give exactly one excitation of {', '.join(known)}; found {found}")
+    name, values = next((n, np.atleast_1d(np.asarray(v, float))) for n, v in channels.items())
+    coordinate = values if time is None else np.atleast_1d(np.asarray(time, float))
+    label = name if time is None else "time"
+    if coordinate.ndim != 1 or coordinate.shape != values.shape:
+        raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
+    if not (np.isfinite(coordinate).all() and np.isfinite(values).all()):
+        raise UserError(f"{label} and {name} must be finite")
+    if np.any(np.diff(coordinate) <= 0.0):
+        raise UserError(f"{label} must ascend")
+    return Excitation(name, known[name], coordinate, values, conditions), label, coordinate
+
+
+def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
+    """Every parameter as (W,), and whether each was given as a single value."""
+    needed = {p.name: p for p in model.parameters()}
+    quantities = {n: q.value for n, q in model.specimen.quantities.items() if n in needed}
+    faults = [
+        f"{model.candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
+        for name, parameter in needed.items()
+        if name not in given and name not in quantities
+    ]
+    faults += [
+        f"{model.candidate} has no parameter {name!r}{nearest(name, needed)}"
+        for name in given
+        if name not in needed
+    ]
+    arrays = {n: np.asarray(v, dtype=float) for n, v in {**quantities, **given}.items()}
+    sizes = {array.size for array in arrays.values() if array.ndim == 1}
+    if len(sizes) > 1 or any(array.ndim > 1 for array in arrays.values()):
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        faults.append(f"parameters must be single values or arrays of one length; found {shapes}")
+    if faults:
+        raise Faults(faults)
+    size = sizes.pop() if sizes else 1
+    scalar = all(array.ndim == 0 for array in arrays.values())
+    return {name: np.full(size, arrays[name]) for name in needed}, scalar
+
+
+def _dataset(
+    model: System,
+    excitation: Excitation,
+    coordinate_name: str,
+    coordinate: FloatArray,
+    response: str,
+    values: FloatArray,
+    draws: Mapping[str, FloatArray],
+) -> xr.Dataset:
+    """Response, excitation and parameters with their units."""
+    unit = "s" if coordinate_name == "time" else excitation.unit
+    variables: dict[str, Any] = {
+        response: (("draw", coordinate_name), values, {"units": model.responses[response]})
+    }
+    if coordinate_name != excitation.name:
+        variables[excitation.name] = (
+            coordinate_name,
+            excitation.values,
+            {"units": excitation.unit},
+        )
+    for parameter in model.parameters():
+        attributes = {"units": parameter.unit, "symbol": parameter.symbol}
+        variables[parameter.name] = ("draw", draws[parameter.name], attributes)
+    return xr.Dataset(
+        variables,
+        {coordinate_name: (coordinate_name, coordinate, {"units": unit})},
+        {
+            "system": model.name,
+            "candidate": model.candidate,
+            "response": response,
+            "excitation": excitation.name,
+            **{f"condition_{name}": value for name, value in excitation.conditions.items()},
+        },
+    )
