@@ -47,18 +47,22 @@ def cli() -> None:
 @click.option("--folder", type=TARGET, default=Path("data"), show_default=True)
 def new(name: str, system: str, folder: Path) -> None:
     """Write a commented study folder to fill in, and print its config entry."""
-    from deabayes.templates import new_study
+    from deabayes.scaffold import new_study
 
-    click.echo(new_study(name, system, folder / name))
+    click.echo(new_study(name, system, folder), nl=False)
 
 
 @cli.command()
 @click.argument("folder", type=EXISTING)
 def check(folder: Path) -> None:
     """Check a study folder: print what was understood and every fault found."""
-    from deabayes.reading.check import describe
+    from deabayes.checking import check_folder
+    from deabayes.faults import Faults
 
-    click.echo(describe(folder))
+    report = check_folder(folder)
+    click.echo(report.text(with_faults=False))
+    if not report.ok:
+        raise Faults(report.faults)
 
 
 @cli.command()

@@ -119,8 +119,9 @@ class StudyFolder:
     def _missing_file(self, row: ExperimentRow) -> str:
         path = self.path / row.record
         beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        hint = nearest(path.name, beside) if beside else ""
-        return f"{path} ({row.name}): there is no such file; put it there or correct {FILE}{hint}"
+        hint = nearest(path.name, beside)
+        hint = hint if "did you mean" in hint else f"; put it there or correct {FILE}"
+        return f"{path} ({row.name}): there is no such file{hint}"
 
 
 def read_folder(

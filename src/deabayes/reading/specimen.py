@@ -48,6 +48,7 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
     """specimen.yaml of a study folder with everything in it; raises as `read_specimen`."""
     path = Path(folder) / FILE
     content = read_yaml(path)
+    content |= {key: {} for key in ("quantities", "instruments") if content.get(key, 0) is None}
     faults = violations(content, "specimen", str(path))
     if faults:
         raise Faults(faults + _system_faults(content, str(path)))

@@ -1,0 +1,134 @@
+"""A new study folder with everything in it to be filled in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from deabayes.faults import UserError
+from deabayes.reading.specimen import system_class
+from deabayes.reading.table import channels_of
+
+DISPLAY_UNITS = {"m": "mm", "m^2": "mm^2", "kg": "g", "V": "kV", "F": "nF", "Pa": "kPa"}
+METADATA = {
+    "sine": "frequency_Hz",
+    "quasi_static": "voltage_kV",
+    "load_unload": "stretch_rate_per_s",
+}
+
+SPECIMEN = """\
+# What was tested. Replace every `...`; then run `deabayes check {folder}`.
+name: {name}
+system: {system}
+provenance:
+  kind: measured        # measured | simulated | digitised
+  source: ...           # laboratory, paper or address
+  licence: ...
+
+# Properties of the specimen: a value with its unit (any that pint knows).
+# With `sd` (same unit) a quantity becomes a parameter with that prior, without it is exact.
+quantities:
+{required}
+# These can be given too; remove the `#`.
+{optional}
+# Instruments: delay, range, resolution and noise of the response sensor, current_limit of the
+# amplifier; all optional. A channel's name (voltage: ...) may hold the same keys.
+instruments:
+  # noise: {{value: ..., unit: {response_unit}}}
+  # resolution: {{value: ..., unit: {response_unit}}}
+  # range: {{value: ..., unit: {response_unit}}}
+  # delay: {{value: ..., unit: ms}}
+
+# Only for records without a `name [unit]` header:
+# record_format:
+#   delimiter: ","       # or ";", tab, whitespace
+#   header_lines: 2      # lines to skip, empty ones not counted
+#   columns:             # all of them, from left to right; name "-" leaves one out
+#     - {{name: time, unit: s}}
+#     - {{name: {excitation}, unit: {excitation_unit}}}
+#     - {{name: {response}, unit: {response_unit}}}
+"""
+
+README = """\
+One file per record, named in experiments.csv. Text files have a header of `name [unit]`
+per column, separated by commas, `;` or tabs:
+
+    time [s],{excitation} [{excitation_unit}],{response} [{response_unit}]
+
+Excel (.xlsx, first sheet, same header), MATLAB (.mat) and TDMS files are read as well.
+"""
+
+ENTRY = """\
+  {name}:
+    specimen: {folder}
+    candidates: [{candidates}]
+"""
+
+
+def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
+    """Write a commented study folder `parent/name` and return the entry for config.yaml.
+
+    Raises
+    ------
+    UserError : unknown system, a name that cannot be a folder, or a folder that exists.
+    """
+    kind = system_class(system)
+    if not name or not all(c.isalnum() or c in "_-." for c in name) or not name[0].isalnum():
+        raise UserError(f"{name!r} cannot be a study's name; use letters, digits, '_', '-' and '.'")
+    folder = Path(parent) / name
+    if folder.exists():
+        raise UserError(f"{folder}: exists already and is not overwritten; choose another name")
+    words = {"name": name, "system": system, "folder": folder.as_posix(), **_channels(system)}
+    words["required"] = _quantity_lines(kind.required_quantities, "  ")
+    words["optional"] = _quantity_lines(kind.optional_quantities, "  # ") or "  # (none)\n"
+    (folder / "records").mkdir(parents=True)
+    (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
+    (folder / "experiments.csv").write_text(_table(system), encoding="utf-8")
+    (folder / "records" / "README").write_text(README.format(**words), encoding="utf-8")
+    words["candidates"] = ", ".join(_candidates(system))
+    return ENTRY.format(**words)
+
+
+def _candidates(system: str) -> list[str]:
+    from deabayes.systems import candidates
+
+    return candidates(system)[:3]
+
+
+def _channels(system: str) -> dict[str, str]:
+    """The example channels of a system, and the units they are usually recorded in."""
+    protocol = system_class(system).protocols[0]
+    excitations, responses = channels_of(system, protocol)
+    (excitation, first), (response, second) = (
+        next(iter(c.items())) for c in (excitations, responses)
+    )
+    return {
+        "excitation": excitation,
+        "excitation_unit": DISPLAY_UNITS.get(first, first),
+        "response": response,
+        "response_unit": DISPLAY_UNITS.get(second, second),
+    }
+
+
+def _quantity_lines(quantities: Mapping[str, str], indent: str) -> str:
+    return "".join(
+        f"{indent}{name}: {{value: ..., unit: {DISPLAY_UNITS.get(unit, unit)!r}, source: ...}}\n"
+        for name, unit in quantities.items()
+    )
+
+
+def _table(system: str) -> str:
+    """experiments.csv with an example row to replace."""
+    protocol = system_class(system).protocols[0]
+    channels = _channels(system)
+    extra = METADATA.get(protocol)
+    header = ["name", "protocol", "record", "role", "excitation", "response", "load_g", "note"]
+    row = [f"{protocol}_1", protocol, f"records/{protocol}_1.csv", "calibrate",
+           channels["excitation"], channels["response"], "", "example row: replace it"]  # fmt: skip
+    comment = (
+        "# One row per record. protocol: " + " | ".join(system_class(system).protocols) + "; "
+        "role: calibrate | validate; excitation and response name columns of the record.\n"
+        "# Further columns (frequency_Hz, amplitude_kV, ...) are kept and shown in tables.\n"
+    )
+    lines = [[*header, extra], [*row, ""]] if extra else [header, row]
+    return comment + "".join(",".join(line) + "\n" for line in lines)
