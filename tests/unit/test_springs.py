@@ -70,13 +70,11 @@ def test_stress_is_the_derivative_of_the_energy(name, deformation):
 
 @pytest.mark.parametrize("deformation", DEFORMATIONS)
 @pytest.mark.parametrize(
-    "name, values",
+    ("name", "values"),
     [("gent", {"mu": 2e4, "J": 1e13}), ("ogden", {"mu_1": 2e4, "alpha_1": 2.0})],
 )
 def test_limits_are_neo_hookean(name, values, deformation):
-    expected = REGISTRY["neo_hookean"].nominal_stress(
-        STRETCH, as_draws({"mu": 2e4}), deformation
-    )
+    expected = REGISTRY["neo_hookean"].nominal_stress(STRETCH, as_draws({"mu": 2e4}), deformation)
     found = REGISTRY[name].nominal_stress(STRETCH, as_draws(values), deformation)
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-9)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit.golden import golden_table, load_golden
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.springs import REGISTRY as SPRINGS
 from deabayes.systems import build, candidates
 from deabayes.systems.tensile_strip import TensileStrip
-from tests.unit.golden import golden_table, load_golden
 
 HISTORIES = {
     "strip_relaxation": ([0.0, 4.0, 1804.0], [1.0, 2.0, 2.0]),
@@ -94,9 +94,7 @@ def scipy_unit_stress(history, time, tau, inverse_limit):
 
         inside = (time >= knots[k]) & (time <= knots[k + 1])
         asked = np.unique(np.append(time[inside], knots[k + 1]))
-        solution = solve_ivp(
-            flow, knots[k : k + 2], [xi], "LSODA", asked, rtol=1e-11, atol=1e-13
-        )
+        solution = solve_ivp(flow, knots[k : k + 2], [xi], "LSODA", asked, rtol=1e-11, atol=1e-13)
         lam = values[k] + rate * (time[inside] - knots[k])
         found = solution.y[0, np.searchsorted(asked, time[inside])]
         stress[inside] = (lam / found**2 - found / lam**2) / law(lam, found)
@@ -120,7 +118,7 @@ def scipy_response(model, history, time, draws, walker):
 
 
 @pytest.mark.parametrize(
-    "candidate, case, seed",
+    ("candidate", "case", "seed"),
     [("kv_gm_1", "strip_relaxation", 1), ("kv_gm_2", "strip_triangle", 2),
      ("ogden_2_units_2", "strip_triangle", 3)],
 )  # fmt: skip
@@ -278,7 +276,8 @@ def test_every_candidate_builds_and_responds(candidate):
     assert len(set(names)) == len(names)
     draws = prior_draws(system, 3, 8)
     found = system.predict(*relaxation(2.0, 100.0), "nominal_stress", draws)
-    assert found.shape == (3, 180) and np.all(np.isfinite(found))
+    assert found.shape == (3, 180)
+    assert np.all(np.isfinite(found))
     assert all(d.values.shape == (3,) and d.unit for d in system.derived(draws).values())
 
 
@@ -289,8 +288,10 @@ def test_parameter_names_are_those_of_the_interface():
     assert names("kv_gm_2") == ["mu_alpha", "zeta_alpha", "J_alpha", "mu_beta_1", "mu_beta_2",
                                 "tau_beta_1", "tau_beta_2", "J_beta"]  # fmt: skip
     assert names("ogden_2_units_1") == ["mu_1", "mu_2", "alpha_1", "alpha_2", "mu_beta_1", "tau_1"]
-    assert names("gent") == ["mu", "J"] and names("neo_hookean") == ["mu"]
-    assert strip("ogden_3").order == 3 and strip("ogden_3_units_2").order == 2
+    assert names("gent") == ["mu", "J"]
+    assert names("neo_hookean") == ["mu"]
+    assert strip("ogden_3").order == 3
+    assert strip("ogden_3_units_2").order == 2
 
 
 def test_derived_quantities():
@@ -302,7 +303,7 @@ def test_derived_quantities():
 
 
 @pytest.mark.parametrize(
-    "candidate, message",
+    ("candidate", "message"),
     [("kv_gm_9", "1 to 6"), ("kv_gn_2", "did you mean 'kv_gm_2'"), ("ogden", "needs terms"),
      ("gent_3", "takes no terms"), ("ogden_2_units_0", "1 to 6")],
 )  # fmt: skip
@@ -312,7 +313,7 @@ def test_a_wrong_candidate_is_named(candidate, message):
 
 
 @pytest.mark.parametrize(
-    "candidate, history, response, message",
+    ("candidate", "history", "response", "message"),
     [
         ("kv_gm_1", excitation([0, 1], [1, 2]), "force", "gives no cross_section"),
         ("kv_gm_1", excitation([0, 1], [0, 1], "displacement"), "nominal_stress", "gauge_length"),

@@ -66,7 +66,7 @@ def classical_coefficients() -> tuple[FloatArray, FloatArray, FloatArray, FloatA
     C = 1/gamma - Gamma^-1, m = b Gamma^-1.
     """
     a, c, weights = transformed_coefficients()
-    gamma = np.linalg.inv(np.eye(8) / rodas5p.GAMMA - c)
+    gamma: FloatArray = np.linalg.inv(np.eye(8) / rodas5p.GAMMA - c).astype(np.float64)
     embedded = weights.copy()
     embedded[7] = 0.0
     return a @ gamma, gamma, weights @ gamma, embedded @ gamma

@@ -91,5 +91,7 @@ class Ogden(Spring):
 
     def shear_modulus(self, draws: Mapping[str, FloatArray]) -> FloatArray:
         """(1/2) sum_i mu_i alpha_i [Pa], (W,)."""
-        terms = range(1, count_terms(draws) + 1)
-        return 0.5 * sum(draws[f"mu_{i}"] * draws[f"alpha_{i}"] for i in terms)
+        modulus = np.zeros_like(draws["mu_1"], dtype=np.float64)
+        for i in range(1, count_terms(draws) + 1):
+            modulus += 0.5 * draws[f"mu_{i}"] * draws[f"alpha_{i}"]
+        return modulus

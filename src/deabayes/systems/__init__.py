@@ -10,6 +10,7 @@ for its own system only.
 from __future__ import annotations
 
 from importlib import import_module
+from typing import Protocol
 
 from deabayes.experiment import Specimen
 from deabayes.faults import UserError, nearest
@@ -22,7 +23,17 @@ REGISTRY: dict[str, str] = {
 """System -> class in the module of the same name."""
 
 
-def system_class(system: str) -> type[System]:
+class SystemClass(Protocol):
+    """A system's class as the registry uses it."""
+
+    def __call__(self, candidate: str, specimen: Specimen) -> System:
+        """Build the system at the order `candidate` names."""
+
+    def candidates(self) -> list[str]:
+        """Candidates that can be built."""
+
+
+def system_class(system: str) -> SystemClass:
     """The class of a system.
 
     Raises
@@ -32,7 +43,8 @@ def system_class(system: str) -> type[System]:
     """
     if system not in REGISTRY:
         raise UserError(f"unknown system {system!r}{nearest(system, REGISTRY)}")
-    return getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
+    found: SystemClass = getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
+    return found
 
 
 def build(system: str, candidate: str, specimen: Specimen) -> System:
@@ -48,7 +60,7 @@ def build(system: str, candidate: str, specimen: Specimen) -> System:
 
 def candidates(system: str) -> list[str]:
     """Candidates of a system that can be built (examples, where a name has free numbers)."""
-    return list(system_class(system).candidates())
+    return system_class(system).candidates()
 
 
 def compile_all() -> None:

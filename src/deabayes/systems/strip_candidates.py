@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from deabayes.distributions import LogNormal, LogUniform
+from deabayes.distributions import Distribution, LogNormal, LogUniform
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs import REGISTRY as SPRINGS
@@ -81,7 +81,7 @@ class StripModel:
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters in the order of interface.md."""
         if self.kelvin:
-            spring = (
+            spring: tuple[Parameter, ...] = (
                 Parameter("mu_alpha", r"\mu_\alpha", "Pa", "shear modulus of spring alpha",
                           VHB_MODULUS, VHB_SOURCE),
                 Parameter("zeta_alpha", r"\zeta_\alpha", "Pa s", "viscosity of dashpot alpha",
@@ -96,7 +96,8 @@ class StripModel:
     def _unit_parameters(self) -> tuple[Parameter, ...]:
         numbers = range(1, self.units + 1)
         if self.kelvin:
-            prior, source = VHB_MODULUS, VHB_SOURCE
+            prior: Distribution = VHB_MODULUS
+            source = VHB_SOURCE
         else:
             alone = SPRINGS["neo_hookean"].parameters(1, MODULUS_MEDIAN)[0]
             prior, source = alone.prior, alone.source

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.rosenbrock import (
@@ -180,12 +181,12 @@ def _add_outputs(work: FloatArray, position: float, strain: float, stress: Float
 def unit_stress(
     duration: FloatArray,
     stretch: FloatArray,
-    first_output: FloatArray,
+    first_output: NDArray[np.intp],
     position: FloatArray,
     output_stretch: FloatArray,
     draws: FloatArray,
     stress: FloatArray,
-) -> FloatArray:
+) -> NDArray[np.int64]:
     """Nominal stress of all Maxwell units, summed into `stress`.
 
     Parameters
