@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from deabayes.figures import style
+from deabayes.figures.quantities import ROLES
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -17,7 +18,6 @@ CAPTION = (
     "of them falling short means bands that are too narrow."
 )
 COLOURS = {"calibrate": style.BLUE, "validate": style.VERMILLION}
-TEXT = {"calibrate": "calibration", "validate": "held out"}
 
 
 def draw(results: CandidateResults) -> list[Figure]:
@@ -35,7 +35,7 @@ def draw(results: CandidateResults) -> list[Figure]:
     axes[0].set_yticks(range(len(table)), table["experiment"])
     axes[0].set_ylim(len(table) - 0.5, -0.5)
     roles = [r for r in COLOURS if (table["role"] == r).any()]
-    handles = [Patch(color=COLOURS[role], label=TEXT[role]) for role in roles]
+    handles = [Patch(color=COLOURS[role], label=ROLES[role]) for role in roles]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return [figure]
 

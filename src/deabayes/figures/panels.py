@@ -16,13 +16,12 @@ from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, Nul
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.figures.quantities import DisplayUnit, display_unit, plain
+from deabayes.figures.quantities import ROLES, DisplayUnit, display_unit, plain
 
 PANELS_PER_SHEET = 9
 DENSE = 400
 LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
 CYCLES_SHOWN = 3
-ROLES = {"calibrate": "calibration", "validate": "held out"}
 Item = TypeVar("Item")
 
 

@@ -29,6 +29,7 @@ PREFIXED: Mapping[str, tuple[tuple[float, str], ...]] = {
 COMPOUND_HEADS = ("Pa", "N", "Ω")
 DIMENSIONLESS = {"", "1", "-", "none", "dimensionless"}
 PERCENT_QUANTITIES = ("strain",)
+ROLES = {"calibrate": "calibration", "validate": "held out"}
 GREEK = dict(
     zip(
         "alpha beta gamma delta epsilon varepsilon zeta eta theta kappa lambda mu nu xi rho "

@@ -1,0 +1,68 @@
+"""One self-contained page about one or more studies, made from results files alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from deabayes.figures import SavedFigure
+    from deabayes.figures.results import StudyResults
+
+LARGEST_PAGE = 14_000_000
+"""Bytes; mail servers commonly refuse more than 20 MB after their own encoding."""
+
+
+def build(
+    study_folders: Sequence[str | Path],
+    output: str | Path,
+    tables_folder: str | Path,
+    left_out: Sequence[str] = (),
+) -> Path:
+    """Write the report page and its tables.
+
+    Parameters
+    ----------
+    study_folders : `results/{study}` of every study to report, in the page's order.
+        Figures that `deabayes.figures.save_all` left in `{study}/figures` are used
+        if they are newer than the results; else they are drawn there first.
+    output : the page, one HTML file that refers to nothing outside itself.
+    tables_folder : where `{study}_{errors,summary,comparison}.csv` go.
+    left_out : one sentence per study that was not run, and how to get its data.
+
+    Returns
+    -------
+    Path
+        `output`.
+
+    Raises
+    ------
+    UserError
+        If a folder holds no fitted candidate.
+    """
+    from deabayes.figures.results import StudyResults
+    from deabayes.report.images import QUALITIES
+    from deabayes.report.page import render
+    from deabayes.report.tables import write_csv
+    from deabayes.storage import write_atomically
+
+    studies: list[StudyResults] = [StudyResults(Path(folder)) for folder in study_folders]
+    write_csv(studies, Path(tables_folder))
+    figures = {study.name: _figures(study) for study in studies}
+    for quality in QUALITIES:
+        page = render(studies, figures, left_out, quality)
+        if len(page.encode()) <= LARGEST_PAGE:
+            break
+    output = Path(output)
+    write_atomically(lambda path: path.write_text(page, encoding="utf-8"), output)
+    return output
+
+
+def _figures(study: StudyResults) -> list[SavedFigure]:
+    from deabayes.figures import save_all, saved_figures
+
+    existing = saved_figures(study.folder, study.folder / "figures")
+    if existing is not None:
+        return existing
+    return save_all(study.folder, study.folder / "figures")

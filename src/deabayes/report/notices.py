@@ -1,0 +1,169 @@
+"""What a reader must know before trusting a number: collected from a study's results."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from deabayes.figures.results import CandidateResults, StudyResults
+
+SET_BY_PRIOR = 0.1
+FAILED_SHARE = 0.001
+NARROW_COVERAGE = 0.7
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One kind of trouble in one study; `details` are its instances, in plain words."""
+
+    study: str
+    candidate: str
+    title: str
+    details: tuple[str, ...]
+    serious: bool = True
+
+
+def of_study(results: StudyResults) -> list[Notice]:
+    """Notices of a study: every unconverged candidate, and all else of the one shown in full."""
+    found = [n for c in results.candidates for n in unconverged(c)]
+    found += unresolved(results)
+    found += of_candidate(results.recommended)
+    found += data(results)
+    return found
+
+
+def of_candidate(results: CandidateResults) -> list[Notice]:
+    """Notices of one candidate's numbers, convergence aside."""
+    return [notice for check in CHECKS for notice in check(results)]
+
+
+def unconverged(results: CandidateResults) -> Iterator[Notice]:
+    """Convergence gates that failed."""
+    if not results.converged:
+        reasons = results.convergence.get("reasons") or ["no reason was stored"]
+        yield _notice(results, "Not converged: do not use these numbers", list(reasons))
+
+
+def unresolved(results: StudyResults) -> Iterator[Notice]:
+    """An order comparison that the data did not decide."""
+    table = results.comparison
+    if table is None:
+        return
+    open_cases = table[table["verdict"].astype(str).str.contains("not resolved")]
+    details = []
+    for name, row in open_cases.iterrows():
+        differs = row.get("differs_in", "")
+        extra = f" ({differs})" if isinstance(differs, str) and differs else ""
+        details.append(f"{name}: {row['verdict']}{extra}")
+    if details:
+        yield Notice(results.name, "", "Model order not resolved by these data", tuple(details))
+
+
+def extrapolation(results: CandidateResults) -> Iterator[Notice]:
+    """Predictions outside the calibrated region, records with the same reason together."""
+    if results.errors is None:
+        return
+    by_reason: dict[str, list[str]] = defaultdict(list)
+    for _, row in results.errors.iterrows():
+        if isinstance(row["extrapolation"], str) and row["extrapolation"]:
+            by_reason[row["extrapolation"]].append(str(row["experiment"]))
+    details = [f"{_listed(names)}: {reason}" for reason, names in by_reason.items()]
+    if details:
+        yield _notice(results, "Extrapolation: bands are not to be relied on", details)
+
+
+def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
+    """Records a good part of whose variance the correlated noise explains."""
+    from deabayes.figures.noise_share import ALARMING, correlated_shares
+
+    details = []
+    for name, shares in correlated_shares(results).items():
+        if "correlated" in shares and shares["correlated"][1] > ALARMING:
+            percent = 100 * shares["correlated"][1]
+            size = f"{percent:.0f} %" if percent < 100 else "as much as all"
+            details.append(f"{name}: correlated noise stands for {size} of the record's variance")
+    if details:
+        yield _notice(results, "The noise model takes what the physics lacks", details)
+
+
+def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
+    """Independent noise, whose intervals are too narrow."""
+    if results.attributes.get("noise") == "white":
+        text = "residuals are treated as independent: intervals are too narrow, diagnostic only"
+        yield _notice(results, "White noise", [text])
+
+
+def set_by_prior(results: CandidateResults) -> Iterator[Notice]:
+    """Material parameters that the data said nothing about."""
+    table = results.summary
+    if table is None:
+        return
+    names = [n for n in results.names("material") if n in table.index]
+    weak = [n for n in names if table.loc[n, "contraction"] < SET_BY_PRIOR]
+    if weak:
+        text = f"{', '.join(weak)}: less than 10 % of the prior's variance was removed by the data"
+        yield _notice(results, "Set by the prior, not by the data", [text])
+
+
+def failures(results: CandidateResults) -> Iterator[Notice]:
+    """Model evaluations that failed, and posterior draws that could not be predicted."""
+    counted = results.convergence.get("failures") or {}
+    total, failed = counted.get("evaluations", 0), counted.get("failed", 0)
+    if total and failed > FAILED_SHARE * total:
+        text = f"{failed} of {total} model evaluations failed ({100 * failed / total:.2g} %)"
+        yield _notice(results, "Failed model evaluations", [text])
+    failing = [n for n, p in results.predictions.items() if int(p.attrs.get("failed_draws", 0)) > 0]
+    if failing:
+        text = f"some posterior draws gave no finite response and were left out: {_listed(failing)}"
+        yield _notice(results, "Failed predictions", [text])
+
+
+def narrow_bands(results: CandidateResults) -> Iterator[Notice]:
+    """Held-out records that the 90 % predictive band misses."""
+    if results.errors is None:
+        return
+    held_out = results.errors[results.errors["role"] == "validate"]
+    missed = held_out[held_out["coverage_90"] < NARROW_COVERAGE]
+    details = [
+        f"{row['experiment']}: the 90 % predictive band holds {100 * row['coverage_90']:.0f} %"
+        for _, row in missed.iterrows()
+    ]
+    if details:
+        yield _notice(results, "Bands too narrow for held-out records", details)
+
+
+def stored(results: CandidateResults) -> Iterator[Notice]:
+    """Warnings that the fit itself left in the posterior file."""
+    texts = results.attributes.get("warnings") or []
+    if isinstance(texts, list) and texts:
+        yield _notice(results, "Warnings of the fit", [str(text) for text in texts], serious=False)
+
+
+def data(results: StudyResults) -> Iterator[Notice]:
+    """What preparation noticed about the records."""
+    details = [f"{e.name}: {text}" for e in results.experiments.values() for text in e.warnings]
+    if details:
+        yield Notice(results.name, "", "Data", tuple(details), serious=False)
+
+
+def _notice(
+    results: CandidateResults, title: str, details: list[str], serious: bool = True
+) -> Notice:
+    return Notice(results.study.name, results.name, title, tuple(details), serious)
+
+
+def _listed(names: list[str], most: int = 6) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
+    extrapolation,
+    noise_took_physics,
+    noise_diagnostic_only,
+    set_by_prior,
+    failures,
+    narrow_bands,
+    stored,
+)

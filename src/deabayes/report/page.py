@@ -1,0 +1,150 @@
+"""Fill the page's template from results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from typing import Any
+
+from deabayes.figures import SavedFigure
+from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.report import notices, tables
+from deabayes.report.images import Image, embed
+
+PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
+SECTIONS = (
+    ("Data and predictions", ("data_and_bands",)),
+    ("Residuals", ("residuals", "noise_share", "coverage")),
+    ("Parameters", ("marginals", "identifiability", "pairs")),
+    ("Convergence", ("convergence",)),
+    ("Prior and preparation", ("prior_predictive",)),
+)
+BRIEFLY = ("data_and_bands", "residuals", "marginals")
+"""Figures of the candidates that are folded away."""
+
+Figures = Sequence[SavedFigure]
+Quality = tuple[int, int]
+
+
+def render(
+    studies: Sequence[StudyResults],
+    figures: Mapping[str, Figures],
+    left_out: Sequence[str],
+    quality: Quality,
+) -> str:
+    """The page as HTML."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    folder = files("deabayes.report")
+    template = environment.from_string((folder / "template.html").read_text(encoding="utf-8"))
+    found = [notice for study in studies for notice in notices.of_study(study)]
+    return template.render(
+        css=(folder / "style.css").read_text(encoding="utf-8"),
+        studies=[_study(s, figures[s.name], quality) for s in studies],
+        serious=[n for n in found if n.serious],
+        notes=[n for n in found if not n.serious],
+        left_out=list(left_out),
+        versions=_versions(studies),
+        built=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    )
+
+
+def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+    best = study.recommended
+    specimen = best.attributes.get("specimen") or {}
+    of_study = [f for f in figures if not f.candidate]
+    return {
+        "name": study.name,
+        "provenance": study.provenance,
+        "source": (specimen.get("provenance") or {}).get("source", ""),
+        "specimen": specimen.get("name", ""),
+        "system": best.attributes.get("system", ""),
+        "noise": best.attributes.get("noise", ""),
+        "verdict": verdict(study),
+        "records": tables.records(study),
+        "comparison": tables.comparison(study),
+        "comparison_figures": _embedded(of_study, ("comparison",), quality),
+        "errors_figures": _embedded(of_study, ("errors",), quality),
+        "preparation_figures": _embedded(figures, ("preparation",), quality),
+        "best": _candidate(best, figures, quality),
+        "others": [_other(c, figures, quality) for c in study.candidates if c is not best],
+    }
+
+
+def verdict(study: StudyResults) -> str:
+    """One sentence on which candidate to use."""
+    best, count = study.recommended, len(study.candidates)
+    if not any(c.converged for c in study.candidates):
+        return "No candidate converged, so none is to be used: sample longer."
+    if study.comparison is None or count < 2:
+        return f"One candidate was fitted, {best.name}; there was no order to choose."
+    text = str(study.comparison["verdict"].get(best.name, "not compared"))
+    return f"Of {count} candidates, use {best.name} ({text})."
+
+
+def _candidate(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+    own = [f for f in figures if f.candidate == results.name]
+    sections = [(title, _embedded(own, names, quality)) for title, names in SECTIONS]
+    return _common(results) | {
+        "sections": {title: images for title, images in sections if images},
+        "errors": tables.errors(results),
+        "parameters": tables.parameters(results),
+    }
+
+
+def _other(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+    own = [f for f in figures if f.candidate == results.name]
+    return _common(results) | {
+        "figures": _embedded(own, BRIEFLY, quality),
+        "errors": tables.errors(results),
+        "parameters": tables.parameters(results),
+        "notices": [*notices.unconverged(results), *notices.of_candidate(results)],
+    }
+
+
+def _common(results: CandidateResults) -> dict[str, Any]:
+    convergence = results.convergence
+    return {
+        "name": results.name,
+        "converged": results.converged,
+        "reasons": list(convergence.get("reasons") or []),
+        "effort": [
+            (text, convergence[key])
+            for key, text in (
+                ("ensembles", "independent runs"),
+                ("walkers", "walkers each"),
+                ("steps", "steps"),
+            )
+            if key in convergence
+        ],
+    }
+
+
+def _embedded(
+    figures: Figures, names: Sequence[str], quality: Quality
+) -> list[tuple[str, str, list[Image]]]:
+    """(title, caption, sheets) of each named figure that was drawn."""
+    found = []
+    for name in names:
+        sheets = [f for f in figures if f.name == name]
+        if sheets:
+            images = [embed(sheet, *quality) for sheet in sheets]
+            found.append((sheets[0].title, sheets[0].caption, images))
+    return found
+
+
+def _versions(studies: Sequence[StudyResults]) -> dict[str, str]:
+    known = {}
+    for package in PACKAGES:
+        try:
+            known[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    fitted = {str(c.attributes.get("deabayes_version", "")) for s in studies for c in s.candidates}
+    stale = sorted(fitted - {known.get("deabayes", ""), ""})
+    return known | ({"fitted with deabayes": ", ".join(stale)} if stale else {})

@@ -1,0 +1,185 @@
+"""The report's tables: rounded for reading on the page, full precision as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from deabayes.experiment import Experiment, FloatArray
+
+from deabayes.figures.quantities import (
+    ROLES,
+    display_unit,
+    interval,
+    plain,
+    significant,
+    symbol_html,
+)
+from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.report.notices import SET_BY_PRIOR
+
+KINDS = {
+    "material": "Material",
+    "specimen": "Specimen (measured, with uncertainty)",
+    "derived": "Derived",
+    "noise": "Noise model",
+}
+
+
+def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
+    """`{study}_{errors,summary,comparison}.csv`: all candidates of a study, full precision, SI."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for study in studies:
+        tables = {
+            "errors": _stacked({c.name: c.errors for c in study.candidates}),
+            "summary": _stacked(
+                {c.name: None if c.summary is None else c.summary.reset_index()
+                 for c in study.candidates}
+            ),
+            "comparison": None if study.comparison is None else study.comparison.reset_index(),
+        }  # fmt: skip
+        for kind, table in tables.items():
+            if table is not None:
+                path = folder / f"{study.name}_{kind}.csv"
+                table.assign(provenance=study.provenance).to_csv(path, index=False)
+                written.append(path)
+    return written
+
+
+def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
+    present = [t.assign(candidate=name) for name, t in tables.items() if t is not None]
+    if not present:
+        return None
+    joined = pd.concat(present, ignore_index=True)
+    return joined[["candidate", *joined.columns.drop("candidate")]]
+
+
+def records(study: StudyResults) -> list[dict[str, str]]:
+    """What was fitted to, one row per prepared record."""
+    return [_record(experiment) for experiment in study.experiments.values()]
+
+
+def _record(e: Experiment) -> dict[str, str]:
+    excitation = e.excitation
+    metadata = [f"{plain(k)} {_value(v)}" for k, v in e.metadata.items() if _value(v)]
+    steps = [str(s.get("step", s.get("name", next(iter(s), "")))) for s in e.steps]
+    return {
+        "name": e.name,
+        "role": ROLES[e.role],
+        "protocol": plain(e.protocol),
+        "excitation": _range(excitation.values, excitation.unit, excitation.name),
+        "response": _range(e.response, e.response_unit, e.response_name),
+        "coordinate": _range(e.coordinate, e.coordinate_unit, e.coordinate_name),
+        "points": str(e.coordinate.size),
+        "metadata": "; ".join(metadata),
+        "steps": ", ".join(plain(step) for step in steps if step),
+        "provenance": e.provenance,
+    }
+
+
+def _value(value: float | str) -> str:
+    if isinstance(value, float):
+        return significant(value) if np.isfinite(value) else ""
+    return str(value)
+
+
+def _range(values: FloatArray, unit: str, name: str) -> str:
+    display = display_unit(unit, values, name)
+    low, high = float(np.min(values)) / display.factor, float(np.max(values)) / display.factor
+    text = significant(low) if low == high else f"{significant(low)} – {significant(high)}"
+    return f"{plain(name)} {text} {display.label}".strip()
+
+
+def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
+    """Kind -> rows of the parameter table: median [5 %, 95 %] in display units."""
+    table = results.summary
+    if table is None:
+        return {}
+    groups = {
+        title: [_parameter(results, n, table.loc[n]) for n in results.names(kind) if n in table.index]
+        for kind, title in KINDS.items()
+    }
+    return {title: rows for title, rows in groups.items() if rows}
+
+
+def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str, Any]:
+    label = results.label(name)
+    unit = display_unit(label["unit"], row["median"], name)
+    numbers = (float(row[key]) / unit.factor for key in ("median", "q05", "q95"))
+    contraction = float(row["contraction"])
+    return {
+        "name": name,
+        "symbol": symbol_html(label["symbol"]),
+        "description": label["description"],
+        "value": interval(*numbers),
+        "unit": unit.label,
+        "contraction": f"{100 * contraction:.0f} %" if np.isfinite(contraction) else "–",
+        "set_by_prior": contraction < SET_BY_PRIOR,
+        "r_hat": f"{row['r_hat']:.3f}",
+        "ess": f"{row['ess_bulk']:.0f} / {row['ess_tail']:.0f}",
+        "converged": bool(row["converged"]),
+        "prior": label["prior"],
+    }
+
+
+def errors(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
+    """Role -> rows of the error table."""
+    table = results.errors
+    if table is None:
+        return {}
+    groups = {text: table[table["role"] == role] for role, text in ROLES.items()}
+    return {
+        text: [_error(results, row) for _, row in rows.iterrows()]
+        for text, rows in groups.items()
+        if len(rows)
+    }
+
+
+def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
+    flag = row["extrapolation"]
+    attributes = results.predictions[row["experiment"]].attrs
+    crps = display_unit(attributes["response_unit"], row["crps"], attributes["response_name"])
+    return {
+        "experiment": row["experiment"],
+        "protocol": plain(str(row["protocol"])),
+        "e_rms": interval(row["e_rms_percent"], row["e_rms_q05"], row["e_rms_q95"]),
+        "e_m": interval(row["e_m_percent"], row["e_m_q05"], row["e_m_q95"]),
+        "coverage_50": f"{100 * row['coverage_50']:.0f} %",
+        "coverage_90": f"{100 * row['coverage_90']:.0f} %",
+        "crps": f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
+        "extrapolation": flag if isinstance(flag, str) else "",
+    }
+
+
+def comparison(study: StudyResults) -> list[dict[str, Any]]:
+    """Rows of the order comparison."""
+    if study.comparison is None:
+        return []
+    return [
+        {
+            "candidate": name,
+            "shown": name == study.recommended.name,
+            "n_parameters": int(row["n_parameters"]),
+            "log_evidence": _with_error(row["log_evidence"], row["log_evidence_mcse"]),
+            "bic": _fixed(row["bic"]),
+            "elpd": _with_error(row["elpd_block_loo"], row["elpd_block_loo_se"]),
+            "left_out": _fixed(row["elpd_leave_one_experiment_out"]),
+            "k_hat": _fixed(row["worst_k_hat"], 2),
+            "converged": bool(row["converged"]),
+            "verdict": row["verdict"],
+        }
+        for name, row in study.comparison.iterrows()
+    ]
+
+
+def _fixed(value: float, decimals: int = 1) -> str:
+    return f"{value:.{decimals}f}".replace("-", "−") if np.isfinite(value) else "–"
+
+
+def _with_error(value: float, error: float) -> str:
+    return _fixed(value) + (f" ± {error:.1f}" if np.isfinite(error) and np.isfinite(value) else "")
