@@ -1,0 +1,167 @@
+"""What happens to a record before inference, one named step after another.
+
+The raw file is never changed. A step is a function of a record and the settings
+written for it in config.yaml, in a file of its own, and one line in `REGISTRY`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from deabayes.experiment import Excitation, Experiment, Specimen
+from deabayes.faults import UserError, nearest
+from deabayes.preparation.average import average
+from deabayes.preparation.baseline import baseline
+from deabayes.preparation.crop import crop
+from deabayes.preparation.decimate import decimate
+from deabayes.preparation.delay import delay
+from deabayes.preparation.excitation_knots import excitation_knots
+from deabayes.preparation.mask_after import mask_after
+from deabayes.preparation.mask_before import mask_before
+from deabayes.preparation.mask_ramp_end import mask_ramp_end
+from deabayes.preparation.mask_slack import mask_slack
+from deabayes.preparation.opening import conditions, coordinate_name, open_record
+from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.instruments import instrument
+from deabayes.reading.raw import ExperimentRow, RawRecord
+
+Step = Callable[[WorkingRecord, Mapping[str, object]], WorkingRecord]
+
+REGISTRY: Mapping[str, Step] = {
+    "average": average,
+    "baseline": baseline,
+    "crop": crop,
+    "decimate": decimate,
+    "delay": delay,
+    "excitation_knots": excitation_knots,
+    "mask_after": mask_after,
+    "mask_before": mask_before,
+    "mask_ramp_end": mask_ramp_end,
+    "mask_slack": mask_slack,
+}
+NEEDS_TIME = ("baseline", "delay", "excitation_knots", "mask_ramp_end", "mask_slack")
+FEWEST_POINTS = 4
+
+DEFAULT_STEPS: Mapping[str, Sequence[Mapping[str, Mapping[str, object]]]] = {
+    "creep": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
+    "step": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
+    "relaxation": (
+        {"mask_ramp_end": {}},
+        {"excitation_knots": {}},
+        {"average": {"grid": "geometric"}},
+    ),
+    "load_unload": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 180}}),
+    "sine": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 400}}),
+    "quasi_static": (),
+    "frequency_response": (),
+}
+"""What is done where config.yaml says nothing. Nothing that alters a response is among it,
+except undoing a delay that specimen.yaml states as exact."""
+
+
+def prepare(
+    row: ExperimentRow,
+    raw: RawRecord,
+    specimen: Specimen,
+    steps: Sequence[Mapping[str, object] | str] | None = None,
+) -> Experiment:
+    """Make one raw record ready for inference.
+
+    Parameters
+    ----------
+    row : its row of experiments.csv.
+    raw : its columns in SI.
+    specimen : what was tested; `instruments.delay` is used by the step `delay`.
+    steps : ordered single-key mappings {step: settings}; a bare name is a step
+        without settings; None takes `DEFAULT_STEPS` of the protocol.
+
+    Raises
+    ------
+    UserError : unknown step or setting, wrong unit, missing column, nothing left.
+    Faults : what is wrong with the record's values.
+    """
+    record = open_record(row, raw, specimen)
+    for entry in default_steps(row, specimen) if steps is None else steps:
+        record = _apply(entry, record)
+    return _experiment(record, raw)
+
+
+def default_steps(row: ExperimentRow, specimen: Specimen) -> list[Mapping[str, object]]:
+    """The protocol's usual steps; an exactly known sensor delay is undone first."""
+    steps: list[Mapping[str, object]] = list(DEFAULT_STEPS.get(row.protocol, ()))
+    sensor = instrument(specimen, "delay", row.response, "s")
+    known = sensor is not None and sensor.sd is None and coordinate_name(row) == "time"
+    return [{"delay": {}}, *steps] if known else steps
+
+
+def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingRecord:
+    """Do one step and enter it into the record's history."""
+    name, settings = _parsed(entry, record)
+    if name not in REGISTRY:
+        raise UserError(
+            f"preparation of {record.row.protocol}: unknown step {name!r}{nearest(name, REGISTRY)}"
+        )
+    if name in NEEDS_TIME and not record.in_time:
+        raise UserError(
+            f"preparation of {record.row.name}: step {name!r} needs a record in time, and "
+            f"a {record.row.protocol} record has none; remove the step"
+        )
+    after = REGISTRY[name](record, settings)
+    if not after.used.any():
+        raise UserError(f"preparation of {record.row.name}: step {name!r} leaves no sample")
+    return after.with_step(name, settings, record)
+
+
+def _parsed(
+    entry: Mapping[str, object] | str, record: WorkingRecord
+) -> tuple[str, Mapping[str, object]]:
+    """A step's name and settings from one entry of config's list."""
+    if isinstance(entry, str):
+        return entry, {}
+    if not isinstance(entry, Mapping) or len(entry) != 1:
+        raise UserError(
+            f"preparation of {record.row.protocol}: each entry is one step with its settings, "
+            f"such as 'mask_before: {{time: 0.1 s}}'; found {entry!r}"
+        )
+    ((name, settings),) = entry.items()
+    if settings is not None and not isinstance(settings, Mapping):
+        raise UserError(
+            f"preparation of {record.row.protocol}, {name}: settings must be 'key: value' pairs, "
+            f"found {settings!r}"
+        )
+    return str(name), settings or {}
+
+
+def _experiment(record: WorkingRecord, raw: RawRecord) -> Experiment:
+    """What the likelihood sees of a prepared record."""
+    row, used = record.row, record.used
+    if used.sum() < FEWEST_POINTS:
+        raise UserError(
+            f"preparation of {row.name}: leaves {int(used.sum())} points; mask less of it"
+        )
+    coordinate = record.coordinate[used]
+    knots, values = record.excitation_coordinate, record.excitation
+    if not record.in_time:
+        knots = values = np.unique(coordinate)
+    return Experiment(
+        name=row.name,
+        protocol=row.protocol,
+        role=row.role,
+        coordinate_name=record.coordinate_name,
+        coordinate_unit=record.coordinate_unit,
+        coordinate=coordinate,
+        response_name=row.response,
+        response_unit=record.response_unit,
+        response=record.response[used],
+        samples_averaged=record.samples_averaged[used],
+        excitation=Excitation(
+            row.excitation, record.excitation_unit, knots, values, conditions(row, raw)
+        ),
+        metadata=dict(row.metadata),
+        provenance=record.specimen.provenance.get("kind", "measured"),
+        record_sha256=raw.sha256,
+        steps=record.steps,
+        warnings=record.warnings,
+    )

@@ -1,0 +1,31 @@
+"""Undo a sensor's known delay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from deabayes.faults import UserError
+from deabayes.preparation.settings import Settings
+from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.instruments import instrument
+
+
+def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Shift the response to when it happened: a value stamped t belongs to t - delay.
+
+    Values that then lie before the first sample of the excitation are hidden,
+    because what drove them was not recorded.
+
+    Settings
+    --------
+    time : default `instruments.delay` of specimen.yaml.
+    """
+    read = Settings("delay", settings, record, ("time",))
+    sensor = instrument(record.specimen, "delay", record.row.response, "s")
+    if not read.has("time") and sensor is None:
+        raise UserError(f"{read.where}: give `time`, or `instruments: delay:` in specimen.yaml")
+    shift = read.quantity("time", "s", None if sensor is None else sensor.value)
+    coordinate = record.coordinate - shift
+    hidden = coordinate < record.excitation_coordinate[0]
+    return replace(record.mask(hidden), coordinate=coordinate, delay=record.delay + shift)

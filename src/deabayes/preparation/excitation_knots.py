@@ -1,0 +1,46 @@
+"""Describe the excitation by few straight pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from deabayes.preparation.polyline import polyline
+from deabayes.preparation.settings import Settings
+from deabayes.preparation.working import WorkingRecord
+
+DEFAULT_FRACTION = 1e-3
+MANY_KNOTS = 5000
+
+
+def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Reduce the excitation to a polyline that stays within a tolerance of every sample.
+
+    The whole history is described, masked times included. Knots are measured
+    samples; nothing is smoothed.
+
+    Settings
+    --------
+    tolerance : in the excitation's unit, e.g. 0.05 mm; or
+    fraction : of the excitation's range; default 0.001.
+    """
+    read = Settings("excitation_knots", settings, record, ("tolerance", "fraction"))
+    if read.has("tolerance"):
+        tolerance = read.positive("tolerance", record.excitation_unit)
+    else:
+        fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, 0.5)
+        tolerance = fraction * float(np.ptp(record.excitation))
+    knots = polyline(record.excitation_coordinate, record.excitation, tolerance)
+    reduced = replace(
+        record,
+        excitation_coordinate=record.excitation_coordinate[knots],
+        excitation=record.excitation[knots],
+    )
+    if knots.size <= MANY_KNOTS:
+        return reduced
+    return reduced.with_warning(
+        f"the excitation needs {knots.size} knots within {tolerance:.3g} "
+        f"{record.excitation_unit}: its noise exceeds the tolerance; widen it"
+    )

@@ -1,0 +1,86 @@
+"""Edges of the bins a record is averaged in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.preparation.polyline import corners, polyline
+from deabayes.preparation.working import WorkingRecord
+
+CORNER_FRACTION = 0.05
+NOISE_FRACTION = 0.01
+JUMP_FRACTION = 0.1
+JUMP_RATIO = 20.0
+LONGEST_GRID = 100_000
+
+
+def geometric_edges(
+    record: WorkingRecord,
+    first_width: float,
+    ratio: float,
+    widest: float,
+    largest_change: float,
+) -> FloatArray:
+    """Ascending edges; bins start anew at every corner of the excitation.
+
+    Parameters
+    ----------
+    first_width, widest : on the record's coordinate.
+    ratio : of neighbouring widths away from a corner.
+    largest_change : how much of its range the excitation may travel within a bin.
+    """
+    last = float(record.coordinate[-1])
+    turns = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION)
+    starts = [float(min(record.coordinate[0], record.excitation_start())), *map(float, turns)]
+    starts = sorted({start for start in starts if start < last})
+    path = travel(record)
+    edges: list[float] = []
+    for start, end in zip(starts, [*starts[1:], np.nextafter(last, np.inf)], strict=True):
+        edge = start
+        while edge < end and len(edges) < LONGEST_GRID:
+            edges.append(edge)
+            width = min(widest, first_width + (ratio - 1.0) * (edge - start))
+            edge = min(edge + width, _after_travel(*path, edge, largest_change))
+    return np.array([*edges, np.nextafter(last, np.inf)])
+
+
+def travel(record: WorkingRecord) -> tuple[FloatArray, FloatArray]:
+    """Knots, and the path the excitation has gone up to each, in units of its range.
+
+    Counted on a polyline within 1 % of the range, so that noise on a monitored
+    voltage does not add up to a path.
+    """
+    size = float(np.ptp(record.excitation))
+    knots = polyline(record.excitation_coordinate, record.excitation, NOISE_FRACTION * size)
+    steps = np.abs(np.diff(record.excitation[knots])) / (size or 1.0)
+    return record.excitation_coordinate[knots], np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _after_travel(knots: FloatArray, travelled: FloatArray, edge: float, change: float) -> float:
+    """Where the excitation has gone `change` further than at `edge`; infinite if never."""
+    target = float(np.interp(edge, knots, travelled)) + change
+    if target >= travelled[-1]:
+        return np.inf
+    upper = int(np.searchsorted(travelled, target, side="left"))
+    share = (target - travelled[upper - 1]) / (travelled[upper] - travelled[upper - 1])
+    reached = float(knots[upper - 1] + share * (knots[upper] - knots[upper - 1]))
+    return max(reached, float(np.nextafter(edge, np.inf)))
+
+
+def uniform_edges(record: WorkingRecord, first: float, last: float, width: float) -> FloatArray:
+    """Edges `width` apart within [first, last], and one at every jump of the excitation."""
+    bins = max(int(np.ceil((last - first) / width * (1.0 - 1e-12))), 1)
+    edges = first + width * np.arange(bins)
+    edges = np.append(edges, np.nextafter(max(last, float(edges[-1])), np.inf))
+    inside = [jump for jump in jumps(record) if first < jump < last]
+    return np.union1d(edges, inside)
+
+
+def jumps(record: WorkingRecord) -> FloatArray:
+    """Coordinates right after a jump: faster than 20 times the usual pace, by 10 % of the range."""
+    change = np.abs(np.diff(record.excitation))
+    pace = change / np.diff(record.excitation_coordinate)
+    usual = np.ptp(record.excitation) / np.ptp(record.excitation_coordinate)
+    sudden = (change > JUMP_FRACTION * np.ptp(record.excitation)) & (pace > JUMP_RATIO * usual)
+    return record.excitation_coordinate[1:][sudden]

@@ -1,0 +1,93 @@
+"""From a raw record to a working record: which column is what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from deabayes.experiment import Specimen
+from deabayes.faults import Faults, UserError
+from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.record_checks import record_faults, record_warnings
+
+HELD_CONSTANT = 0.01
+NOT_CONDITIONS = ("note",)
+
+
+def coordinate_name(row: ExperimentRow) -> str:
+    """Time, except where a record has none: then the excitation itself."""
+    return row.excitation if row.protocol in ("quasi_static", "frequency_response") else "time"
+
+
+def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
+    """The channels that the row names, checked; nothing else is changed.
+
+    A record without time is put in ascending order of its coordinate.
+
+    Raises
+    ------
+    Faults : what `reading.record_checks` finds wrong.
+    """
+    where = f"{row.record} ({row.name})"
+    faults = record_faults(row, raw, specimen, where)
+    if faults:
+        raise Faults(faults)
+    name = coordinate_name(row)
+    coordinate = np.asarray(raw.columns[name], dtype=float)
+    record = WorkingRecord(
+        row=row,
+        specimen=specimen,
+        coordinate_name=name,
+        coordinate_unit=raw.units[name],
+        response_unit=raw.units[row.response],
+        excitation_unit=raw.units[row.excitation],
+        coordinate=coordinate,
+        response=np.asarray(raw.columns[row.response], dtype=float),
+        used=np.ones(coordinate.size, dtype=bool),
+        samples_averaged=np.ones(coordinate.size),
+        excitation_coordinate=coordinate,
+        excitation=np.asarray(raw.columns[row.excitation], dtype=float),
+        warnings=tuple(record_warnings(row, raw, specimen, where)),
+    )
+    return record if record.in_time else _ascending(record)
+
+
+def _ascending(record: WorkingRecord) -> WorkingRecord:
+    """A record without time, sorted by its coordinate."""
+    steps = np.diff(record.coordinate)
+    if np.all(steps >= 0.0):
+        return record
+    order = np.argsort(record.coordinate, kind="stable")
+    ordered = replace(
+        record,
+        coordinate=record.coordinate[order],
+        response=record.response[order],
+        excitation_coordinate=record.coordinate[order],
+        excitation=record.excitation[order],
+    )
+    if np.all(steps <= 0.0):
+        return ordered
+    return ordered.with_warning(
+        f"{record.coordinate_name} goes back and forth; samples were put in ascending order, "
+        "so that loading and unloading are mixed"
+    )
+
+
+def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
+    """What was held during the record: the row's metadata, and the voltage of a pull test [V]."""
+    held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
+    if row.protocol != "quasi_static" or row.excitation == "voltage":
+        return held
+    if "voltage" in raw.columns:
+        voltage = raw.columns["voltage"]
+        if np.ptp(voltage) > HELD_CONSTANT * np.max(np.abs(voltage)):
+            raise UserError(
+                f"{row.record} ({row.name}): column 'voltage' varies from {voltage.min():g} to "
+                f"{voltage.max():g} V; give one record per voltage"
+            )
+        held["voltage"] = float(np.mean(voltage))
+    elif isinstance(held.get("voltage_kV"), int | float):
+        held["voltage"] = 1000.0 * float(held["voltage_kV"])
+    return held

@@ -1,0 +1,168 @@
+"""Prepared records on disk: netCDF with units, settings and the raw file's hash."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.faults import UserError
+from deabayes.preparation.overview import thinned
+from deabayes.preparation.working import BoolArray
+from deabayes.reading.raw import RawRecord
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+TEXTS = ("name", "protocol", "role", "coordinate_name", "response_name", "provenance")
+
+
+@dataclass(frozen=True)
+class RawOverview:
+    """At most 2000 samples of the raw record (R,), extremes kept, and which were masked."""
+
+    coordinate: FloatArray
+    response: FloatArray
+    excitation: FloatArray
+    masked: BoolArray
+
+
+def write_prepared(experiment: Experiment, path: Path, raw: RawRecord | None = None) -> None:
+    """Write a prepared record; a killed job leaves no half-written file.
+
+    Parameters
+    ----------
+    experiment : the prepared record; read back equal by `read_prepared`.
+    raw : the record it was made from; a thinned copy goes into the file for the
+        before/after figure.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        to_dataset(experiment, raw).to_netcdf(temporary, engine="h5netcdf")
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Dataset:
+    """The prepared record as a Dataset: `observation`, `knot` and `raw_sample` dimensions."""
+    import xarray as xr
+
+    coordinate, excitation = experiment.coordinate_unit, experiment.excitation
+    variables: dict[str, Any] = {
+        "coordinate": _variable("observation", experiment.coordinate, coordinate),
+        "response": _variable("observation", experiment.response, experiment.response_unit),
+        "samples_averaged": _variable("observation", experiment.samples_averaged, "1"),
+        "excitation_coordinate": _variable("knot", excitation.coordinate, coordinate),
+        "excitation": _variable("knot", excitation.values, excitation.unit),
+    }
+    if raw is not None:
+        overview = overview_of(experiment, raw)
+        variables |= {
+            "raw_coordinate": _variable("raw_sample", overview.coordinate, coordinate),
+            "raw_response": _variable("raw_sample", overview.response, experiment.response_unit),
+            "raw_excitation": _variable("raw_sample", overview.excitation, excitation.unit),
+            "raw_masked": _variable("raw_sample", overview.masked.astype(np.int8), "1"),
+        }
+    attributes = {key: getattr(experiment, key) for key in TEXTS} | {
+        "excitation_name": excitation.name,
+        "conditions": json.dumps(dict(excitation.conditions)),
+        "metadata": json.dumps(dict(experiment.metadata)),
+        "steps": json.dumps(list(experiment.steps), default=_plain),
+        "warnings": json.dumps(list(experiment.warnings)),
+        "record_sha256": experiment.record_sha256,
+    }
+    return xr.Dataset(variables, attrs=attributes)
+
+
+def overview_of(experiment: Experiment, raw: RawRecord) -> RawOverview:
+    """The raw record thinned for drawing, in the order of its coordinate."""
+    coordinate = raw.columns[experiment.coordinate_name]
+    order = np.argsort(coordinate, kind="stable")
+    coordinate = coordinate[order]
+    response = raw.columns[experiment.response_name][order]
+    excitation = raw.columns[experiment.excitation.name][order]
+    masked = np.zeros(coordinate.size, dtype=bool)
+    for first, last in masked_intervals(experiment):
+        masked |= (coordinate >= first) & (coordinate <= last)
+    kept = thinned(coordinate, response, excitation, masked)
+    return RawOverview(coordinate[kept], response[kept], excitation[kept], masked[kept])
+
+
+def masked_intervals(experiment: Experiment) -> list[tuple[float, float]]:
+    """All stretches that some step hid, on the raw file's coordinate."""
+    return [
+        (float(first), float(last))
+        for step in experiment.steps
+        for first, last in step.get("masked", ())  # type: ignore[attr-defined]
+    ]
+
+
+def read_prepared(path: Path) -> Experiment:
+    """Read what `write_prepared` wrote: the same experiment, bit for bit."""
+    dataset = _load(Path(path))
+    attributes = dataset.attrs
+    return Experiment(
+        **{key: str(attributes[key]) for key in TEXTS},  # type: ignore[arg-type]
+        coordinate_unit=dataset["coordinate"].attrs["units"],
+        coordinate=dataset["coordinate"].values,
+        response_unit=dataset["response"].attrs["units"],
+        response=dataset["response"].values,
+        samples_averaged=dataset["samples_averaged"].values,
+        excitation=Excitation(
+            name=str(attributes["excitation_name"]),
+            unit=dataset["excitation"].attrs["units"],
+            coordinate=dataset["excitation_coordinate"].values,
+            values=dataset["excitation"].values,
+            conditions=json.loads(attributes["conditions"]),
+        ),
+        metadata=json.loads(attributes["metadata"]),
+        record_sha256=str(attributes["record_sha256"]),
+        steps=tuple(json.loads(attributes["steps"])),
+        warnings=tuple(json.loads(attributes["warnings"])),
+    )
+
+
+def read_overview(path: Path) -> RawOverview | None:
+    """The thinned raw record kept in a prepared file; None if it was written without."""
+    dataset = _load(Path(path))
+    if "raw_response" not in dataset:
+        return None
+    return RawOverview(
+        coordinate=dataset["raw_coordinate"].values,
+        response=dataset["raw_response"].values,
+        excitation=dataset["raw_excitation"].values,
+        masked=dataset["raw_masked"].values.astype(bool),
+    )
+
+
+def _load(path: Path) -> xr.Dataset:
+    import xarray as xr
+
+    if not path.is_file():
+        raise UserError(f"{path}: no such prepared record; run `deabayes prepare` first")
+    try:
+        dataset = xr.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not a readable netCDF file ({error}); prepare again") from error
+    missing = {"coordinate", "response", "excitation"} - set(dataset.variables)
+    if missing:
+        raise UserError(f"{path}: no prepared record (without {', '.join(sorted(missing))})")
+    return dataset
+
+
+def _variable(dimension: str, values: FloatArray, unit: str) -> tuple[str, Any, Mapping[str, str]]:
+    return (dimension, np.asarray(values), {"units": unit})
+
+
+def _plain(value: object) -> object:
+    """numpy's scalars as Python's, for JSON."""
+    return value.item() if isinstance(value, np.generic) else str(value)

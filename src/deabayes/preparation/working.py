@@ -1,0 +1,119 @@
+"""A record on its way from the file to the likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray, Specimen
+from deabayes.reading.raw import ExperimentRow
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+START_FRACTION = 0.02
+
+
+@dataclass(frozen=True)
+class WorkingRecord:
+    """One record between two preparation steps; SI throughout.
+
+    The excitation and the response live on coordinates of their own: masking,
+    shifting or averaging the response never removes a measured part of the
+    excitation's history, on which every later response depends.
+
+    Attributes
+    ----------
+    row, specimen : what the record is of.
+    coordinate_name, coordinate_unit : time [s], or the excitation for a quasi-static record.
+    response_unit, excitation_unit : SI units of the channels.
+    coordinate, response, used : (M,) the response, and which samples the likelihood may see.
+    samples_averaged : (M,) raw samples behind each value of the response.
+    excitation_coordinate, excitation : (K,) the driving channel, linear between its knots.
+    delay : how far the response has been shifted towards earlier times [coordinate].
+    steps : per step done: `step`, `settings`, `effect` and `masked`, the masked
+        intervals on the raw file's coordinate.
+    warnings : what a user must know before trusting the record.
+    """
+
+    row: ExperimentRow
+    specimen: Specimen
+    coordinate_name: str
+    coordinate_unit: str
+    response_unit: str
+    excitation_unit: str
+    coordinate: FloatArray
+    response: FloatArray
+    used: BoolArray
+    samples_averaged: FloatArray
+    excitation_coordinate: FloatArray
+    excitation: FloatArray
+    delay: float = 0.0
+    steps: tuple[Mapping[str, object], ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the coordinate is time rather than the excitation or a frequency."""
+        return self.coordinate_name == "time"
+
+    def mask(self, hidden: BoolArray, **changes: object) -> WorkingRecord:
+        """Hide samples (M,) from the likelihood; none becomes visible again."""
+        return replace(self, used=self.used & ~hidden, **changes)  # type: ignore[arg-type]
+
+    def with_warning(self, warning: str) -> WorkingRecord:
+        """The record with one more warning."""
+        return replace(self, warnings=(*self.warnings, warning))
+
+    def with_step(
+        self, name: str, settings: Mapping[str, object], before: WorkingRecord
+    ) -> WorkingRecord:
+        """Enter a finished step into the history, with what it did to `before`."""
+        masked: list[list[float]] = []
+        if before.coordinate.size == self.coordinate.size:
+            masked = intervals(before.coordinate + before.delay, before.used & ~self.used)
+        entry = {
+            "step": name,
+            "settings": dict(settings),
+            "effect": _effect(before, self),
+            "masked": masked,
+        }
+        return replace(self, steps=(*self.steps, entry))
+
+    def excitation_start(self) -> float:
+        """Coordinate of the last knot before the excitation leaves its first value.
+
+        Leaving means by more than 2 % of its range, so that noise on a monitored
+        voltage does not count.
+        """
+        departure = np.abs(self.excitation - self.excitation[0])
+        moved = departure > START_FRACTION * departure.max()
+        first = int(np.argmax(moved)) if moved.any() else 0
+        return float(self.excitation_coordinate[max(first - 1, 0)])
+
+
+def intervals(coordinate: FloatArray, flags: BoolArray) -> list[list[float]]:
+    """Runs of true `flags` (M,) as [first, last] coordinates."""
+    padded = np.concatenate([[False], flags, [False]]).astype(int)
+    change = np.diff(padded)
+    first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+    return [[float(coordinate[a]), float(coordinate[b])] for a, b in zip(first, last, strict=True)]
+
+
+def _effect(before: WorkingRecord, after: WorkingRecord) -> str:
+    """One line on what changed between two states of a record."""
+    parts = []
+    if after.coordinate.size != before.coordinate.size:
+        parts.append(f"{int(before.used.sum())} samples to {after.coordinate.size} points")
+    elif (hidden := int(before.used.sum() - after.used.sum())) > 0:
+        parts.append(f"masked {hidden} of {before.used.size} samples")
+    if after.excitation.size != before.excitation.size:
+        parts.append(f"excitation from {before.excitation.size} to {after.excitation.size} knots")
+    if after.delay != before.delay:
+        parts.append(f"response {after.delay - before.delay:g} {after.coordinate_unit} earlier")
+    if not parts and not np.array_equal(after.response, before.response):
+        shift = float(np.mean(after.response - before.response))
+        parts.append(f"response shifted by {shift:.4g} {after.response_unit}")
+    return "; ".join(parts) or "no change"
