@@ -8,19 +8,26 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deabayes.faults import UserError, nearest
+from deabayes.normal_scores import (
+    SMALLEST_PROBABILITY,
+    UNRESOLVED_PROBABILITY,
+    between,
+    log_normal_density,
+    log_normal_mass,
+    log_or_nan,
+    outside_is_impossible,
+    score,
+    score_between,
+)
 
 FloatArray = NDArray[np.float64]
 LARGEST_EXPONENT = 700.0
-SMALLEST_PROBABILITY = 1e-300
-LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class Distribution(ABC):
@@ -76,7 +83,7 @@ class Normal(Distribution):
         return (np.asarray(x, dtype=float) - self.mean) / self.sd
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        return _log_normal_density(self.to_normal(x)) - math.log(self.sd)
+        return log_normal_density(self.to_normal(x)) - math.log(self.sd)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -101,12 +108,12 @@ class LogNormal(Distribution):
         return np.exp(np.clip(log_x, -LARGEST_EXPONENT, LARGEST_EXPONENT))
 
     def to_normal(self, x: ArrayLike) -> FloatArray:
-        return (_log(x) - math.log(self.median)) / self.sigma
+        return (log_or_nan(x) - math.log(self.median)) / self.sigma
 
     def log_density(self, x: ArrayLike) -> FloatArray:
-        log_x = _log(x)
+        log_x = log_or_nan(x)
         z = (log_x - math.log(self.median)) / self.sigma
-        return _minus_infinity(_log_normal_density(z) - math.log(self.sigma) - log_x, x)
+        return outside_is_impossible(log_normal_density(z) - math.log(self.sigma) - log_x, x)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -126,15 +133,17 @@ class Uniform(Distribution):
         _check_ascending(self)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
-        return _between(self.lower, self.upper, z)
+        return between(self.lower, self.upper, z)
 
     def to_normal(self, x: ArrayLike) -> FloatArray:
-        return _score_between(self.lower, self.upper, np.asarray(x, dtype=float))
+        return score_between(self.lower, self.upper, np.asarray(x, dtype=float))
 
     def log_density(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=float)
         inside = (x >= self.lower) & (x <= self.upper)
-        return _minus_infinity(np.where(inside, -math.log(self.upper - self.lower), np.nan), x)
+        return outside_is_impossible(
+            np.where(inside, -math.log(self.upper - self.lower), np.nan), x
+        )
 
     @property
     def support(self) -> tuple[float, float]:
@@ -155,19 +164,19 @@ class LogUniform(Distribution):
         _check_ascending(self)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
-        x = np.exp(_between(math.log(self.lower), math.log(self.upper), z))
+        x = np.exp(between(math.log(self.lower), math.log(self.upper), z))
         return np.clip(x, self.lower, self.upper)  # exp(log(bound)) may step outside by one ulp
 
     def to_normal(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=float)
-        scores = _score_between(math.log(self.lower), math.log(self.upper), _log(x), 1e-14)
+        scores = score_between(math.log(self.lower), math.log(self.upper), log_or_nan(x), 1e-14)
         return np.where((x >= self.lower) & (x <= self.upper), scores, np.nan)
 
     def log_density(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=float)
         inside = (x >= self.lower) & (x <= self.upper)
         log_width = math.log(math.log(self.upper / self.lower))
-        return _minus_infinity(np.where(inside, -_log(x) - log_width, np.nan), x)
+        return outside_is_impossible(np.where(inside, -log_or_nan(x) - log_width, np.nan), x)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -197,12 +206,12 @@ class HalfNormal(Distribution):
         from scipy.special import erf, erfc
 
         scaled = np.asarray(x, dtype=float) / (self.sd * math.sqrt(2.0))
-        return np.where(scaled >= 0.0, _score(erf(scaled), erfc(scaled)), np.nan)
+        return np.where(scaled >= 0.0, score(erf(scaled), erfc(scaled)), np.nan)
 
     def log_density(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=float)
-        log_density = _log_normal_density(x / self.sd) + math.log(2.0 / self.sd)
-        return _minus_infinity(np.where(x >= 0.0, log_density, np.nan), x)
+        log_density = log_normal_density(x / self.sd) + math.log(2.0 / self.sd)
+        return outside_is_impossible(np.where(x >= 0.0, log_density, np.nan), x)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -232,7 +241,7 @@ class TruncatedNormal(Distribution):
 
         z = np.asarray(z, dtype=float)
         a, b = self._ends()
-        log_mass = _log_normal_mass(a, b)
+        log_mass = log_normal_mass(a, b)
         log_below = np.logaddexp(log_ndtr(a), log_ndtr(z) + log_mass)
         log_above = np.logaddexp(log_ndtr(-b), log_ndtr(-z) + log_mass)
         left = log_below < log_above
@@ -248,19 +257,18 @@ class TruncatedNormal(Distribution):
         a, b = self._ends()
         inside = (x >= self.lower) & (x <= self.upper)
         scaled = np.where(inside, (x - self.mean) / self.sd, np.clip(0.0, a, b))
-        log_mass = _log_normal_mass(a, b)
-        log_floor = math.log(SMALLEST_PROBABILITY)
-        below = np.clip(_log_normal_mass(a, scaled) - log_mass, log_floor, 0.0)
-        above = np.clip(_log_normal_mass(scaled, b) - log_mass, log_floor, 0.0)
+        log_mass = log_normal_mass(a, b)
+        below = _resolved(np.minimum(log_normal_mass(a, scaled) - log_mass, 0.0))
+        above = _resolved(np.minimum(log_normal_mass(scaled, b) - log_mass, 0.0))
         score = np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
         return np.where(inside, score, np.nan)
 
     def log_density(self, x: ArrayLike) -> FloatArray:
         x = np.asarray(x, dtype=float)
         inside = (x >= self.lower) & (x <= self.upper)
-        log_density = _log_normal_density((x - self.mean) / self.sd) - math.log(self.sd)
-        log_density = log_density - _log_normal_mass(*self._ends())
-        return _minus_infinity(np.where(inside, log_density, np.nan), x)
+        log_density = log_normal_density((x - self.mean) / self.sd) - math.log(self.sd)
+        log_density = log_density - log_normal_mass(*self._ends())
+        return outside_is_impossible(np.where(inside, log_density, np.nan), x)
 
     @property
     def support(self) -> tuple[float, float]:
@@ -275,69 +283,6 @@ REGISTRY: dict[str, type[Distribution]] = {
     "halfnormal": HalfNormal,
     "truncated_normal": TruncatedNormal,
 }
-
-
-def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Distribution:
-    """A distribution from a config entry, with its units checked.
-
-    Parameters
-    ----------
-    settings : ``{"distribution": "lognormal", "median": "35 kPa", "sigma": 0.5}``;
-        numbers are in SI units, texts carry their unit.
-    unit : SI unit of the quantity.
-    where : file and key, for the message.
-
-    Raises
-    ------
-    UserError : unknown distribution or setting, a missing one, a wrong unit, or
-        values that make no distribution.
-    """
-    if not isinstance(settings, Mapping):
-        raise UserError(
-            f"{where}: expected a mapping such as {{distribution: lognormal, median: 1, sigma: 0.5}}, "
-            f"found {settings!r}"
-        )
-    name = settings.get("distribution")
-    if name not in REGISTRY:
-        hint = nearest(str(name), REGISTRY)
-        raise UserError(f"{where}: unknown distribution {name!r}{hint}")
-    kind = REGISTRY[str(name)]
-    values = {key: value for key, value in settings.items() if key != "distribution"}
-    _check_keys(kind, str(name), values, where)
-    numbers = {
-        key: _number(value, "1" if key in kind.dimensionless else unit, f"{where}.{key}")
-        for key, value in values.items()
-    }
-    try:
-        return kind(**numbers)
-    except ValueError as error:
-        raise UserError(f"{where}: {error}") from None
-
-
-def _check_keys(
-    kind: type[Distribution], name: str, values: Mapping[str, object], where: str
-) -> None:
-    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
-    for key in values:
-        if key not in known:
-            raise UserError(f"{where}: {name} has no setting {key!r}{nearest(key, known)}")
-    missing = [k for k, f in known.items() if k not in values and f.default is MISSING]
-    if missing:
-        raise UserError(f"{where}: {name} needs {' and '.join(missing)}; add {missing[0]}")
-
-
-def _number(value: object, unit: str, where: str) -> float:
-    """A number as it is, or a text such as ``35 kPa`` in SI units."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if not isinstance(value, str):
-        raise UserError(f"{where}: expected a number or a text such as '2 {unit}', found {value!r}")
-    try:
-        return float(value)
-    except ValueError:
-        from deabayes.units import parse_quantity
-
-        return float(parse_quantity(value, unit, where))
 
 
 def format_number(value: float) -> str:
@@ -370,56 +315,6 @@ def _check_ascending(distribution: Distribution) -> None:
         )
 
 
-def _log(x: ArrayLike) -> FloatArray:
-    """log x, NaN where x <= 0, without a warning."""
-    x = np.asarray(x, dtype=float)
-    return np.log(np.where(x > 0.0, x, np.nan))
-
-
-def _minus_infinity(log_density: FloatArray, x: ArrayLike) -> FloatArray:
-    """-inf where the density is undefined because x is outside; NaN stays NaN with x."""
-    outside = np.isnan(log_density) & ~np.isnan(np.asarray(x, dtype=float))
-    return np.where(outside, -np.inf, log_density)
-
-
-def _log_normal_density(z: FloatArray) -> FloatArray:
-    return -0.5 * z * z - LOG_SQRT_2PI
-
-
-def _between(lower: float, upper: float, z: ArrayLike) -> FloatArray:
-    """lower + (upper - lower) Phi(z), measured from the nearer end."""
-    from scipy.special import ndtr
-
-    z = np.asarray(z, dtype=float)
-    part = (upper - lower) * ndtr(-np.abs(z))
-    return np.where(z < 0.0, lower + part, upper - part)
-
-
-def _score_between(lower: float, upper: float, x: FloatArray, slack: float = 0.0) -> FloatArray:
-    below = (x - lower) / (upper - lower)
-    above = (upper - x) / (upper - lower)
-    inside = (below >= -slack) & (above >= -slack)
-    return np.where(inside, _score(np.abs(below), np.abs(above)), np.nan)
-
-
-def _score(below: FloatArray, above: FloatArray) -> FloatArray:
-    """Phi^-1 of a probability given with its complement, from the smaller of the two."""
-    from scipy.special import ndtri
-
-    tail = ndtri(np.clip(np.minimum(below, above), SMALLEST_PROBABILITY, 0.5))
-    return np.where(below < above, tail, -tail)
-
-
-def _log_normal_mass(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """log(Phi(b) - Phi(a)) for a <= b, accurate in both tails; -inf for no mass."""
-    from scipy.special import log_ndtr
-
-    a, b = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
-    reflect = a > 0.0
-    low, high = np.where(reflect, -b, a), np.where(reflect, -a, b)
-    log_high, log_low = log_ndtr(high), log_ndtr(low)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tails = log_high + np.log(-np.expm1(log_low - log_high))
-        across = np.log1p(-np.exp(log_low) - np.exp(log_ndtr(-high)))
-    mass = np.where((low < 0.0) & (high > 0.0), across, tails)
-    return np.where(a < b, mass, -np.inf)
+def _resolved(log_probability: FloatArray) -> FloatArray:
+    """With the log probability of a value on a bound in place of -inf."""
+    return np.where(np.isneginf(log_probability), math.log(UNRESOLVED_PROBABILITY), log_probability)

@@ -1,0 +1,245 @@
+"""The joint prior of a candidate's parameters, standard normal in the coordinate z."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from deabayes.distributions import LogNormal, format_number
+from deabayes.faults import UserError
+from deabayes.normal_scores import FloatArray
+from deabayes.parameter import Parameter
+from deabayes.prior_blocks import (
+    Block,
+    Independent,
+    LogNormals,
+    Ordered,
+    PosteriorBlock,
+    PriorFromPosterior,
+)
+from deabayes.prior_overrides import check_same_order, overridden
+
+__all__ = ["Prior", "PriorFromPosterior"]
+MINIMUM_RATIO = 2.0
+LARGEST_INHERITED_SCORE = 8.0
+
+
+class Prior:
+    r"""p(theta) as theta = T(z), z ~ N(0, I).
+
+    Independent parameters take their quantile transform; members of an ordered
+    group are order statistics with a minimum ratio (see `Ordered`); a parameter
+    with `sign_of` has its prior on its absolute value; parameters inherited from
+    another posterior are correlated (see `PosteriorBlock`).
+
+    Parameters
+    ----------
+    parameters : in the order of theta's columns.
+    minimum_ratio : between neighbours of ordered groups; a mapping gives it by
+        group, the others keep 2.
+    inherited : joint priors that replace the default ones of their names.
+
+    Attributes
+    ----------
+    parameters, names : in the order of theta's columns.
+    """
+
+    def __init__(
+        self,
+        parameters: Iterable[Parameter],
+        minimum_ratio: float | Mapping[str, float] = MINIMUM_RATIO,
+        inherited: Sequence[PosteriorBlock] = (),
+    ) -> None:
+        self.parameters = tuple(parameters)
+        self.names = tuple(p.name for p in self.parameters)
+        self.inherited = tuple(inherited)
+        self._column = {name: k for k, name in enumerate(self.names)}
+        if len(self._column) != len(self.names):
+            repeated = sorted({n for n in self.names if self.names.count(n) > 1})
+            raise ValueError(f"parameters named twice: {', '.join(repeated)}")
+        self._members: dict[str, list[int]] = {}
+        for k, parameter in enumerate(self.parameters):
+            if parameter.ordered is not None:
+                self._members.setdefault(parameter.ordered, []).append(k)
+        given = minimum_ratio if isinstance(minimum_ratio, Mapping) else {}
+        default = MINIMUM_RATIO if isinstance(minimum_ratio, Mapping) else minimum_ratio
+        self.minimum_ratios = {group: given.get(group, default) for group in self._members}
+        self._signs = self._sign_columns()
+        self._blocks = self._build_blocks()
+        self._inherited_columns = [[self._column[n] for n in b.names] for b in self.inherited]
+
+    @classmethod
+    def from_parameters(
+        cls,
+        parameters: Iterable[Parameter],
+        overrides: Mapping[str, object] | None = None,
+        also_known: Iterable[str] = (),
+    ) -> Prior:
+        """The default priors with those of the config in their place.
+
+        Parameters
+        ----------
+        overrides : by parameter name, by ordered group (`tau_beta`, which may
+            carry `minimum_ratio`), or by a noise parameter without its group
+            (`sigma_ou`: in all groups).
+        also_known : names of other candidates' parameters, passed over.
+
+        Raises
+        ------
+        UserError, Faults : unknown names, malformed priors, wrong units.
+        """
+        replaced, ratios = overridden(tuple(parameters), overrides or {}, also_known)
+        return cls(replaced, ratios)
+
+    @classmethod
+    def concatenate(cls, *priors: Prior) -> Prior:
+        """One prior over the parameters of all, in their order."""
+        ratios = {g: r for prior in priors for g, r in prior.minimum_ratios.items()}
+        blocks = [block for prior in priors for block in prior.inherited]
+        return cls((p for prior in priors for p in prior.parameters), ratios, blocks)
+
+    def inherit(self, names: Sequence[str], draws: FloatArray) -> Prior:
+        """Replace the priors of parameters that another posterior has drawn.
+
+        A multivariate normal is fitted to the draws in this prior's z, so
+        correlations and supports are kept; its misfit is in `inherited`. Names
+        unknown here are marginalised.
+
+        Parameters
+        ----------
+        draws : (S, k), SI, one column per name.
+
+        Raises
+        ------
+        UserError : no common name, another model order, an ordered group or
+            a sign only partly there, or draws outside this prior's support.
+        """
+        common = tuple(n for n in self.names if n in names)
+        check_same_order(self.parameters, names)
+        theta = np.tile(self._from_default(np.zeros((1, len(self.names)))), (len(draws), 1))
+        for name in common:
+            theta[:, self._column[name]] = draws[:, list(names).index(name)]
+        z = self._to_default(theta)[:, [self._column[n] for n in common]]
+        for name, column in zip(common, z.T, strict=True):
+            outside = int(np.sum(~np.isfinite(column)))
+            if outside:
+                raise UserError(
+                    f"prior_from: {outside} of {len(draws)} draws of {name} are outside its "
+                    f"prior here ({self.describe(name)}); widen it under priors:"
+                )
+        z = np.clip(z, -LARGEST_INHERITED_SCORE, LARGEST_INHERITED_SCORE)
+        block = PosteriorBlock.fit(common, z)
+        kept = tuple(b for b in self.inherited if not set(b.names) & set(common))
+        return Prior(self.parameters, self.minimum_ratios, (*kept, block))
+
+    def to_parameters(self, z: FloatArray) -> FloatArray:
+        """theta (W, d) of standard normal z (W, d)."""
+        return self._from_default(self._mixed(z, "colour"))
+
+    def to_normal(self, theta: FloatArray) -> FloatArray:
+        """z (W, d) of theta (W, d); NaN where theta is outside the support."""
+        return self._mixed(self._to_default(theta), "whiten")
+
+    def log_density(self, theta: FloatArray) -> FloatArray:
+        """log p(theta), (W,), normalised; -inf outside the support."""
+        theta = np.asarray(theta, dtype=float)
+        magnitudes = self._without_signs(theta)
+        total = np.zeros(len(theta))
+        for block in self._blocks:
+            total += block.log_density(magnitudes[:, block.columns])
+        if self.inherited:
+            z = self._to_default(theta)
+            for block_, columns in zip(self.inherited, self._inherited_columns, strict=True):
+                total += block_.log_density_ratio(z[:, columns])
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
+        """Independent draws theta (n, d)."""
+        return self.to_parameters(rng.standard_normal((n, len(self.names))))
+
+    def describe(self, name: str) -> str:
+        """The prior of one parameter in words, for tables."""
+        parameter = self.parameters[self._column[name]]
+        text = parameter.prior.describe()
+        if parameter.sign_of is not None:
+            text = f"absolute value {text}, sign of {parameter.sign_of}"
+        if parameter.ordered is not None and len(self._members[parameter.ordered]) > 1:
+            ratio = self.minimum_ratios[parameter.ordered]
+            block = next(b for b in self._blocks if self._column[name] in b.columns)
+            apart = isinstance(block, Ordered) and block.factors[-1] > 1.0
+            spacing = f" at least a factor {format_number(ratio)} apart" if apart else ""
+            text = f"{text}, ascending{spacing} ({parameter.ordered})"
+        for inherited in self.inherited:
+            if name in inherited.names:
+                text = (
+                    "posterior of another study, multivariate normal on the scores of: "
+                    f"{text}; misfit {inherited.misfit:.3f}"
+                )
+        return text
+
+    def _build_blocks(self) -> tuple[Block, ...]:
+        blocks: list[Block] = []
+        for group, members in self._members.items():
+            prior = self.parameters[members[0]].prior
+            if any(self.parameters[k].prior != prior for k in members):
+                raise ValueError(f"the members of ordered group {group} must share one prior")
+            blocks.append(Ordered.of(group, tuple(members), prior, self.minimum_ratios[group]))
+        free = [(k, p.prior) for k, p in enumerate(self.parameters) if p.ordered is None]
+        normals = [(k, d) for k, d in free if isinstance(d, LogNormal)]
+        if normals:
+            columns, medians = zip(*normals, strict=True)
+            blocks.append(LogNormals.of(columns, medians))
+        others = [(k, d) for k, d in free if not isinstance(d, LogNormal)]
+        if others:
+            blocks.append(Independent(*zip(*others, strict=True)))
+        return tuple(blocks)
+
+    def _sign_columns(self) -> list[tuple[int, int]]:
+        """(parameter, parameter whose sign it takes), as columns."""
+        columns = []
+        for k, parameter in enumerate(self.parameters):
+            if parameter.sign_of is None:
+                continue
+            if parameter.sign_of not in self._column:
+                raise ValueError(f"{parameter.name}: sign_of {parameter.sign_of} is no parameter")
+            if parameter.prior.support[0] < 0.0:
+                raise UserError(
+                    f"prior of {parameter.name}: it is on the absolute value (the sign is that of "
+                    f"{parameter.sign_of}), so it must not reach below 0: "
+                    f"{parameter.prior.describe()}"
+                )
+            columns.append((k, self._column[parameter.sign_of]))
+        return columns
+
+    def _from_default(self, z: FloatArray) -> FloatArray:
+        theta = np.empty_like(z, dtype=float)
+        for block in self._blocks:
+            theta[:, block.columns] = block.to_parameters(z[:, block.columns])
+        for k, source in self._signs:
+            theta[:, k] *= np.where(theta[:, source] < 0.0, -1.0, 1.0)
+        return theta
+
+    def _to_default(self, theta: FloatArray) -> FloatArray:
+        theta = self._without_signs(np.asarray(theta, dtype=float))
+        z = np.empty_like(theta)
+        for block in self._blocks:
+            z[:, block.columns] = block.to_normal(theta[:, block.columns])
+        return z
+
+    def _without_signs(self, theta: FloatArray) -> FloatArray:
+        if not self._signs:
+            return theta
+        theta = theta.copy()
+        for k, source in self._signs:
+            theta[:, k] *= np.where(theta[:, source] < 0.0, -1.0, 1.0)
+        return theta
+
+    def _mixed(self, z: FloatArray, method: str) -> FloatArray:
+        """z with `colour` or `whiten` applied to the inherited columns."""
+        if not self.inherited:
+            return np.asarray(z, dtype=float)
+        z = np.array(z, dtype=float)
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            z[:, columns] = getattr(block, method)(z[:, columns])
+        return z

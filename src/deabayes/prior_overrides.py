@@ -1,0 +1,114 @@
+"""Which parameters a config entry or another posterior's names speak of."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from deabayes.distribution_settings import from_settings
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.parameter import Parameter
+
+NUMBERED = re.compile(r"(.*_)(\d+)")
+
+
+def overridden(
+    parameters: tuple[Parameter, ...], overrides: Mapping[str, object], also_known: Iterable[str]
+) -> tuple[tuple[Parameter, ...], dict[str, float]]:
+    """Parameters with the config's priors, and the minimum ratios it sets by group.
+
+    Raises
+    ------
+    Faults : all that is wrong with `overrides`, together.
+    """
+    replaced = {p.name: p for p in parameters}
+    ratios: dict[str, float] = {}
+    faults: list[str] = []
+    passed_over = set(also_known)
+    for key, settings in overrides.items():
+        try:
+            targets = _targets(parameters, key, passed_over)
+            settings, ratio = _split_ratio(settings, key, targets)
+            if ratio is not None:
+                ratios[key] = ratio
+            only_ratio = ratio is not None and not settings
+            for target in () if only_ratio else targets:
+                prior = from_settings(settings, target.unit, f"priors.{key}")
+                replaced[target.name] = replace(target, prior=prior, source="config")
+        except UserError as fault:
+            faults.append(str(fault))
+    if faults:
+        raise Faults(faults)
+    return tuple(replaced.values()), ratios
+
+
+def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) -> None:
+    """Refuse a posterior whose model order differs, or that splits an ordered group.
+
+    Raises
+    ------
+    UserError
+    """
+    here = {p.name for p in parameters}
+    if not here & set(names):
+        raise UserError(
+            f"prior_from: none of its parameters ({', '.join(names)}) is a parameter here"
+        )
+    for name in names:
+        if name not in here and _stem(name) in {_stem(n) for n in here} - {None}:
+            raise UserError(
+                f"prior_from: it has {name}, which this candidate lacks; take the posterior of a "
+                "candidate of the same order"
+            )
+    for parameter in parameters:
+        group = [p.name for p in parameters if parameter.ordered and p.ordered == parameter.ordered]
+        missing = [n for n in group if n not in names]
+        if missing and len(missing) < len(group):
+            raise UserError(
+                f"prior_from: it lacks {', '.join(missing)} of the ordered {parameter.ordered}; "
+                "take the posterior of a candidate of the same order"
+            )
+        if parameter.name in names and parameter.sign_of and parameter.sign_of not in names:
+            raise UserError(
+                f"prior_from: it has {parameter.name} but not {parameter.sign_of}, whose sign it "
+                "takes; keep both"
+            )
+
+
+def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str]) -> list[Parameter]:
+    """The parameters `key` names; none where it belongs to another candidate."""
+    named = [p for p in parameters if p.name == key]
+    if named and named[0].ordered is not None:
+        raise UserError(
+            f"priors.{key}: the members of {named[0].ordered} share one prior, since they are "
+            f"ordered; set priors.{named[0].ordered}"
+        )
+    group = [p for p in parameters if p.ordered == key]
+    suffixed = [p for p in parameters if p.name.endswith(f".{key}")]
+    if found := named or group or suffixed:
+        return found
+    stems = {_stem(p.name) for p in parameters} - {None}
+    if key in passed_over or _stem(key) in stems:
+        return []
+    known = [p.ordered or p.name for p in parameters]
+    raise UserError(f"priors.{key}: no parameter has this name{nearest(key, dict.fromkeys(known))}")
+
+
+def _split_ratio(settings: object, key: str, targets: list[Parameter]) -> tuple[Any, float | None]:
+    """Settings without `minimum_ratio`, which only an ordered group may carry."""
+    if not isinstance(settings, Mapping) or "minimum_ratio" not in settings:
+        return settings, None
+    if any(p.ordered != key for p in targets):
+        raise UserError(f"priors.{key}: minimum_ratio is for ordered groups; remove it")
+    ratio = settings["minimum_ratio"]
+    if isinstance(ratio, bool) or not isinstance(ratio, int | float) or not ratio >= 1.0:
+        raise UserError(f"priors.{key}.minimum_ratio: expected a number from 1, found {ratio!r}")
+    return {k: v for k, v in settings.items() if k != "minimum_ratio"}, float(ratio)
+
+
+def _stem(name: str) -> str | None:
+    """``mu_beta_`` of ``mu_beta_3``; None for a name without a number."""
+    match = NUMBERED.fullmatch(name)
+    return match.group(1) if match else None
