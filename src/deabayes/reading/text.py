@@ -32,34 +32,39 @@ def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Tab
     """
     settings = dict(record_format or {})
     with _open(path, settings) as stream:
-        columns = from_format(settings)
-        delimiter = _named_delimiter(settings.get("delimiter"))
-        if columns is None:
-            header = _header_line(stream, path)
-            delimiter = delimiter or sniff_delimiter(header)
-            columns = _header_columns(header, delimiter, path)
-        else:
-            skipped = _skip_lines(stream, int(settings.get("header_lines", 0)), path)
-            delimiter = delimiter or _data_delimiter(_peek(stream, 1), len(columns))
-            _check_skipped(skipped, delimiter, len(columns), path)
+        columns, delimiter = _columns(stream, path, settings)
         sample = _peek(stream, SNIFFED_LINES)
         if not sample:
             raise UserError(f"{path}: holds no data rows after the header; copy the record again")
-        if not any(_is_number(cell) for cell in split(sample[0], delimiter)):
-            raise UserError(
-                f"{path}: the first data row is {sample[0][:60]!r}, which holds no number; correct "
-                "the row, or the header (header_lines under record_format in specimen.yaml)"
-            )
         last = _last_line(stream)
         decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter)
-        _check_width(path, len(columns), delimiter, sample[0], last)
+        _check_rows(path, len(columns), delimiter, sample[0], last)
         trailing = split(sample[0], delimiter)[len(columns) :]
         return _read_columns(stream, path, columns, delimiter, decimal, len(trailing))
 
 
+def _columns(stream: BinaryIO, path: Path, settings: Mapping[str, Any]) -> tuple[list[Column], str]:
+    """Columns and delimiter; the stream is left where the data begin."""
+    columns = from_format(settings)
+    delimiter = _named_delimiter(settings.get("delimiter"))
+    if columns is None:
+        header = _header_line(stream, path)
+        delimiter = delimiter or sniff_delimiter(header)
+        return _header_columns(header, delimiter, path), delimiter
+    skipped = _skip_lines(stream, int(settings.get("header_lines", 0)), path)
+    delimiter = delimiter or _data_delimiter(_peek(stream, 1), len(columns))
+    _check_skipped(skipped, delimiter, len(columns), path)
+    return columns, delimiter
+
+
 def sniff_delimiter(header: str) -> str:
     """Tab, semicolon or comma: the one that splits a header into the most ``name [unit]`` cells."""
-    return max(DELIMITERS, key=lambda mark: sum("[" in cell for cell in split(header, mark)))
+
+    def cells(mark: str) -> tuple[int, int]:
+        found = split(header, mark)
+        return sum("[" in cell for cell in found), len(found)
+
+    return max(DELIMITERS, key=cells)
 
 
 def _data_delimiter(lines: Sequence[str], width: int) -> str:
@@ -69,8 +74,8 @@ def _data_delimiter(lines: Sequence[str], width: int) -> str:
 
 
 def sniff_decimal(lines: Sequence[str], delimiter: str) -> str:
-    """Decimal comma when cells hold a comma and none holds a point."""
-    cells = [cell for line in lines for cell in split(line, delimiter)]
+    """Decimal comma when numbers hold a comma and none holds a point."""
+    cells = [cell for line in lines for cell in split(line, delimiter) if _is_number(cell)]
     comma = any("," in cell for cell in cells)
     return "," if comma and not any("." in cell for cell in cells) else "."
 
@@ -200,8 +205,8 @@ def _last_line(stream: BinaryIO) -> str:
     return lines[-1].decode("utf-8", errors="replace")
 
 
-def _check_width(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
-    """The first row matches the header; the last is not broken off."""
+def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
+    """The first row matches the header and holds data; the last is not broken off."""
     found = split(first, delimiter)
     if found[width:] not in ([], [""]) or len(found) < width:
         raise UserError(
@@ -212,6 +217,11 @@ def _check_width(path: Path, width: int, delimiter: str, first: str, last: str) 
         raise UserError(
             f"{path}: the last row {last[:60]!r} has {len(split(last, delimiter))} of {width} "
             "columns, the file is truncated; copy it again or remove that row"
+        )
+    if not any(_is_number(cell) for cell in found):
+        raise UserError(
+            f"{path}: the first data row is {first[:60]!r}, which holds no number; correct "
+            "the row, or the header (header_lines under record_format in specimen.yaml)"
         )
 
 

@@ -1,0 +1,114 @@
+"""Excel, MATLAB and TDMS records give what the same csv gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deabayes.faults import UserError
+from deabayes.reading.columns import from_text
+from deabayes.reading.raw import RawRecord
+from deabayes.reading.records import read_record
+
+TIME = np.array([0.0, 0.5, 1.0])
+VOLTAGE_KV = np.array([0.0, 2.5, 2.5])
+
+
+def check(record: RawRecord) -> None:
+    np.testing.assert_allclose(record.columns["time"], TIME)
+    np.testing.assert_allclose(record.columns["voltage"], 1e3 * VOLTAGE_KV)
+    assert record.units["voltage"] == "V"
+    assert len(record.sha256) == 64
+
+
+def write_xlsx(path: Path, rows: list[list[object]]) -> Path:
+    from openpyxl import Workbook
+
+    workbook = Workbook()
+    for row in rows:
+        workbook.active.append(row)
+    workbook.create_sheet("other").append(["nothing"])
+    workbook.save(path)
+    return path
+
+
+def test_excel_first_sheet(tmp_path: Path) -> None:
+    rows = [["time [s]", "voltage [kV]", "remark"], *zip(TIME, VOLTAGE_KV, "abc", strict=True)]
+    record = read_record(write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows]))
+    check(record)
+    assert "remark" not in record.columns
+
+
+def test_excel_text_among_numbers_is_named(tmp_path: Path) -> None:
+    path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, "n/a"]])
+    with pytest.raises(UserError, match=r"a\.xlsx, column force, data row 2: 'n/a'"):
+        read_record(path)
+
+
+def test_matlab_with_columns_of_the_row(tmp_path: Path) -> None:
+    import scipy.io
+
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": TIME[:, None], "voltage": VOLTAGE_KV, "junk": "text"})
+    check(read_record(path, columns=from_text("t = time [s]; voltage [kV]")))
+
+
+def test_matlab_with_columns_of_the_specimen(tmp_path: Path) -> None:
+    import scipy.io
+
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": TIME, "u": VOLTAGE_KV})
+    columns = [
+        {"name": "time", "unit": "s", "source": "t"},
+        {"name": "voltage", "unit": "kV", "source": "u"},
+    ]
+    check(read_record(path, {"columns": columns}))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, ["holds no units", "experiments.csv", "t, u"]),
+        ("t = time [s]; w = voltage [kV]", ["no variable 'w'"]),
+        ("t = time [s]; u = voltage [kV]", ["differ in length", "time 3", "voltage 2"]),
+    ],
+)
+def test_matlab_faults(tmp_path: Path, text: str | None, words: list[str]) -> None:
+    import scipy.io
+
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": TIME, "u": VOLTAGE_KV[:2]})
+    with pytest.raises(UserError) as caught:
+        read_record(path, columns=None if text is None else from_text(text))
+    for word in ["a.mat", *words]:
+        assert word in str(caught.value)
+
+
+def write_tdms(path: Path, channels: list[tuple[str, np.ndarray, dict[str, object]]]) -> Path:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("g", n, v, properties=p) for n, v, p in channels])
+    return path
+
+
+def test_tdms_units_from_names_or_properties(tmp_path: Path) -> None:
+    channels = [("time [s]", TIME, {}), ("voltage", VOLTAGE_KV, {"unit_string": "kV"})]
+    check(read_record(write_tdms(tmp_path / "a.tdms", channels)))  # type: ignore[arg-type]
+
+
+def test_tdms_time_from_the_increment(tmp_path: Path) -> None:
+    properties = {"wf_increment": 0.5, "wf_start_offset": 0.0, "wf_samples": 3}
+    channels = [("voltage [kV]", VOLTAGE_KV, properties)]
+    check(read_record(write_tdms(tmp_path / "a.tdms", channels)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["a.xlsx", "a.mat", "a.tdms"])
+@pytest.mark.parametrize("content", [b"", b"this is no such file at all, only text" * 20])
+def test_damaged_files(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"copy"):
+        read_record(path, columns=from_text("time [s]"))
