@@ -242,8 +242,9 @@ class TruncatedNormal(Distribution):
         z = np.asarray(z, dtype=float)
         a, b = self._ends()
         log_mass = log_normal_mass(a, b)
-        log_below = np.logaddexp(log_ndtr(a), log_ndtr(z) + log_mass)
-        log_above = np.logaddexp(log_ndtr(-b), log_ndtr(-z) + log_mass)
+        with np.errstate(invalid="ignore"):  # NaN stays NaN
+            log_below = np.logaddexp(log_ndtr(a), log_ndtr(z) + log_mass)
+            log_above = np.logaddexp(log_ndtr(-b), log_ndtr(-z) + log_mass)
         left = log_below < log_above
         scaled = np.where(
             left, ndtri_exp(np.minimum(log_below, 0.0)), -ndtri_exp(np.minimum(log_above, 0.0))

@@ -53,7 +53,7 @@ def score(below: FloatArray, above: FloatArray) -> FloatArray:
     from scipy.special import ndtri
 
     smaller = np.minimum(below, above)
-    tail = ndtri(np.clip(np.where(smaller > 0.0, smaller, UNRESOLVED_PROBABILITY), 0.0, 0.5))
+    tail = ndtri(np.clip(np.where(smaller <= 0.0, UNRESOLVED_PROBABILITY, smaller), 0.0, 0.5))
     return np.where(below < above, tail, -tail)
 
 

@@ -155,7 +155,7 @@ class Ordered:
         log_uniforms = log_ndtr(self.reduced.to_normal(values))
         log_steps = log_uniforms - np.append(log_uniforms[:, 1:], np.zeros((len(theta), 1)), axis=1)
         tied = log_ndtr(UNRESOLVED_SCORE)
-        z = ndtri_exp(np.where(log_steps < 0.0, log_steps * self._powers, tied))
+        z = ndtri_exp(np.where(log_steps >= 0.0, tied, log_steps * self._powers))
         return np.where(ascending[:, None], z, np.nan)
 
     def log_density(self, theta: FloatArray) -> FloatArray:

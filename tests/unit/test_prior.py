@@ -1,0 +1,302 @@
+"""The joint prior: one law for transform, inverse, density and samples."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from deabayes.faults import Faults, UserError
+from deabayes.parameter import Parameter
+from deabayes.prior import Prior, PriorFromPosterior
+
+
+def parameter(name, prior, unit="1", **kwargs):
+    return Parameter(name, name, unit, "", prior, "test", **kwargs)
+
+
+def ordered(group, prior, size=3, unit="s"):
+    return tuple(parameter(f"{group}_{k}", prior, unit, ordered=group) for k in range(1, size + 1))
+
+
+TAU = ordered("tau", LogUniform(0.01, 1000.0))
+ALPHA = ordered("alpha", Uniform(-5.0, 10.0), unit="1")
+RELAXATION = ordered("relaxation", LogNormal(10.0, 1.5), size=2)
+MU = tuple(parameter(f"mu_{k}", LogNormal(5e4, 1.0), "Pa", sign_of=f"alpha_{k}") for k in (1, 2, 3))
+FREE = (
+    parameter("thickness", TruncatedNormal(1e-4, 1e-5, 0.0), "m"),
+    parameter("zeta_alpha", LogNormal(1e3, 2.0), "Pa s"),
+    parameter("offset", Normal(0.5, 0.1)),
+)
+EVERYTHING = (*MU, *FREE, *TAU, *ALPHA, *RELAXATION)
+
+
+@pytest.fixture
+def prior():
+    return Prior(EVERYTHING)
+
+
+@pytest.fixture
+def posterior_draws():
+    """Correlated draws of zeta_alpha and offset."""
+    z = np.random.default_rng(3).multivariate_normal(
+        [0.5, -1.0], [[0.04, 0.03], [0.03, 0.09]], 4000
+    )
+    return ("zeta_alpha", "offset"), Prior(FREE[1:]).to_parameters(z)
+
+
+def assert_density_is_jacobian(prior, z, tolerance=1e-5):
+    """log p(theta) + log |d theta / d z| = log N(z)."""
+    step = 1e-5
+    for point in z:
+        shifted = np.tile(point, (2 * point.size, 1))
+        rows = np.arange(point.size)
+        shifted[rows, rows] += step
+        shifted[rows + point.size, rows] -= step
+        theta = prior.to_parameters(shifted)
+        jacobian = (theta[: point.size] - theta[point.size :]) / (2.0 * step)
+        size = np.abs(jacobian).max(axis=0)
+        log_volume = np.linalg.slogdet(jacobian / size)[1] + np.log(size).sum()
+        log_density = prior.log_density(prior.to_parameters(point[None]))[0]
+        expected = stats.norm.logpdf(point).sum()
+        assert log_density + log_volume == pytest.approx(expected, abs=tolerance)
+
+
+def test_round_trip(prior):
+    z = np.clip(np.random.default_rng(0).standard_normal((4000, len(prior.names))), -4.0, 4.0)
+    np.testing.assert_allclose(prior.to_normal(prior.to_parameters(z)), z, atol=1e-10)
+
+
+def test_density_matches_the_numerical_jacobian(prior):
+    assert_density_is_jacobian(
+        prior, np.random.default_rng(1).standard_normal((20, len(prior.names)))
+    )
+
+
+def test_density_of_an_inherited_prior_matches_the_numerical_jacobian(prior, posterior_draws):
+    inherited = prior.inherit(*posterior_draws)
+    assert_density_is_jacobian(
+        inherited, np.random.default_rng(2).standard_normal((10, len(prior.names)))
+    )
+
+
+def test_extreme_normals_give_finite_parameters_in_silence(prior):
+    rng = np.random.default_rng(4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for size in (8.0, 40.0, 1e5):
+            theta = prior.to_parameters(rng.uniform(-size, size, (200, len(prior.names))))
+            assert np.all(np.isfinite(theta))
+            assert np.all(np.isfinite(prior.to_normal(theta)))
+            assert np.all(np.isfinite(prior.log_density(theta)))
+
+
+def test_ordered_group_is_smooth_without_reaching_its_bounds():
+    prior = Prior(TAU)
+    z = np.zeros((161, 3))
+    z[:, 2] = np.linspace(-8.0, 8.0, 161)
+    log_tau = np.log(prior.to_parameters(z)[:, 2])
+    steps = np.diff(log_tau)
+    assert np.all(steps[z[:-1, 2] < 5.0] > 0.0)
+    z[:, 2] = 0.0
+    z[:, 0] = np.linspace(-8.0, 8.0, 161)
+    theta = prior.to_parameters(z)
+    assert np.all(theta[:, 1] / theta[:, 0] >= 2.0)
+    assert np.all(theta[:, 0] > 0.01)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 10.0])
+def test_ordered_samples_match_rejection(ratio):
+    """Sorted iid draws, kept where neighbours are at least `ratio` apart."""
+    rng = np.random.default_rng(5)
+    brute = np.sort(LogUniform(0.01, 1000.0).from_normal(rng.standard_normal((60000, 3))), axis=1)
+    brute = brute[np.all(brute[:, 1:] / brute[:, :-1] >= ratio, axis=1)]
+    theta = Prior(TAU, minimum_ratio=ratio).sample(rng, 20000)
+    assert np.all(theta[:, 1:] / theta[:, :-1] >= ratio * (1.0 - 1e-12))
+    for statistic in (lambda t: t[:, 0], lambda t: t[:, 1], lambda t: t[:, 2], lambda t: t.prod(1)):
+        assert stats.ks_2samp(statistic(theta), statistic(brute)).pvalue > 1e-3
+    assert stats.ks_2samp(theta[:, 1], brute[:, 1] * 1.15).pvalue < 1e-3
+
+
+def test_ordered_uniform_and_log_normal_samples_match_sorting():
+    rng = np.random.default_rng(6)
+    brute = np.sort(Uniform(-5.0, 10.0).from_normal(rng.standard_normal((20000, 3))), axis=1)
+    theta = Prior(ALPHA).sample(rng, 20000)
+    for k in range(3):
+        assert stats.ks_2samp(theta[:, k], brute[:, k]).pvalue > 1e-3
+    brute = np.sort(LogNormal(10.0, 1.5).from_normal(rng.standard_normal((20000, 2))), axis=1)
+    theta = Prior(RELAXATION).sample(rng, 20000)
+    factor = np.sqrt(2.0)
+    assert stats.ks_2samp(theta[:, 0], brute[:, 0] / factor).pvalue > 1e-3
+    assert stats.ks_2samp(theta[:, 1], brute[:, 1] * factor).pvalue > 1e-3
+
+
+def test_ordered_density_has_the_volume_of_the_gap():
+    """n! / (log(upper/lower) - (n-1) log ratio)^n, times prod 1/tau."""
+    prior = Prior(TAU, minimum_ratio=3.0)
+    theta = np.array([[0.1, 1.0, 10.0]])
+    width = np.log(1e5) - 2.0 * np.log(3.0)
+    assert prior.log_density(theta)[0] == pytest.approx(np.log(6.0) - 3.0 * np.log(width))
+
+
+def test_outside_the_support():
+    prior = Prior((*MU, *ALPHA, *TAU))
+    inside = prior.sample(np.random.default_rng(7), 1)[0]
+    names = list(prior.names)
+    wrong = np.tile(inside, (4, 1))
+    wrong[0, names.index("tau_2")] = 1.5 * wrong[0, names.index("tau_1")]
+    wrong[1, names.index("tau_3")] = 2000.0
+    wrong[2, names.index("mu_1")] *= -1.0
+    wrong[3, names.index("alpha_3")] = np.nan
+    assert np.isfinite(prior.log_density(inside[None])[0])
+    np.testing.assert_array_equal(prior.log_density(wrong), -np.inf)
+    assert np.all(np.isnan(prior.to_normal(wrong)).any(axis=1))
+
+
+def test_sign_follows_the_exponent():
+    prior = Prior((*MU, *ALPHA))
+    theta = prior.sample(np.random.default_rng(8), 500)
+    assert np.all(theta[:, :3] * theta[:, 3:] > 0.0)
+    assert np.any(theta[:, :3] < 0.0)
+
+
+def test_a_draw_does_not_depend_on_its_neighbours(prior):
+    z = np.random.default_rng(9).standard_normal((7, len(prior.names)))
+    z[3] = np.nan
+    theta = prior.to_parameters(z)
+    for k in (0, 2, 4, 6):
+        np.testing.assert_array_equal(theta[k], prior.to_parameters(z[k : k + 1])[0])
+
+
+def test_concatenate_joins_parameters_and_ratios():
+    joined = Prior.concatenate(Prior(TAU, minimum_ratio=5.0), Prior(FREE))
+    assert joined.names == tuple(p.name for p in (*TAU, *FREE))
+    theta = joined.sample(np.random.default_rng(10), 50)
+    apart = Prior(TAU, minimum_ratio=5.0).log_density(theta[:, :3])
+    np.testing.assert_allclose(
+        joined.log_density(theta), apart + Prior(FREE).log_density(theta[:, 3:])
+    )
+
+
+def test_no_room_for_the_ratio_is_said():
+    with pytest.raises(UserError, match=r"tau: 3 values at least a factor 1000 apart do not fit"):
+        Prior(TAU, minimum_ratio=1000.0)
+
+
+class TestOverrides:
+    def test_by_name_with_units(self):
+        settings = {"distribution": "lognormal", "median": "35 kPa", "sigma": 0.5}
+        prior = Prior.from_parameters((*MU, *ALPHA), {"mu_2": settings})
+        assert prior.parameters[1].prior == LogNormal(35e3, 0.5)
+        assert prior.parameters[1].source == "config"
+        assert prior.parameters[0].prior == MU[0].prior
+
+    def test_by_ordered_group_with_its_ratio(self):
+        settings = {"distribution": "loguniform", "lower": "10 ms", "upper": 10, "minimum_ratio": 3}
+        prior = Prior.from_parameters(TAU, {"tau": settings})
+        assert {p.prior for p in prior.parameters} == {LogUniform(0.01, 10.0)}
+        assert prior.minimum_ratios == {"tau": 3.0}
+        assert (
+            Prior.from_parameters(TAU, {"tau": {"minimum_ratio": 4}}).minimum_ratios["tau"] == 4.0
+        )
+
+    def test_noise_in_all_groups(self):
+        noise = [parameter(f"{g}.sigma_ou", LogNormal(1.0, 1.0), "V") for g in ("creep", "sine")]
+        settings = {"distribution": "halfnormal", "sd": "2 mV"}
+        prior = Prior.from_parameters(noise, {"sigma_ou": settings})
+        assert [p.prior.sd for p in prior.parameters] == [0.002, 0.002]
+
+    def test_other_orders_and_candidates_are_passed_over(self):
+        settings = {"distribution": "lognormal", "median": 1, "sigma": 1}
+        names = {"mu_9": settings, "J_alpha": settings}
+        assert Prior.from_parameters((*MU, *ALPHA), names, ["J_alpha"]).parameters == (*MU, *ALPHA)
+
+    def test_all_mistakes_together(self):
+        good = {"distribution": "lognormal", "median": 1, "sigma": 1}
+        overrides = {
+            "zeta_alfa": good,
+            "tau_1": good,
+            "mu_1": {"distribution": "lognormal", "median": "1 V", "sigma": 1},
+            "offset": {**good, "minimum_ratio": 2},
+            "thickness": None,
+        }
+        with pytest.raises(Faults) as caught:
+            Prior.from_parameters(EVERYTHING, overrides)
+        text = str(caught.value)
+        assert len(caught.value.faults) == 5
+        assert "did you mean 'zeta_alpha'" in text
+        assert "set priors.tau" in text
+        assert "priors.mu_1.median" in text
+        assert "minimum_ratio is for ordered groups" in text
+        assert "priors.thickness: expected a mapping" in text
+
+    def test_a_prior_below_zero_cannot_take_a_sign(self):
+        settings = {"mu_1": {"distribution": "normal", "mean": 0, "sd": 1}}
+        with pytest.raises(UserError, match="must not reach below 0"):
+            Prior.from_parameters((*MU, *ALPHA), settings)
+
+
+class TestInherit:
+    def test_mean_and_correlations_are_kept(self, prior, posterior_draws):
+        names, draws = posterior_draws
+        inherited = prior.inherit(names, draws)
+        samples = inherited.sample(np.random.default_rng(11), 20000)
+        columns = [prior.names.index(n) for n in names]
+        log_zeta, offset = np.log(samples[:, columns[0]]), samples[:, columns[1]]
+        expected = np.corrcoef(np.log(draws[:, 0]), draws[:, 1])[0, 1]
+        assert expected > 0.3
+        assert np.corrcoef(log_zeta, offset)[0, 1] == pytest.approx(expected, abs=0.02)
+        assert np.mean(offset) == pytest.approx(draws[:, 1].mean(), abs=0.001)
+        assert np.std(log_zeta) == pytest.approx(np.std(np.log(draws[:, 0])), rel=0.03)
+        z = np.random.default_rng(12).standard_normal((50, len(prior.names)))
+        np.testing.assert_allclose(inherited.to_normal(inherited.to_parameters(z)), z, atol=1e-9)
+
+    def test_misfit_tells_normal_from_bimodal(self, posterior_draws):
+        names, draws = posterior_draws
+        prior = Prior(FREE)
+        assert prior.inherit(names, draws).inherited[0].misfit < 0.03
+        bimodal = draws.copy()
+        bimodal[::2, 1] += 1.0
+        assert prior.inherit(names, bimodal).inherited[0].misfit > 0.1
+
+    def test_a_whole_ordered_group(self):
+        prior = Prior((*MU, *ALPHA))
+        draws = prior.sample(np.random.default_rng(13), 3000)
+        inherited = prior.inherit(*PriorFromPosterior(prior.names, draws))
+        samples = inherited.sample(np.random.default_rng(14), 3000)
+        for k in range(draws.shape[1]):
+            assert stats.ks_2samp(samples[:, k], draws[:, k]).pvalue > 1e-4
+        assert "posterior of another study" in inherited.describe("alpha_1")
+
+    @pytest.mark.parametrize(
+        ("names", "message"),
+        [
+            (("elsewhere",), "none of its parameters"),
+            (("tau_1", "tau_2"), "lacks tau_3 of the ordered tau"),
+            (("tau_1", "tau_2", "tau_3", "tau_4"), "has tau_4, which this candidate lacks"),
+            (("mu_1",), "not alpha_1"),
+        ],
+    )
+    def test_mistakes(self, prior, names, message):
+        with pytest.raises(UserError, match=message):
+            prior.inherit(names, np.ones((500, len(names))))
+
+    def test_draws_outside_the_support_are_counted(self, prior):
+        draws = np.random.default_rng(15).normal(0.0, 1.0, (500, 1))
+        with pytest.raises(UserError, match="of 500 draws of zeta_alpha are outside"):
+            prior.inherit(("zeta_alpha",), draws)
+
+    def test_too_few_or_constant_draws(self, prior):
+        with pytest.raises(UserError, match="at least 10"):
+            prior.inherit(("offset",), np.ones((5, 1)))
+        with pytest.raises(UserError, match="do not vary"):
+            prior.inherit(("offset",), np.ones((50, 1)))
+
+
+def test_described_in_words(prior):
+    assert prior.describe("tau_1") == (
+        "log-uniform, lower 0.01, upper 1000, ascending at least a factor 2 apart (tau)"
+    )
+    assert "sign of alpha_1" in prior.describe("mu_1")
+    assert "factor" not in prior.describe("alpha_1")
