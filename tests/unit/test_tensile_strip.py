@@ -133,10 +133,13 @@ def test_default_accuracy_against_scipy(candidate, case, seed):
 
 
 @pytest.mark.parametrize("candidate", ["kv_gm_1", "kv_gm_3", "neo_hookean_units_3"])
-@pytest.mark.parametrize("record", ["relaxation", "triangle", "sine", "far"])
+@pytest.mark.parametrize("record", ["relaxation", "triangle", "sine", "far", "noisy"])
 def test_default_accuracy_over_the_prior(candidate, record):
     time = np.linspace(0.0, 80.0, 161)
+    noisy = 2.0 + 3e-6 * np.random.default_rng(4).standard_normal(49)
+    knots = np.r_[0.0, 2.0, np.arange(20.0, 1000.0, 20.0)]
     histories = {
+        "noisy": (excitation(knots, np.r_[1.0, 2.0, noisy]), np.linspace(0.0, 980.0, 981)),
         "relaxation": relaxation(3.5),
         "triangle": (excitation(*HISTORIES["strip_triangle"]), time),
         "sine": (excitation(time, 1.5 - 0.5 * np.cos(0.2 * np.pi * time)), time),
@@ -329,3 +332,18 @@ def test_a_wrong_candidate_is_named(candidate, message):
 def test_a_record_that_does_not_fit_is_named(candidate, history, response, message):
     with pytest.raises(UserError, match=message):
         strip(candidate).simulator(history, np.array([1.0, 2.0]), response)
+
+
+def test_kinks_of_a_noisy_stretch_cost_far_less_than_the_noise_itself():
+    noise = 1e-3
+    time = np.linspace(0.0, 980.0, 981)
+    knots = np.r_[0.0, 2.0, np.arange(20.0, 1000.0, 20.0)]
+    wiggle = noise * np.random.default_rng(4).standard_normal(49)
+    record = excitation(knots, np.r_[1.0, 2.0, 2.0 + wiggle]), time
+    draws = prior_draws(strip("kv_gm_3"), 200, 12)
+    found, expected = (
+        strip("kv_gm_3", tolerance).predict(*record, "nominal_stress", draws)
+        for tolerance in (1e-6, 1e-11)
+    )
+    error = np.max(np.abs(found - expected), axis=1) / np.ptp(expected, axis=1)
+    assert np.max(error) < 0.02 * noise
