@@ -48,7 +48,8 @@ def check_plain(path: Path) -> None:
         PLAIN.replace(",", ";").replace(".", ",").encode(),
         PLAIN.replace(",", "\t").replace(".", ",").encode(),
         b"time [s];voltage [kV];displacement [mm]\n0;0;0,5\n0,5;2,5;1,5\n1;2,5;2\n",
-        b'time [s],voltage [kV],displacement [mm]\n"0","0","0,5"\n"0,5","2,5","1,5"\n"1","2,5","2"\n',
+        b"time [s],voltage [kV],displacement [mm]\n"
+        b'"0","0","0,5"\n"0,5","2,5","1,5"\n"1","2,5","2"\n',
         b"# made up\n\n" + PLAIN.replace("\n0.5,", "\n# half way\n\n0.5,").encode(),
         PLAIN.replace("\n", ",\n").encode(),
         PLAIN.rstrip("\n").encode(),

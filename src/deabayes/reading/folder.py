@@ -118,10 +118,10 @@ class StudyFolder:
 
     def _missing_file(self, row: ExperimentRow) -> str:
         path = self.path / row.record
-        beside = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        hint = nearest(path.name, beside)
-        hint = hint if "did you mean" in hint else f"; put it there or correct {FILE}"
-        return f"{path} ({row.name}): there is no such file{hint}"
+        beside = [p.stem for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        hint = nearest(path.stem, beside)
+        hint = hint if "did you mean" in hint else ""
+        return f"{path} ({row.name}): there is no such file; put it there or correct {FILE}{hint}"
 
 
 def read_folder(

@@ -1,0 +1,76 @@
+"""The tiny checks: each speaks when it should and is silent when it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from deabayes.reading import checks
+
+RNG = np.random.default_rng(7)
+TIME = np.arange(200) * 0.02
+NOISY = np.sin(TIME) + 1e-3 * RNG.normal(size=TIME.size)
+CLIPPED = np.minimum(NOISY, 0.8)
+COARSE = np.round(NOISY / 0.2) * 0.2
+JITTERED = TIME + 0.02 * np.where(np.arange(200) % 20 == 3, 0.6, 0.0)
+GAP = TIME + np.where(np.arange(200) > 100, 3.0, 0.0)
+CURRENT = np.where(TIME < 0.5, 0.12, 0.0)
+
+SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
+    (lambda: checks.clipped_sensor(NOISY, 0.9, "force", "a.csv"), ["column force", "range of 0.9"]),
+    (lambda: checks.clipped_sensor(CLIPPED, None, "force", "a.csv"), ["largest value 0.8", "held"]),
+    (lambda: checks.clipped_sensor(-CLIPPED, None, "force", "a.csv"), ["smallest value -0.8"]),
+    (lambda: checks.coarse_quantisation(COARSE, None, None, "force", "a.csv"), ["steps of 0.2"]),
+    (
+        lambda: checks.coarse_quantisation(NOISY, 1e-2, 1e-3, "force", "a.csv"),
+        ["resolution 0.01", "noise 0.001"],
+    ),
+    (lambda: checks.sampling_jitter(JITTERED, "a.csv"), ["jitter", "10%", "0.02 s"]),
+    (lambda: checks.sampling_jitter(GAP, "a.csv"), ["gap of 3.02 s after 2 s"]),
+    (lambda: checks.current_at_limit(CURRENT, 0.12, "creep", "a.csv"), ["0.12 A", "12.50%"]),
+    (lambda: checks.current_at_limit(CURRENT, 0.12, "sine", "a.csv"), ["distorted"]),
+    (lambda: checks.shorter_than_time_constant(4.0, 500.0, "a.csv"), ["4 s", "500 s", "prior"]),
+    (lambda: checks.too_few_points(5, 7, "study a, kv_gm_3"), ["5 points", "7 parameters", "give"]),
+    (lambda: checks.too_few_points(7, 7, "a"), ["7 points"]),
+    (lambda: checks.not_positive(np.array([1.0, 0.0]), "stretch", "a"), ["data row 2", "offset"]),
+    (
+        lambda: checks.not_finite(np.array([1.0, np.nan, np.inf, 1.0, np.nan]), "force", "a.csv"),
+        ["3 values", "data row 2", "a run of 2"],
+    ),
+    (
+        lambda: checks.not_finite(np.array([1.0, np.nan, np.nan]), "force", "a.csv"),
+        ["2 values", "a run of 2"],
+    ),
+]  # fmt: skip
+
+SILENT: list[Callable[[], list[str]]] = [
+    lambda: checks.clipped_sensor(NOISY, 2.0, "force", "a"),
+    lambda: checks.clipped_sensor(NOISY, None, "force", "a"),
+    lambda: checks.clipped_sensor(COARSE, None, "force", "a"),
+    lambda: checks.coarse_quantisation(NOISY, 1e-4, 1e-3, "force", "a"),
+    lambda: checks.coarse_quantisation(NOISY, None, None, "force", "a"),
+    lambda: checks.sampling_jitter(TIME, "a"),
+    lambda: checks.sampling_jitter(np.append(TIME, TIME[-1] + 0.001), "a"),
+    lambda: checks.current_at_limit(CURRENT, 0.2, "creep", "a"),
+    lambda: checks.shorter_than_time_constant(500.0, 400.0, "a"),
+    lambda: checks.too_few_points(8, 7, "a"),
+    lambda: checks.constant_channel(np.array([1.0, 1.0, 1.001]), "force", "a"),
+    lambda: checks.outside_range(np.array([-0.5, 0.5]), 0.5, "displacement", "m", "a"),
+    lambda: checks.not_finite(NOISY, "force", "a"),
+    lambda: checks.time_goes_back(TIME, "a") + checks.time_repeats(TIME, "a"),
+]
+
+
+@pytest.mark.parametrize(("check", "words"), SPEAKS)
+def test_speaks(check: Callable[[], list[str]], words: list[str]) -> None:
+    sentences = check()
+    assert len(sentences) == 1
+    for word in words:
+        assert word in sentences[0]
+
+
+@pytest.mark.parametrize("check", SILENT)
+def test_is_silent(check: Callable[[], list[str]]) -> None:
+    assert check() == []

@@ -1,0 +1,242 @@
+"""A study folder broken in one place at a time: data.md, Bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.study_folders import (
+    HEADER,
+    TABLE,
+    make_folder,
+    record_lines,
+    replace_in,
+    write_lines,
+)
+
+from deabayes.faults import Faults, UserError
+from deabayes.reading.folder import read_folder, scan_folder
+
+Break = Callable[[Path], object]
+
+
+def table(old: str, new: str) -> Break:
+    """Change experiments.csv."""
+    return lambda folder: replace_in(folder / "experiments.csv", old, new)
+
+
+def specimen(old: str, new: str) -> Break:
+    """Change specimen.yaml."""
+    return lambda folder: replace_in(folder / "specimen.yaml", old, new)
+
+
+def row(number: int, text: str) -> Break:
+    """Put `text` into data row `number` of records/relax.csv."""
+
+    def change(folder: Path) -> None:
+        lines = record_lines(1)
+        lines[number] = text
+        write_lines(folder / "records" / "relax.csv", lines)
+
+    return change
+
+
+def column(index: int, value: str) -> Break:
+    """Put one value into a whole column of records/relax.csv."""
+
+    def change(folder: Path) -> None:
+        rows = [line.split(",") for line in record_lines(1)[1:]]
+        lines = [",".join([*cells[:index], value, *cells[index + 1 :]]) for cells in rows]
+        write_lines(folder / "records" / "relax.csv", [HEADER, *lines])
+
+    return change
+
+
+def whole(*lines: str) -> Break:
+    """Make records/relax.csv of these lines."""
+    return lambda folder: write_lines(folder / "records" / "relax.csv", list(lines))
+
+
+def header(text: str) -> Break:
+    """Change the header of records/relax.csv."""
+    return lambda folder: write_lines(
+        folder / "records" / "relax.csv", [text, *record_lines(1)[1:]]
+    )
+
+
+def copy_record(folder: Path) -> None:
+    """Validate on the very record that is fitted."""
+    source = (folder / "records" / "relax.csv").read_bytes()
+    (folder / "records" / "pull.csv").write_bytes(source)
+
+
+def cut_record(folder: Path) -> None:
+    """Cut the record in the middle of a row."""
+    path = folder / "records" / "relax.csv"
+    path.write_bytes(path.read_bytes()[:-12])
+
+
+RELAX = "relax.csv"
+BREAKS: dict[str, tuple[Break, list[str]]] = {
+    "missing record": (
+        lambda folder: (folder / "records" / RELAX).unlink(),
+        [RELAX, "no such file", "experiments.csv"],
+    ),
+    "misspelt record": (table("relax.csv", "relx.csv"), ["relx.csv", "did you mean 'relax'"]),
+    "empty record": (lambda f: (f / "records" / RELAX).write_text(""), [RELAX, "is empty"]),
+    "truncated record": (cut_record, [RELAX, "truncated", "copy it again"]),
+    "hardly any rows": (whole(*record_lines(1, rows=3)), [RELAX, "3 data rows", "at least 4"]),
+    "wrong delimiter": (
+        whole(*[line.replace(",", "|") for line in record_lines(1)]),
+        [RELAX, "only one column", "a comma"],
+    ),
+    "missing column": (
+        header("time [s],displacement [mm],load [N]"),
+        [RELAX, "column 'force' is missing", "load"],
+    ),
+    "misspelt column": (
+        header("time [s],displacment [mm],force [N]"),
+        ["column 'displacement' is missing", "did you mean 'displacment'"],
+    ),
+    "unknown unit": (header("time [s],displacement [mm],force [Nn]"), ["column force", "'Nn'"]),
+    "wrong dimension": (
+        header("time [s],displacement [kV],force [N]"),
+        [RELAX, "column displacement", "'kV' is a voltage", "a length"],
+    ),
+    "no unit": (header("time [s],displacement,force [N]"), ["'displacement [m]'"]),
+    "time goes back": (row(20, "0.5,60,0.9"), ["column time", "data row 20", "goes back"]),
+    "time repeats": (row(20, "1.8,60,0.9"), ["column time", "data row 20 repeats", "remove"]),
+    "NaN": (row(20, "1.9,60,NaN"), ["column force", "data row 20", "repair"]),
+    "infinite": (row(20, "1.9,inf,0.9"), ["column displacement", "data row 20"]),
+    "missing cell": (row(20, "1.9,,0.9"), ["column displacement", "1 values", "data row 20"]),
+    "text": (row(20, "1.9,60,overload"), ["column force, data row 20", "'overload'"]),
+    "constant response": (column(2, "0.5"), ["column force", "constant", "check the sensor"]),
+    "constant excitation": (column(1, "0"), ["column displacement", "constant"]),
+    "outside the range": (
+        header("time [s],displacement [m],force [N]"),
+        ["column displacement", "beyond the instrument's range of 0.5 m", "first in data row 2"],
+    ),
+    "header not UTF-8": (
+        lambda f: (f / "records" / RELAX).write_bytes(b"Zeit\xfc [s],a [m]\n0,1\n"),
+        [RELAX, "line 1", "not UTF-8", "save the file"],
+    ),
+    "same record": (copy_record, ["'pull' holds the same values as calibrate record 'relax'"]),
+    "unknown protocol": (table(",relaxation,", ",relaxatoin,"), ["line 2", "'relaxation'?"]),
+    "protocol of another system": (table(",relaxation,", ",creep,"), ["line 2", "no model of"]),
+    "unknown role": (table(",calibrate,", ",calibration,"), ["line 2, role", "'calibrate'?"]),
+    "unknown excitation": (
+        table("calibrate,displacement", "calibrate,displacment"),
+        ["line 2 (relax)", "no excitation 'displacment'", "'displacement'?"],
+    ),
+    "unknown response": (table("force,first", "forse,first"), ["no response 'forse'", "'force'?"]),
+    "missing table column": (table("role", "rolle"), ["column 'role' is missing", "'rolle'?"]),
+    "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
+    "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
+    "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),
+    "no rows": (
+        lambda f: write_lines(f / "experiments.csv", TABLE.splitlines()[:1]),
+        ["experiments.csv: lists no record"],
+    ),
+    "no table": (lambda f: (f / "experiments.csv").unlink(), ["experiments.csv", "no such file"]),
+    "unknown quantity": (specimen("gauge_length", "gage_length"), ["'gauge_length'?"]),
+    "unknown system": (specimen("tensile_strip", "tensile"), ["system", "'tensile_strip'?"]),
+    "empty specimen": (lambda f: (f / "specimen.yaml").write_text(""), ["specimen.yaml"]),
+}  # fmt: skip
+
+
+def test_a_sound_folder(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    read = read_folder(folder)
+    assert [r.name for r in read.table] == ["relax", "pull"]
+    assert read.table[0].metadata == {"note": "first"}
+    assert read.table[1].metadata == {"stretch_rate_per_s": 0.05}
+    raw = read.record(read.table[0])
+    assert raw.columns["displacement"].max() == pytest.approx(0.06)
+    assert read.locate(read.table[0]) == folder / "records" / "relax.csv"
+    assert read.warnings(read.table[0]) == []
+    assert read.specimen.name == "strip A"
+
+
+@pytest.mark.parametrize("case", BREAKS)
+def test_bad_input_is_named_with_a_remedy(tmp_path: Path, case: str) -> None:
+    folder = make_folder(tmp_path)
+    break_it, words = BREAKS[case]
+    break_it(folder)
+    with pytest.raises(UserError) as caught:
+        read_folder(folder)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    for case in ("unknown quantity", "NaN"):
+        BREAKS[case][0](folder)
+    replace_in(folder / "experiments.csv", "pull,load_unload", "pull,loading")
+    with pytest.raises(Faults) as caught:
+        read_folder(folder)
+    text = str(caught.value)
+    assert len(caught.value.faults) == 3
+    assert "gage_length" in text
+    assert "data row 20" in text
+    assert "line 3, protocol" in text
+
+
+def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    BREAKS["NaN"][0](folder)
+    read = read_folder(folder, check_records=False)
+    with pytest.raises(Faults, match="data row 20"):
+        read.record(read.table[0])
+    assert read.record(read.table[1]).columns["force"].size == 40
+
+
+def test_missing_folder(tmp_path: Path) -> None:
+    assert "no such folder" in scan_folder(tmp_path / "gone")[1][0]
+
+
+def test_table_in_another_dialect(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    path = folder / "experiments.csv"
+    text = path.read_text().replace(",", ";")
+    path.write_text(f"# made by hand\n\n{text}\n;;;;;;;\n", encoding="utf-8-sig")
+    assert [r.name for r in read_folder(folder).table] == ["relax", "pull"]
+
+
+def test_matlab_record_with_columns_in_the_table(tmp_path: Path) -> None:
+    import scipy.io
+
+    folder = make_folder(tmp_path)
+    rows = np.array([line.split(",") for line in record_lines(1)[1:]], dtype=float)
+    variables = dict(zip(("t", "displacement", "F"), rows.T, strict=True))
+    scipy.io.savemat(folder / "records" / "relax.mat", variables)
+    columns = "t = time [s]; displacement [mm]; F = force [N]"
+    replace_in(folder / "experiments.csv", "relax.csv", "relax.mat")
+    replace_in(folder / "experiments.csv", "note,", "columns,")
+    replace_in(folder / "experiments.csv", "first", columns)
+    read = read_folder(folder)
+    assert read.record(read.table[0]).columns["force"].size == 40
+
+
+def test_voltage_on_from_the_first_sample_is_a_step_not_a_fault(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    (folder / "specimen.yaml").write_text(
+        "name: tube\nsystem: tubular\nprovenance: {kind: measured}\nquantities:\n"
+        "  thickness: {value: 80, unit: µm}\n  relative_permittivity: {value: 3.1, unit: 1}\n",
+        encoding="utf-8",
+    )
+    line = "{n},creep,records/{n}.csv,{r},voltage,strain"
+    rows = [line.format(n="a", r="calibrate"), line.format(n="b", r="validate")]
+    head = "name,protocol,record,role,excitation,response"
+    write_lines(folder / "experiments.csv", [head, *rows])
+    for name, volts in (("a", 2.5), ("b", 0.0)):
+        lines = [f"{0.1 * i:.1f},{volts},{i + volts}" for i in range(9)]
+        header_line = "time [s],voltage [kV],strain [%]"
+        write_lines(folder / "records" / f"{name}.csv", [header_line, *lines])
+    read, faults = scan_folder(folder)
+    assert read is not None
+    assert len(faults) == 1
+    assert "(b), column voltage: is constant" in faults[0]
+    assert any("first sample" in w for w in read.warnings(read.table[0]))
