@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Faults, UserError, nearest
 from deabayes.study import Study
 
 if TYPE_CHECKING:
@@ -27,11 +27,39 @@ def find_study(study: str, config: Path) -> Study:
     return studies[study]
 
 
+def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
+    """Check a study folder, or a study with its folder; faults are raised once all is said."""
+    from deabayes.checking import check_folder
+
+    if Path(what).is_dir():
+        report = check_folder(Path(what))
+        say(report.text(with_faults=False))
+        if report.faults:
+            raise Faults(report.faults)
+        return
+    study = find_study(what, config)
+    say(check_folder(study.specimen, study.data_root).text(with_faults=False))
+    for warning in _checked(study):
+        say(f"  - {warning}")
+
+
 def prepare_by_name(study: str, config: Path, output: Path) -> None:
-    """Prepare the records of one study."""
+    """Prepare the records of one study, if all that it asks for can be given."""
     from deabayes.pipeline import prepare_study
 
-    prepare_study(find_study(study, config), output)
+    found = find_study(study, config)
+    _checked(found)
+    prepare_study(found, output)
+
+
+def _checked(study: Study) -> list[str]:
+    """The warnings on a study; its faults are raised."""
+    from deabayes.checking import check_study
+
+    faults, warnings = check_study(study)
+    if faults:
+        raise Faults(faults)
+    return warnings
 
 
 def fit_one(
@@ -56,7 +84,9 @@ def pool_by_name(
     """Pool the ensembles of a candidate."""
     from deabayes.pipeline import pool_candidate
 
-    pool_candidate(find_study(study, config), candidate, prepared, ensembles, output, summary)
+    pool_candidate(
+        find_study(study, config), candidate, prepared, ensembles, output, summary, progress=True
+    )
 
 
 def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
@@ -66,6 +96,7 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
 
     found = find_study(study, config)
     _known(found, candidate)
+    _checked(found)
     prepared, folder = results / found.name / "prepared", results / found.name / candidate
     prepare_study(found, prepared)
     count = found.sampling.ensembles
@@ -73,9 +104,10 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
     for index, output in enumerate(outputs, start=1):
         fit_ensemble(found, candidate, prepared, index, output, progress=True)
     posterior = folder / "posterior.nc"
-    pool_candidate(found, candidate, prepared, outputs, posterior, folder / "summary.csv")
+    summary = folder / "summary.csv"
+    pool_candidate(found, candidate, prepared, outputs, posterior, summary, progress=True)
     verdict = "converged" if open_posterior(posterior).converged else "NOT converged"
-    return f"{posterior}: {verdict}; parameters in {folder / 'summary.csv'}"
+    return f"{posterior}: {verdict}; parameters in {summary}"
 
 
 def compile_study(study: str, config: Path) -> None:

@@ -53,16 +53,17 @@ def new(name: str, system: str, folder: Path) -> None:
 
 
 @cli.command()
-@click.argument("folder", type=EXISTING)
-def check(folder: Path) -> None:
-    """Check a study folder: print what was understood and every fault found."""
-    from deabayes.checking import check_folder
-    from deabayes.faults import Faults
+@click.argument("what")
+@CONFIG
+def check(what: str, config: Path) -> None:
+    """Check a study folder: print what was understood and every fault found.
 
-    report = check_folder(folder)
-    click.echo(report.text(with_faults=False))
-    if not report.ok:
-        raise Faults(report.faults)
+    WHAT is a folder (data/NAME), or the name of a study: then also what
+    config.yaml asks of its records. Ends with status 1 if anything is at fault.
+    """
+    from deabayes.by_hand import check_by_name
+
+    check_by_name(what, config, click.echo)
 
 
 @cli.command()

@@ -21,18 +21,23 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 
 def read_studies():
-    """The studies whose records are at hand, and a line on each one left out."""
+    """The studies whose records are at hand, and a line on each folder that is left out."""
     settings = {
         key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS
     }
-    at_hand, left_out = {}, []
+    at_hand, left_out = {}, {}
     for study in load_studies(settings, CONFIG_FILES):
         missing = missing_data(study.specimen, study.data_root)
         if missing:
-            left_out.append(f"{study.name} left out: {missing}")
+            left_out.setdefault(missing, []).append(study.name)
         else:
             at_hand[study.name] = study
-    return at_hand, left_out
+    return at_hand, [f"{few(names)} left out: {why}" for why, names in left_out.items()]
+
+
+def few(names):
+    """One name, or the first and how many more."""
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} like it"
 
 
 try:
@@ -131,6 +136,11 @@ def per_candidate(study, name):
         candidate=STUDIES[study].candidates,
         name=name,
     )
+
+
+def study_folders(wildcards, input):
+    """The results folders of the studies whose figures are drawn."""
+    return [str(Path(figures).parent) for figures in input.figures]
 
 
 def left_out_options():

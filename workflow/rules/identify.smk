@@ -1,8 +1,8 @@
 MODEL = modules(
     "experiment.py",
     "parameter.py",
-    "distributions.py",
-    "prior.py",
+    "distribution*.py",
+    "prior*.py",
     "posterior.py",
     "electrostatics.py",
     "integrate/*.py",
@@ -10,7 +10,17 @@ MODEL = modules(
     "systems/*.py",
     "noise/*.py",
 )
-SAMPLING = modules("sampling.py", "smc.py", "mixture.py", "moves.py", "diagnostics.py")
+SAMPLING = modules(
+    "sampling.py",
+    "smc.py",
+    "mixture.py",
+    "moves.py",
+    "run.py",
+    "ensemble.py",
+    "chains.py",
+    "checkpoint.py",
+)
+POOLING = modules("pooling.py", "diagnostics.py", "posterior_file.py", "storage.py")
 
 
 rule compile:

@@ -17,7 +17,7 @@ rule figures:
 rule report:
     input:
         figures=expand("<results>/{study}/figures", study=STUDIES),
-        modules=modules("report/*.py", "report/*.html*"),
+        modules=modules("report/*.*"),
     output:
         page=report(
             "<results>/report/index.html",
@@ -29,7 +29,7 @@ rule report:
         "<results>/logs/report.log",
     threads: 1
     params:
-        folders=expand("<results>/{study}", study=STUDIES),
+        folders=study_folders,
         left_out=left_out_options(),
     shell:
         "deabayes report {params.folders} -o {output.page} --tables {output.tables}"
