@@ -1,0 +1,19 @@
+"""Dense covariance matrices of the Gaussian noise models."""
+
+import numpy as np
+
+GAUSSIAN = ["white", "ornstein_uhlenbeck", "ar1", "matern32"]
+
+
+def covariance(name, coordinate, weights, draw):
+    """The dense covariance matrix of one draw."""
+    distance = np.abs(coordinate[:, None] - coordinate[None, :])
+    white = np.diag(draw.get("sigma_white", 0.0) ** 2 * weights)
+    if name == "white":
+        return white
+    if name == "matern32":
+        x = np.sqrt(3.0) * distance / draw["tau_matern"]
+        return draw["sigma_matern"] ** 2 * (1.0 + x) * np.exp(-x) + white
+    suffix = {"ornstein_uhlenbeck": "ou", "ar1": "ar1"}[name]
+    correlation = np.exp(-distance / draw[f"tau_{suffix}"])
+    return draw[f"sigma_{suffix}"] ** 2 * correlation + white
