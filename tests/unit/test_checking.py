@@ -1,0 +1,140 @@
+"""`deabayes check` and `deabayes new`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from tests.unit.study_folders import HEADER, make_folder, record_lines, replace_in, write_lines
+
+from deabayes.checking import check_folder, check_study
+from deabayes.faults import UserError
+from deabayes.scaffold import new_study
+from deabayes.study import Study
+from deabayes.systems import REGISTRY
+
+REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
+SPECIMENS = Path(__file__).parents[2] / "data"
+
+
+def test_report_says_what_was_understood(tmp_path: Path) -> None:
+    report = check_folder(make_folder(tmp_path))
+    assert report.ok
+    text = report.text()
+    for words in (
+        "strip A: tensile_strip, measured",
+        "gauge_length = 0.08 m (exact)",
+        "cross_section = 2.2e-05 ± 1.1e-06 m^2 (a parameter)",
+        "instrument force.noise = 0.001 N",
+        "relax: relaxation, calibrate, displacement -> force",
+        "40 rows, 3.9 s, sampled at 10 Hz",
+        "displacement from 0 to 0.06 m",
+        "stretch_rate_per_s 0.05",
+        "0 faults, 0 warnings",
+    ):
+        assert words in text
+
+
+def test_report_holds_every_fault_and_still_shows_the_rest(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "gauge_length", "gage_length")
+    write_lines(folder / "records" / "relax.csv", record_lines(1, rows=2))
+    replace_in(folder / "records" / "pull.csv", "\n1.0000,", "\n1.0500,")
+    report = check_folder(folder)
+    assert not report.ok
+    assert len(report.faults) == 2
+    text = report.text()
+    assert "relax: relaxation, calibrate, displacement -> force (cannot be used" in text
+    assert "pull: load_unload" in text
+    assert "gage_length" in text
+    assert "gage_length" not in report.text(with_faults=False)
+
+
+def test_warnings_are_shown(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "value: 10, unit: N", "value: 1, unit: N")
+    lines = [line for i, line in enumerate(record_lines(2)) if not 20 <= i < 35]
+    write_lines(folder / "records" / "pull.csv", lines)
+    report = check_folder(folder)
+    assert report.ok
+    assert any("(relax), column force" in w and "clipped" in w for w in report.warnings)
+    assert any("(pull): a gap of 1.6 s" in w for w in report.warnings)
+    assert "Warnings" in report.text()
+
+
+def test_amplifier_at_its_limit_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    with (folder / "specimen.yaml").open("a") as stream:
+        stream.write("  current_limit: {value: 120, unit: mA}\n")
+    lines = [f"{line},{120 if i < 4 else 0}" for i, line in enumerate(record_lines(1)[1:])]
+    write_lines(folder / "records" / "relax.csv", [f"{HEADER},current [mA]", *lines])
+    (warning,) = check_folder(folder).warnings
+    assert "current limit of 0.12 A in 10.00%" in warning
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"noise": "whit"}, ["noise: unknown 'whit'", "'white'?"]),
+        ({"preparation": {"relaxation": [{"averag": {}}]}}, ["unknown step 'averag'", "'average'"]),
+        ({"candidates": ("kv_gn_1",)}, ["candidates", "kv_gn_1"]),
+        ({"calibrate": ("relx",)}, ["calibrate", "no experiment 'relx'", "'relax'?"]),
+        ({"calibrate": ("relax",), "validate": ("pul",)}, ["validate", "'pull'?"]),
+        ({"select": {"note": "second"}}, ["no record to calibrate on"]),
+    ],
+)
+def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: list[str]) -> None:
+    given = {"candidates": ("kv_gm_1",), **settings}
+    study = Study("s", make_folder(tmp_path), **given)  # type: ignore[arg-type]
+    faults, _ = check_study(study)
+    assert len(faults) == 1
+    for word in words:
+        assert word in faults[0]
+
+
+def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    write_lines(folder / "records" / "relax.csv", record_lines(1, rows=8))
+    faults, _ = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4")))
+    assert len(faults) == 1
+    assert "study s, kv_gm_4: 8 points cannot determine" in faults[0]
+
+
+def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
+    faults, warnings = check_study(Study("s", make_folder(tmp_path), ("kv_gm_2",)))
+    assert faults == []
+    assert len(warnings) == 1
+    assert "kv_gm_2: the longest record: lasts 3.9 s" in warnings[0]
+
+
+@pytest.mark.parametrize("system", REGISTRY)
+def test_new_study_only_needs_filling_in(tmp_path: Path, system: str) -> None:
+    entry = new_study("mine", system, tmp_path)
+    assert entry.startswith("  mine:\n    specimen: ")
+    assert "candidates: [" in entry
+    report = check_folder(tmp_path / "mine")
+    left = [f for f in report.faults if "expected a number, found '...'" not in f]
+    assert len(left) == 1
+    assert "there is no such file" in left[0]
+    with pytest.raises(UserError, match="exists already and is not overwritten"):
+        new_study("mine", system, tmp_path)
+
+
+def test_new_study_refuses_names_and_systems(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"'a/b' cannot be a study's name"):
+        new_study("a/b", "tubular", tmp_path)
+    with pytest.raises(UserError, match=r"unknown system 'tubula'; did you mean 'tubular'"):
+        new_study("a", "tubula", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("folder", sorted(p.parent.name for p in SPECIMENS.glob("*/specimen.yaml")))
+def test_every_shipped_folder_is_sound(folder: str) -> None:
+    from deabayes.reading.download import missing_data
+
+    path = SPECIMENS / folder
+    if missing_data(path, REAL_DATA):
+        pytest.skip("public data not here")
+    report = check_folder(path, REAL_DATA)
+    assert report.faults == ()
