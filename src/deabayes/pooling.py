@@ -12,7 +12,7 @@ from deabayes.checkpoint import Arrays, Store
 from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture, fit
+from deabayes.mixture import Mixture, fit_covering
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.smc import LogDensity
 from deabayes.study import Sampling
@@ -20,8 +20,9 @@ from deabayes.study import Sampling
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
 REFIT, CONTINUED = range(2)
-REFITTED_COMPONENTS = 8
-REFIT_SAMPLE = 12000
+MOST_REFITS = 3
+REFITTED_COMPONENTS = 32
+REFIT_SAMPLE = 20000
 DROPPED_AFTER_REFIT = 0.1
 
 
@@ -52,10 +53,11 @@ def pool(
     progress: bool = False,
     quantities: Quantities | None = None,
 ) -> PooledResult:
-    """Judge ensembles together; when a gate fails, refit the proposals once and sample on.
+    """Judge ensembles together; when a gate fails, refit the proposals and sample on.
 
-    Goes on in rounds until every gate passes or each ensemble has used
-    `settings.max_steps`; the verdict says which.
+    Only what follows the last refit is kept. Goes on in rounds until every gate passes
+    or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
+    refitted again, a few times at most, while runs are far from long enough.
 
     Parameters
     ----------
@@ -65,8 +67,34 @@ def pool(
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
-    store = Store(folder)
-    runs = [
+    store, refits, current = Store(folder), 0, tuple(ensembles)
+    total, runs = 0, list[Run]()
+    while not convergence.converged:
+        if not runs or (refits < MOST_REFITS and _hopeless(total, convergence, settings)):
+            ensembles, total, refits = current, 0, refits + 1
+            inside = store.sub(f"refit_{refits}")
+            runs = _runs(log_likelihood, ensembles, settings, stage_seed(seed, refits), inside)
+        most = max(settings.max_steps - each.steps for each in ensembles)
+        if total >= most:
+            break
+        total = min(_next_total(total, refits, convergence, settings), most)
+        current = tuple(
+            _continue(run, before, total, settings, progress)
+            for run, before in zip(runs, ensembles, strict=True)
+        )
+        convergence = judge(current, settings, quantities)
+    return PooledResult(current, convergence)
+
+
+def _runs(
+    log_likelihood: LogDensity,
+    ensembles: Sequence[Ensemble],
+    settings: Sampling,
+    seed: np.random.SeedSequence,
+    store: Store,
+) -> list[Run]:
+    """Each ensemble, ready to go on from its last step with a refitted proposal."""
+    return [
         Run(
             Target(log_likelihood),
             _refit(store, ensembles, index, seed),
@@ -78,16 +106,6 @@ def pool(
         )
         for index, ensemble in enumerate(ensembles)
     ]
-    total, most = 0, max(settings.max_steps - each.steps for each in ensembles)
-    continued: Sequence[Ensemble] = ensembles
-    while not convergence.converged and total < most:
-        total = min(_next_total(total, convergence, settings), most)
-        continued = [
-            _continue(run, first, total, settings, progress)
-            for run, first in zip(runs, ensembles, strict=True)
-        ]
-        convergence = judge(continued, settings, quantities)
-    return PooledResult(tuple(continued), convergence)
 
 
 def continue_ensemble(
@@ -131,13 +149,17 @@ def _refit(
 ) -> Mixture:
     """Fit a proposal to the pooled second halves of the other ensembles."""
 
+    dimension = ensembles[index].chain.shape[2]
+
     def compute() -> Arrays:
         others = [each for other, each in enumerate(ensembles) if other != index] or ensembles
-        draws = [each.chain[len(each.chain) // 2 :] for each in others]
-        flat = np.concatenate([each.reshape(-1, each.shape[2]) for each in draws])
+        halves = [slice(len(each.chain) // 2, None) for each in others]
+        pairs = list(zip(others, halves, strict=True))
+        draws = np.concatenate([each.chain[half].reshape(-1, dimension) for each, half in pairs])
+        density = np.concatenate([each.log_posterior[half].ravel() for each, half in pairs])
         rng = np.random.default_rng(stage_seed(seed, REFIT, index))
-        chosen = rng.choice(len(flat), min(REFIT_SAMPLE, len(flat)), replace=False)
-        return fit(flat[chosen], REFITTED_COMPONENTS, rng).arrays()
+        chosen = rng.choice(len(draws), min(REFIT_SAMPLE, len(draws)), replace=False)
+        return fit_covering(draws[chosen], density[chosen], REFITTED_COMPONENTS, rng).arrays()
 
     return Mixture.from_arrays(store.once(f"refitted_{index}", compute))
 
@@ -158,10 +180,18 @@ def _continue(
     )
 
 
-def _next_total(total: int, convergence: Convergence, settings: Sampling) -> int:
-    """Steps after the refit to reach in the next round, from how many are still wanted."""
-    if total == 0:
-        return MINIMUM_STEPS
+def _wanted(total: int, convergence: Convergence, settings: Sampling) -> float:
+    """Steps since the refit that would be long enough at the present autocorrelation time."""
     shortest = max(float(np.min(convergence.autocorrelation_times)), 1e-3)
-    wanted = 1.1 * settings.autocorrelation_times / shortest
-    return int(total * np.clip(wanted, 1.3, 2.5))
+    return 1.1 * total * settings.autocorrelation_times / shortest
+
+
+def _hopeless(total: int, convergence: Convergence, settings: Sampling) -> bool:
+    return _wanted(total, convergence, settings) > 3 * total
+
+
+def _next_total(total: int, refits: int, convergence: Convergence, settings: Sampling) -> int:
+    """Steps since the refit to reach in the next round."""
+    if total == 0:
+        return MINIMUM_STEPS * 2 ** (refits - 1)
+    return int(np.clip(_wanted(total, convergence, settings), 1.3 * total, 2.5 * total))

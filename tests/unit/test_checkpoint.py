@@ -11,6 +11,8 @@ from deabayes.checkpoint import (
     read_arrays,
     write_arrays,
 )
+from deabayes.ensemble import Ensemble, align
+from deabayes.mixture import fit
 
 
 def test_arrays_come_back_and_no_partial_file_stays(tmp_path):
@@ -63,3 +65,31 @@ def test_random_state_goes_on_where_it_was(tmp_path):
     other = np.random.RandomState()
     other.set_state(random_state_from(read_arrays(tmp_path / "r.npz")))
     assert other.randn(5).tobytes() == random.randn(5).tobytes()
+
+
+def ensemble(steps):
+    rng = np.random.default_rng(steps)
+    chain = rng.standard_normal((steps, 4, 2))
+    mixture = fit(chain.reshape(-1, 2), 2, rng)
+    return Ensemble(chain, -chain[..., 0], mixture, 900, 300, 2, 0.3, 8.5, 1, 5000, 7, True)
+
+
+def test_an_ensemble_comes_back_from_its_file(tmp_path):
+    original = ensemble(30)
+    original.write(tmp_path / "0.nc")
+    back = Ensemble.read(tmp_path / "0.nc")
+    assert back.chain.tobytes() == original.chain.tobytes()
+    assert back.log_posterior.tobytes() == original.log_posterior.tobytes()
+    assert back.mixture.factors.tobytes() == original.mixture.factors.tobytes()
+    scalars = ["steps", "burn_in", "acceptance", "failures", "enough", "refitted"]
+    assert [getattr(back, name) for name in scalars] == [900, 300, 0.3, 7, True, False]
+    assert [path.name for path in tmp_path.iterdir()] == ["0.nc"]
+
+
+def test_runs_of_different_lengths_are_thinned_to_the_shortest():
+    long, short = ensemble(100), ensemble(30)
+    chain, log_posterior = align([long, short])
+    assert chain.shape == (2, 30, 4, 2)
+    assert chain[1].tobytes() == short.chain.tobytes()
+    assert (chain[0, -1] == long.chain[-1]).all()
+    assert (log_posterior == -chain[..., 0]).all()
