@@ -31,7 +31,7 @@ def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     """Check a study folder, or a study with its folder; faults are raised once all is said."""
     from deabayes.checking import check_folder
 
-    if Path(what).is_dir():
+    if Path(what).is_dir() or Path(what).name != what:
         report = check_folder(Path(what))
         say(report.text(with_faults=False))
         if report.faults:

@@ -14,7 +14,7 @@ EXISTING = click.Path(exists=True, path_type=Path)
 TARGET = click.Path(path_type=Path)
 CONFIG = click.option(
     "--config",
-    type=EXISTING,
+    type=TARGET,
     default=Path("config.yaml"),
     show_default=True,
     help="Where studies given by name are described.",

@@ -69,7 +69,7 @@ def test_help_loads_nothing_heavy() -> None:
         ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "0"),
         ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "1"),
         ("export", "no_such_file.nc", "--to", "csv", "-o", "x.csv"),
-        ("check", "no_such_folder"),
+        ("check",),
     ],
 )
 def test_wrong_usage_ends_with_status_2(arguments: tuple[str, ...]) -> None:
@@ -78,6 +78,59 @@ def test_wrong_usage_ends_with_status_2(arguments: tuple[str, ...]) -> None:
 
 def test_unknown_study_names_the_nearest() -> None:
     assert_one_message(deabayes("fit", "tubuler", "voigt_kelvin_1"), 1, "tubuler", "'tubular'")
+
+
+def test_check_of_a_folder_that_is_not_there() -> None:
+    run = deabayes("check", "data/nothing")
+    assert run.returncode == 1
+    assert "data/nothing: there is no such folder" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_check_says_what_was_understood() -> None:
+    run = deabayes("check", "data/tubular")
+    assert run.returncode == 0, run.stderr
+    assert "creep_2000V: creep, calibrate, voltage -> displacement" in run.stdout
+    assert "0 faults" in run.stdout
+
+
+def test_commands_without_a_configuration(tmp_path: Path) -> None:
+    run = deabayes("fit", "tubular", "voigt_kelvin_1", cwd=tmp_path)
+    assert_one_message(run, 1, "config.yaml")
+
+
+def test_new_study_is_reported_as_unfinished(tmp_path: Path) -> None:
+    made = deabayes("new", "mine", "--system", "tensile_strip", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert "mine:" in made.stdout
+    checked = deabayes("check", "data/mine", cwd=tmp_path)
+    assert checked.returncode == 1
+    assert "Traceback" not in checked.stderr
+
+
+def test_simulate_follows_the_excitation(tmp_path: Path) -> None:
+    drive = tmp_path / "drive.csv"
+    drive.write_text("time [ms],voltage [kV]\n0,1\n100,1\n200,1\n")
+    output = tmp_path / "response.csv"
+    run = deabayes(
+        *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),
+        *("--excitation", drive, "--set", "E_0=1.5e6", "--set", "E_1=6e6", "--set", "tau_1=0.1"),
+        *("-o", output),
+    )
+    assert run.returncode == 0, run.stderr
+    header, *rows = output.read_text().splitlines()
+    assert "time" in header.split(",")
+    assert len(rows) == 3
+
+
+def test_a_parameter_that_is_no_number(tmp_path: Path) -> None:
+    drive = tmp_path / "drive.csv"
+    drive.write_text("time [ms],voltage [kV]\n0,1\n100,1\n")
+    run = deabayes(
+        *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),
+        *("--excitation", drive, "--set", "E_0=soft", "-o", tmp_path / "response.csv"),
+    )
+    assert_one_message(run, 1, "E_0=soft", "SI")
 
 
 def test_unknown_candidate_names_the_nearest() -> None:
