@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +13,10 @@ from deabayes.faults import Faults, UserError, nearest
 from deabayes.reading.checks import shorter_than_time_constant, too_few_points
 from deabayes.reading.folder import StudyFolder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.record_checks import repeated_records
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Quantity
+    from deabayes.experiment import Quantity, Role
     from deabayes.study import Study
     from deabayes.systems import System
 
@@ -79,8 +80,11 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         return faults, []
     from deabayes.systems import build
 
-    rows = _calibrated(study, read, faults)
-    records = [(row, read.record(row)) for row in rows]
+    rows = _used_rows(study, read, faults)
+    if study.calibrate is not None or study.validate is not None:
+        every = ((row, read.record(row)) for row in rows)
+        faults += repeated_records(every, f"study {study.name}")
+    records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
     warnings: list[str] = []
     for candidate in study.candidates:
         try:
@@ -90,7 +94,7 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
             continue
         where = f"study {study.name}, {candidate}"
         points = sum(raw.columns[row.response].size for row, raw in records)
-        faults += too_few_points(points, len(system.parameters()), where) if rows else []
+        faults += too_few_points(points, len(system.parameters()), where) if records else []
         warnings += _too_short_for(system, records, where)
     return faults, warnings
 
@@ -112,28 +116,33 @@ def _unknown_names(study: Study) -> list[str]:
     return faults
 
 
-def _calibrated(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
-    """The rows a study fits."""
+def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
+    """The rows a study uses, in the roles it gives them."""
     kept = [
         row
         for row in read.table
         if all(str(row.metadata.get(key)) == value for key, value in study.select.items())
     ]
     known = [row.name for row in kept]
-    for key, names in (("calibrate", study.calibrate), ("validate", study.validate)):
-        for name in names or ():
-            if name not in known:
-                faults.append(f"study {study.name}, {key}: {study.specimen} has no experiment "
-                              f"{name!r}{nearest(name, known)}")  # fmt: skip
-    if study.calibrate is not None:
-        return [row for row in kept if row.name in study.calibrate]
-    rows = [row for row in kept if row.role == "calibrate"]
-    if not rows:
-        faults.append(
-            f"study {study.name}: no record to calibrate on in {study.specimen}; give one the role "
-            "`calibrate` in experiments.csv"
-        )
-    return rows
+    used: list[ExperimentRow] = []
+    listed: tuple[tuple[Role, tuple[str, ...] | None], ...]
+    listed = (("calibrate", study.calibrate), ("validate", study.validate))
+    for role, names in listed:
+        unknown = [name for name in names or () if name not in known]
+        faults += [
+            f"study {study.name}, {role}: {study.specimen} has no experiment {name!r}"
+            f"{nearest(name, known)}"
+            for name in unknown
+        ]
+        chosen = [row for row in kept if (row.role == role if names is None else row.name in names)]
+        taken = {row.name for row in used}
+        used += [replace(row, role=role) for row in chosen if row.name not in taken]
+        if role == "calibrate" and not chosen and not unknown:
+            faults.append(
+                f"study {study.name}: no record to calibrate on in {study.specimen}; give one "
+                "the role `calibrate` in experiments.csv"
+            )
+    return used
 
 
 def _too_short_for(

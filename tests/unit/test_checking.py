@@ -101,6 +101,16 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     assert "study s, kv_gm_4: 8 points cannot determine" in faults[0]
 
 
+def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "validate", "calibrate")
+    (folder / "records" / "pull.csv").write_bytes((folder / "records" / "relax.csv").read_bytes())
+    assert check_study(Study("s", folder, ("kv_gm_1",)))[0] == []
+    study = Study("s", folder, ("kv_gm_1",), calibrate=("relax",), validate=("pull",))
+    (fault,) = check_study(study)[0]
+    assert "study s: validate record 'pull' holds the same values" in fault
+
+
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     faults, warnings = check_study(Study("s", make_folder(tmp_path), ("kv_gm_2",)))
     assert faults == []

@@ -67,6 +67,18 @@ def test_matlab_with_columns_of_the_specimen(tmp_path: Path) -> None:
     check(read_record(path, {"columns": columns}))
 
 
+def test_matlab_7_3(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["t"], file["u"] = TIME[None, :], VOLTAGE_KV[None, :]
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    with path.open("r+b") as stream:
+        stream.write(header)
+    check(read_record(path, columns=from_text("t = time [s]; u = voltage [kV]")))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -96,13 +96,8 @@ def _mat_variables(path: Path) -> dict[str, NDArray[Any]]:
     try:
         content = _opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
     except NotImplementedError:  # version 7.3 is HDF5
-        try:
-            import h5py  # type: ignore[import-not-found,unused-ignore]
-        except ImportError:
-            raise UserError(
-                f"{path}: is a MATLAB 7.3 file, which needs the package h5py; save it in MATLAB "
-                "with '-v7', or export it as csv"
-            ) from None
+        import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
         with h5py.File(path) as file:
             return {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
     return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}

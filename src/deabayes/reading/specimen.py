@@ -16,7 +16,7 @@ from deabayes.reading.yaml_file import read_yaml
 from deabayes.units import parse_quantity, si_unit, to_si
 
 if TYPE_CHECKING:
-    from deabayes.systems.base import System
+    from deabayes.systems import SystemClass
 
 FILE = "specimen.yaml"
 INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
@@ -93,7 +93,7 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
     return Specimen(where, system, {"kind": "simulated"}, read, {})
 
 
-def system_class(name: str) -> type[System]:
+def system_class(name: str) -> SystemClass:
     """The class of a system, by name; a UserError names the nearest."""
     from deabayes import systems
 
