@@ -13,7 +13,7 @@ from deabayes.reading.raw import ExperimentRow
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
-START_FRACTION = 0.02
+START_FRACTIONS = (0.02, 0.04)
 
 
 @dataclass(frozen=True)
@@ -85,13 +85,29 @@ class WorkingRecord:
     def excitation_start(self) -> float:
         """Coordinate of the last knot before the excitation leaves its first value.
 
-        Leaving means by more than 2 % of its range, so that noise on a monitored
-        voltage does not count.
+        The line through its crossings of 2 and 4 % of its range, extended back to
+        its first value: noise on a monitored voltage does not count, and a ramp
+        is not taken to start late.
         """
         departure = np.abs(self.excitation - self.excitation[0])
-        moved = departure > START_FRACTION * departure.max()
-        first = int(np.argmax(moved)) if moved.any() else 0
-        return float(self.excitation_coordinate[max(first - 1, 0)])
+        low, high = (
+            _crossing(self.excitation_coordinate, departure, share * float(departure.max()))
+            for share in START_FRACTIONS
+        )
+        start = low - (high - low) * START_FRACTIONS[0] / (START_FRACTIONS[1] - START_FRACTIONS[0])
+        slack = 1e-6 * (high - low)
+        before = np.searchsorted(self.excitation_coordinate, start + slack, side="right") - 1
+        return float(self.excitation_coordinate[max(int(before), 0)])
+
+
+def _crossing(coordinate: FloatArray, departure: FloatArray, level: float) -> float:
+    """Where `departure` first exceeds `level`, linear between knots; the start if nowhere."""
+    above = np.flatnonzero(departure > level)
+    if above.size == 0 or above[0] == 0:
+        return float(coordinate[0])
+    first = int(above[0])
+    share = (level - departure[first - 1]) / (departure[first] - departure[first - 1])
+    return float(coordinate[first - 1] + share * (coordinate[first] - coordinate[first - 1]))
 
 
 def intervals(coordinate: FloatArray, flags: BoolArray) -> list[list[float]]:

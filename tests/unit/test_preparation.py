@@ -1,0 +1,334 @@
+"""Steps of preparation, on records whose right answer is known by construction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
+from deabayes.faults import Faults, UserError
+from deabayes.preparation import DEFAULT_STEPS, NEEDS_TIME, REGISTRY, prepare
+from deabayes.preparation.overview import thinned
+from deabayes.preparation.polyline import corners, polyline
+from deabayes.reading.raw import ExperimentRow, RawRecord
+
+STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
+LAGGING = Specimen(
+    "strip", "tensile_strip", {"kind": "measured"}, {}, {"delay": Quantity(0.5, "s")}
+)
+
+
+def relaxation(interval: float = 0.02, end: float = 1000.0) -> RawRecord:
+    """A 2 s ramp to 40 mm from t = 1 s, 0.8 mm overshoot, spring back in 0.2 s, then a hold."""
+    time = np.arange(0.0, end, interval)
+    displacement = np.interp(time, [0, 1, 3, 3.2, end], [0, 0, 0.0408, 0.04, 0.04])
+    force = 1.0 / (1.0 + np.maximum(time - 3.0, 0.0)) * displacement / 0.04
+    return raw(time, displacement, force)
+
+
+def triangle() -> RawRecord:
+    """80 mm up and down in 20 s; slack, with a negative force, once below 20 mm on the way back."""
+    time = np.linspace(0.0, 20.0, 2001)
+    displacement = 0.008 * np.minimum(time, 20.0 - time)
+    back = np.where(displacement > 0.02, displacement - 0.02, -1e-4) * 10.0
+    return raw(time, displacement, np.where(time > 10.0, back, displacement * 10.0))
+
+
+def raw(time: FloatArray, displacement: FloatArray, force: FloatArray) -> RawRecord:
+    columns = {"time": time, "displacement": displacement, "force": force}
+    return RawRecord(columns, {"time": "s", "displacement": "m", "force": "N"}, "ab" * 32)
+
+
+def prepared(
+    record: RawRecord, *steps: object, protocol: str = "relaxation", specimen: Specimen = STRIP
+) -> Experiment:
+    row = ExperimentRow("a", protocol, "a.csv", "calibrate", "displacement", "force", {"note": "x"})
+    return prepare(row, record, specimen, list(steps))  # type: ignore[arg-type]
+
+
+def curve(
+    stretch: FloatArray, stress: FloatArray, *steps: object, **metadata: object
+) -> Experiment:
+    row = ExperimentRow(
+        "a", "quasi_static", "a.csv", "calibrate", "stretch", "nominal_stress", metadata
+    )  # type: ignore[arg-type]
+    columns = {"stretch": stretch, "nominal_stress": stress}
+    record = RawRecord(columns, {"stretch": "1", "nominal_stress": "Pa"}, "cd" * 32)
+    return prepare(row, record, STRIP, list(steps))  # type: ignore[arg-type]
+
+
+def test_without_steps_a_record_is_only_relabelled() -> None:
+    record = relaxation(end=20.0)
+    experiment = prepared(record)
+    assert np.array_equal(experiment.response, record.columns["force"])
+    assert np.array_equal(experiment.excitation.values, record.columns["displacement"])
+    assert np.all(experiment.samples_averaged == 1.0)
+    assert experiment.coordinate_unit == "s"
+    assert experiment.provenance == "simulated"
+
+
+@pytest.mark.parametrize(
+    ("step", "hidden"),
+    [
+        ({"mask_before": {"time": "500 ms"}}, [(0.0, 0.49)]),
+        ({"mask_before": {"time": "0.5 s", "from_step": True}}, [(0.0, 1.49)]),
+        ({"mask_after": {"time": 2.0}}, [(2.01, 20.0)]),
+        ({"crop": {"from": "1 s", "to": "3 s"}}, [(0.0, 0.99), (3.01, 20.0)]),
+        ({"mask_ramp_end": {"before": "0.1 s", "after": "0.4 s"}}, [(2.91, 3.39)]),
+        ({"mask_ramp_end": {"before": "0.1 s", "after": "0.4 s", "at": "5 s"}}, [(4.91, 5.39)]),
+    ],
+)
+def test_masks_hide_what_they_say(
+    step: dict[str, object], hidden: list[tuple[float, float]]
+) -> None:
+    record = relaxation(end=20.0)
+    time, kept = record.columns["time"], prepared(record, step).coordinate
+    gone = np.setdiff1d(time, kept)
+    inside = np.zeros(gone.size, dtype=bool)
+    for first, last in hidden:
+        inside |= (gone >= first - 0.03) & (gone <= last + 0.03)
+        assert not np.any((kept > first + 0.03) & (kept < last - 0.03))
+    assert inside.all()
+
+
+def test_masked_times_keep_their_excitation() -> None:
+    record = relaxation(end=20.0)
+    step = {"mask_ramp_end": {"before": "1 s", "after": "1 s"}}
+    experiment = prepared(record, step, {"excitation_knots": {"tolerance": "0.01 mm"}})
+    at = experiment.excitation.at(record.columns["time"])
+    assert at.max() == pytest.approx(0.0408, abs=1e-5)
+    assert np.abs(at - record.columns["displacement"]).max() <= 1e-5
+
+
+def test_crop_forgets_the_future_but_not_the_past() -> None:
+    experiment = prepared(relaxation(end=20.0), {"crop": {"from": "5 s", "to": "9.991 s"}})
+    assert experiment.excitation.coordinate[0] == 0.0
+    assert experiment.excitation.coordinate[-1] == pytest.approx(9.991)
+    assert experiment.excitation.values[-1] == pytest.approx(0.04)
+
+
+def test_slack_is_hidden_on_unloading_only() -> None:
+    experiment = prepared(
+        triangle(), {"mask_slack": {"threshold": "0.01 N"}}, protocol="load_unload"
+    )
+    assert experiment.coordinate[0] == 0.0  # the force is below the threshold there, too
+    back = experiment.excitation.at(experiment.coordinate[experiment.coordinate > 10.0])
+    assert back.min() == pytest.approx(0.021, abs=2e-4)
+
+
+def test_slack_between_noisy_samples_is_hidden_whole() -> None:
+    record = triangle()
+    force = record.columns["force"].copy()
+    force[1900] = 0.02  # one sample above the threshold within the slack
+    noisy = raw(record.columns["time"], record.columns["displacement"], force)
+    experiment = prepared(noisy, {"mask_slack": {"threshold": "0.01 N"}}, protocol="load_unload")
+    assert experiment.coordinate.max() < 18.0
+
+
+def test_baseline_is_the_mean_before_the_step() -> None:
+    record = relaxation(end=20.0)
+    shifted = raw(
+        *(record.columns[k] for k in ("time", "displacement")), record.columns["force"] + 0.3
+    )
+    experiment = prepared(shifted, "baseline")
+    assert np.allclose(experiment.response, record.columns["force"], atol=1e-12)
+
+
+def test_baseline_needs_samples_before_the_step() -> None:
+    with pytest.raises(UserError, match=r"where the excitation starts; give `until`"):
+        prepared(triangle(), {"baseline": {}}, protocol="load_unload")
+
+
+@pytest.mark.parametrize(("step", "specimen"), [({"time": "0.5 s"}, STRIP), ({}, LAGGING)])
+def test_delay_moves_the_response_not_the_excitation(step: object, specimen: Specimen) -> None:
+    record = relaxation(end=20.0)
+    experiment = prepared(record, {"delay": step}, specimen=specimen)
+    late = np.interp(experiment.coordinate + 0.5, record.columns["time"], record.columns["force"])
+    assert np.allclose(experiment.response, late, atol=1e-9)
+    assert experiment.coordinate[0] >= 0.0  # nothing is known of what drove earlier values
+    assert np.array_equal(experiment.excitation.coordinate, record.columns["time"])
+
+
+def test_known_delay_is_undone_by_default() -> None:
+    row = ExperimentRow("a", "relaxation", "a.csv", "calibrate", "displacement", "force")
+    assert prepare(row, relaxation(), LAGGING).steps[0]["step"] == "delay"
+    assert prepare(row, relaxation(), STRIP).steps[0]["step"] != "delay"
+
+
+def test_average_is_an_honest_mean() -> None:
+    rng = np.random.default_rng(3)
+    clean = relaxation(end=1000.0)
+    sigma = 1e-3
+    noise = sigma * rng.standard_normal(clean.columns["time"].size)
+    noisy = raw(
+        clean.columns["time"], clean.columns["displacement"], clean.columns["force"] + noise
+    )
+    steps = ({"average": {"grid": "geometric", "first_width": "0.1 s", "widest": "20 s"}},)
+    experiment, truth = prepared(noisy, *steps), prepared(clean, *steps)
+    score = (experiment.response - truth.response) * np.sqrt(experiment.samples_averaged) / sigma
+    assert np.var(score) == pytest.approx(1.0, abs=0.35)
+    assert experiment.samples_averaged.sum() == clean.columns["time"].size
+    # a mean over a curved stretch stands close to the curve
+    curve_at = np.interp(truth.coordinate, clean.columns["time"], clean.columns["force"])
+    assert np.abs(truth.response - curve_at).max() < 2e-3
+
+
+def test_geometric_bins_restart_at_the_end_of_the_ramp() -> None:
+    experiment = prepared(relaxation(), {"average": {"first_width": "0.1 s", "widest": "20 s"}})
+    time = experiment.coordinate
+    after = time[(time > 3.25) & (time < 3.8)]
+    assert np.diff(after).max() < 0.2
+    assert 15.0 < np.diff(time)[-2] < 20.5
+    before = np.diff(time[(time > 1.2) & (time < 2.9)])
+    assert before.max() <= 0.04 * 2.0 * 1.1  # 4 % of the ramp
+
+
+def test_excitation_travel_bounds_bins_despite_a_noisy_monitor() -> None:
+    record = relaxation()
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(record.columns["time"].size)
+    noisy = raw(
+        record.columns["time"], record.columns["displacement"] + noise, record.columns["force"]
+    )
+    step = {"average": {"first_width": "0.1 s", "widest": "20 s"}}
+    assert prepared(noisy, step).coordinate.size < 1.2 * prepared(record, step).coordinate.size
+
+
+def test_no_bin_reaches_across_a_mask_or_a_jump() -> None:
+    time = np.linspace(0.0, 10.0, 1001)
+    displacement = np.where(time >= 5.0, 0.01, 0.0)
+    force = np.where(time >= 5.0, 1.0, 0.0)
+    force[(time > 7.0) & (time < 7.5)] = 9.0
+    mask = {"crop": {"to": "7 s"}}
+    for grid in ({"grid": "uniform", "points": 4}, {"grid": "geometric", "first_width": "0.9 s"}):
+        experiment = prepared(
+            raw(time, displacement, force), mask, {"average": grid}, protocol="step"
+        )
+        assert set(experiment.response.tolist()) <= {0.0, 1.0}
+    ramp = raw(time, 0.001 * time, time)
+    experiment = prepared(
+        ramp, {"mask_ramp_end": {"at": "4.5 s", "before": "0.5 s", "after": "0.5 s"}},
+        {"average": {"grid": "uniform", "width": "3 s"}}, protocol="load_unload",
+    )  # fmt: skip
+    middles = [1.495, 3.495, 5.5, 7.495, 9.5]  # the bin from 3 to 6 s is broken by the mask
+    assert np.allclose(experiment.coordinate, middles, atol=0.02)
+
+
+def test_uniform_leaves_a_sparse_record_alone() -> None:
+    stretch = np.linspace(1.0, 7.0, 24)
+    experiment = curve(stretch, stretch**2, {"average": {"grid": "uniform", "points": 70}})
+    assert np.array_equal(experiment.coordinate, stretch)
+
+
+def test_decimate_keeps_samples_as_measured() -> None:
+    record = relaxation(end=20.0)
+    experiment = prepared(record, {"mask_before": {"time": 1.0}}, {"decimate": {"every": 7}})
+    visible = record.columns["force"][record.columns["time"] >= 1.0]
+    assert np.array_equal(experiment.response, visible[::7])
+    assert np.all(experiment.samples_averaged == 1.0)
+
+
+def test_polyline_keeps_its_promise() -> None:
+    rng = np.random.default_rng(7)
+    time = np.cumsum(rng.uniform(0.5, 1.5, 4000))
+    walk = np.cumsum(rng.standard_normal(4000))
+    for tolerance in (0.0, 0.5, 3.0, 20.0):
+        knots = polyline(time, walk, tolerance)
+        error = np.abs(np.interp(time, time[knots], walk[knots]) - walk)
+        assert error.max() <= tolerance + 1e-9
+    assert polyline(time, walk, 3.0).size < 0.3 * time.size
+
+
+def test_polyline_of_a_ramp_and_hold_has_few_knots() -> None:
+    record = relaxation()
+    assert polyline(record.columns["time"], record.columns["displacement"], 1e-6).size <= 7
+
+
+def test_corners_stand_at_turns_and_jumps() -> None:
+    record = relaxation()
+    found = corners(record.columns["time"], record.columns["displacement"], 0.05)
+    assert np.allclose(found, [1.0, 3.0], atol=0.05)
+    time = np.linspace(0.0, 10.0, 1001)
+    jump = corners(time, np.where(time >= 5.0, 3.0, 0.0), 0.05)
+    assert jump.tolist() == [5.0]
+
+
+def test_curve_without_time_is_put_in_order() -> None:
+    stretch = np.array([1.0, 3.0, 2.0, 4.0, 5.0])
+    experiment = curve(stretch, 10.0 * stretch, deformation="pure_shear", note="not a condition")
+    assert np.array_equal(experiment.coordinate, np.sort(stretch))
+    assert np.array_equal(experiment.response, 10.0 * np.sort(stretch))
+    assert "back and forth" in experiment.warnings[0]
+    assert experiment.excitation.conditions == {"deformation": "pure_shear"}
+    assert experiment.coordinate_name == "stretch"
+
+
+def test_steps_remember_settings_and_what_they_did() -> None:
+    step = {"mask_before": {"time": "0.5 s"}}
+    entry = prepared(relaxation(end=20.0), step).steps[0]
+    assert entry["step"] == "mask_before"
+    assert entry["settings"] == {"time": "0.5 s"}
+    assert entry["effect"] == "masked 25 of 1000 samples"
+    assert np.allclose(entry["masked"], [[0.0, 0.48]])
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ({"mask_befor": {}}, "unknown step 'mask_befor'; did you mean 'mask_before'"),
+        ({"mask_before": {"tme": 1}}, "unknown setting 'tme'; did you mean 'time'"),
+        ({"mask_before": {"time": "1 N"}}, "mask_before.time"),
+        ({"mask_before": {}}, "needs 'time', a quantity in s"),
+        ({"mask_before": {"time": 1e9}}, "leaves no sample"),
+        ({"mask_before": {"time": 19.93}}, "leaves 3 points"),
+        ({"mask_before": 3}, "settings must be"),
+        ({"mask_before": {}, "crop": {}}, "each entry is one step"),
+        ({"crop": {"from": 5, "to": 4}}, "must be smaller"),
+        ({"average": {"grid": "geometri"}}, "did you mean 'geometric'"),
+        ({"average": {"grid": "uniform", "ratio": 2}}, "unknown setting 'ratio'"),
+        ({"average": {"ratio": 0.5}}, "must lie between 1 and 10, found 0.5"),
+        ({"average": {"grid": "uniform", "points": 1.5}}, "expected a whole number"),
+        ({"average": {"first_width": "-1 s"}}, "must be larger than 0"),
+        ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
+        ({"delay": {}}, "give `time`, or `instruments: delay:`"),
+        ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),
+    ],
+)
+def test_mistakes_in_config_are_named(step: object, message: str) -> None:
+    with pytest.raises(UserError) as error:
+        prepared(relaxation(end=20.0), step)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", NEEDS_TIME)
+def test_steps_in_time_refuse_a_curve(name: str) -> None:
+    stretch = np.linspace(1.0, 2.0, 9)
+    with pytest.raises(UserError, match="needs a record in time"):
+        curve(stretch, stretch, name)
+
+
+def test_faulty_record_is_refused() -> None:
+    record = relaxation(end=20.0)
+    force = record.columns["force"].copy()
+    force[5] = np.nan
+    with pytest.raises(Faults, match=r"a\.csv"):
+        prepared(raw(record.columns["time"], record.columns["displacement"], force))
+
+
+def test_defaults_exist_and_are_registered() -> None:
+    for protocol, steps in DEFAULT_STEPS.items():
+        for step in steps:
+            assert set(step) <= set(REGISTRY), protocol
+
+
+def test_overview_keeps_extremes_within_its_limit() -> None:
+    rng = np.random.default_rng(5)
+    time = np.linspace(0.0, 1000.0, 50_000)
+    response = rng.standard_normal(time.size)
+    response[[30_000, 41_234]] = 50.0, -50.0
+    masked = (time > 1.0) & (time < 1.2)
+    kept = thinned(time, response, np.interp(time, [0, 2, 1000], [0, 1, 1]), masked)
+    assert kept.size <= 2000
+    assert {30_000, 41_234} <= set(kept.tolist())
+    assert masked[kept].any()
+    assert np.all(np.diff(kept) > 0)
