@@ -5,9 +5,17 @@ import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
 
+from deabayes.checkpoint import Store
 from deabayes.diagnostics import assess
 from deabayes.mixture import Mixture
-from deabayes.moves import DifferentialEvolutionMove, IndependenceMove, initial_state, recipe
+from deabayes.moves import (
+    DifferentialEvolutionMove,
+    IndependenceMove,
+    build_sampler,
+    initial_state,
+    recipe,
+)
+from deabayes.run import Run, Target
 from deabayes.sampling import pool, run_ensemble
 from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
@@ -151,6 +159,22 @@ def test_same_seed_same_draws_and_another_seed_others():
     )
     assert first.tobytes() == again.tobytes()
     assert first.tobytes() != other.tobytes()
+
+
+def test_chunks_are_one_chain():
+    """Sampling in chunks gives what emcee gives in one go: the random stream goes on."""
+    walkers = np.random.default_rng(0).standard_normal((32, 3))
+    start, seed = (walkers, log_standard_normal(walkers)), np.random.SeedSequence(4)
+    settings = Sampling(walkers=32, max_steps=8000)
+    target = Target(lambda z: np.zeros(len(z)))
+    run = Run(target, wide_mixture(3), start, seed, Store(None), settings)
+    run.advance(600, stop_when_enough=False, progress=False)
+    sampler = build_sampler(log_standard_normal, wide_mixture(3), (32, 3))
+    sampler.run_mcmc(initial_state(*start, seed), 300, thin_by=2)
+    chunks = run.store.chunks()
+    assert len(chunks) > 2
+    chain = np.concatenate([chunk["chain"] for chunk in chunks])
+    assert chain.tobytes() == sampler.get_chain().tobytes()
 
 
 def test_a_budget_too_small_is_said():
