@@ -144,5 +144,5 @@ def leave_one_experiment_out(
             return -target.log_likelihood(target.prior.to_parameters(z), [name])
 
         result = anneal(z, target, removed, np.random.default_rng(stream))
-        scores[name] = -result.log_evidence_ratio
+        scores[name] = -result.log_evidence
     return scores
