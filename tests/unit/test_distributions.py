@@ -95,6 +95,10 @@ def test_tails_are_accurate_where_floating_point_resolves_them():
     np.testing.assert_allclose(
         Uniform(0.0, 1.0).to_normal(stats.norm.cdf(lower)), lower, rtol=1e-12
     )
+    np.testing.assert_array_equal(
+        Uniform(-1.0, 0.0).from_normal(-lower), -Uniform(0.0, 1.0).from_normal(lower)
+    )
+    assert TruncatedNormal(0.0, 1.0, -1.0).to_normal(40.0) == pytest.approx(40.0, abs=0.01)
     half, truncated = HalfNormal(2.0), TruncatedNormal(0.0, 2.0, 0.0)
     np.testing.assert_allclose(half.to_normal(half.from_normal(z)), z, atol=1e-10)
     np.testing.assert_allclose(truncated.from_normal(z), half.from_normal(z), rtol=1e-9, atol=1e-15)

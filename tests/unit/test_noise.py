@@ -1,6 +1,7 @@
 """Noise models against dense covariances, celerite2 and one another."""
 
 import warnings
+from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from tests.unit.noise_oracle import GAUSSIAN, covariance
 
 from deabayes.faults import UserError
 from deabayes.noise import REGISTRY
-from deabayes.noise.kalman import distances
+from deabayes.noise.kalman import distances, matern32_transition
 from deabayes.noise.kalman_lanes import LANES
 
 RELATIVE = 1e-8
@@ -86,6 +87,14 @@ def test_student_t_against_scipy():
     np.testing.assert_allclose(
         model.pointwise_log_prob(residuals, coordinate, weights, draws), expected, rtol=RELATIVE
     )
+    probability = stats.t.cdf(
+        residuals,
+        draws["degrees_of_freedom"][:, None],
+        scale=draws["sigma_white"][:, None] * np.sqrt(weights),
+    )
+    near = np.abs(probability - 0.5) < 0.499
+    scores = model.innovations(residuals, coordinate, weights, draws)
+    np.testing.assert_allclose(scores[near], stats.norm.ppf(probability[near]), atol=1e-9)
 
 
 def test_white_is_the_independent_normal():
@@ -232,7 +241,7 @@ def test_extreme_ratio_of_the_two_parts():
     draws = {
         "sigma_white": np.array([1e-7, 1.0]),
         "sigma_ou": np.array([1.0, 1e-9]),
-        "tau_ou": np.array([1e9, 1e9]),
+        "tau_ou": np.array([1e20, 1e9]),
     }
     residuals = 1e-5 * rng.normal(size=(2, 64))
     model = REGISTRY["ornstein_uhlenbeck"]()
@@ -256,6 +265,21 @@ def test_a_coordinate_that_turns_back_is_walked_along():
         model.log_prob(residuals, path, weights, draws),
         model.log_prob(residuals, walked, weights, draws),
         rtol=1e-10,
+    )
+
+
+@pytest.mark.parametrize("x", [1e-8, 1e-4, 0.1, 0.249, 0.251, 2.0, 30.0, 400.0])
+def test_matern_driving_covariance_keeps_its_digits(x):
+    """Q = I - Phi Phi^T in 60 digits."""
+    with localcontext() as context:
+        context.prec = 60
+        d = Decimal(x)
+        squared = (-2 * d).exp()
+        q11 = 1 - squared * ((1 + d) ** 2 + d**2)
+        q22 = 1 - squared * ((1 - d) ** 2 + d**2)
+        q12 = 2 * d**2 * squared
+    np.testing.assert_allclose(
+        matern32_transition(x)[4:], [float(q11), float(q12), float(q22)], rtol=1e-12, atol=1e-300
     )
 
 
