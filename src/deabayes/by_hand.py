@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.study import Study
-
-if TYPE_CHECKING:
-    from deabayes.experiment import FloatArray
 
 TRIAL_WALKERS = 2
 
@@ -174,7 +171,7 @@ def simulate_record(
     from deabayes.simulation import simulate
     from deabayes.storage import write_atomically
 
-    columns: Mapping[str, FloatArray] = read_record(excitation).columns
+    columns: dict[str, Any] = dict(read_record(excitation).columns)
     response = simulate(
         system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **columns
     )
