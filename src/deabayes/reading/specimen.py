@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError, nearest
@@ -16,7 +16,7 @@ from deabayes.reading.yaml_file import read_yaml
 from deabayes.units import parse_quantity, si_unit, to_si
 
 if TYPE_CHECKING:
-    from deabayes.systems import SystemClass
+    from deabayes.systems.base import System
 
 FILE = "specimen.yaml"
 INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
@@ -93,11 +93,11 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
     return Specimen(where, system, {"kind": "simulated"}, read, {})
 
 
-def system_class(name: str) -> SystemClass:
+def system_class(name: str) -> type[System]:
     """The class of a system, by name; a UserError names the nearest."""
     from deabayes import systems
 
-    return systems.system_class(name)
+    return cast("type[System]", systems.system_class(name))
 
 
 def known_quantities(system: str) -> dict[str, str]:
