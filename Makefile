@@ -59,7 +59,7 @@ lint: $(READY)  ## style, types, layers, workflow
 	@$(BIN)/mypy
 
 docs: $(READY)  ## the documentation, in site/
-	@$(BIN)/mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "Documentation: $(CURDIR)/site/index.html"
 
 validate: $(READY)  ## simulation-based calibration, long; figures go to docs/validation
