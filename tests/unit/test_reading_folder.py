@@ -193,6 +193,24 @@ def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
     assert read.record(read.table[1]).columns["force"].size == 40
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_pull_on_an_actuator_needs_its_voltage(
+    tmp_path: Path, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deabayes.reading import record_checks
+
+    channels = ({"voltage": "V", "displacement": "m"}, {"force": "N"})
+    monkeypatch.setattr(record_checks, "channels_of", lambda system, protocol: channels)
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "relaxation", "quasi_static")
+    if known:
+        replace_in(folder / "experiments.csv", "stretch_rate_per_s", "voltage_kV")
+        replace_in(folder / "experiments.csv", "first,", "first,4")
+    faults = scan_folder(folder)[1]
+    assert [f for f in faults if "voltage during the pull is not known" in f] == faults
+    assert len(faults) == (0 if known else 1)
+
+
 def test_missing_folder(tmp_path: Path) -> None:
     assert "no such folder" in scan_folder(tmp_path / "gone")[1][0]
 

@@ -26,6 +26,16 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
     ]
 
 
+def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: str) -> list[str]:
+    """A pull on an actuator that does not say at which voltage."""
+    if "voltage" in columns or "voltage_kV" in metadata:
+        return []
+    return [
+        f"{where}: the voltage during the pull is not known; give a column 'voltage [kV]', or "
+        "voltage_kV in experiments.csv (0 without voltage)"
+    ]
+
+
 def not_finite(values: FloatArray, channel: str, where: str) -> list[str]:
     """NaN, infinite or missing values."""
     bad = np.flatnonzero(~np.isfinite(values))

@@ -11,7 +11,7 @@ from deabayes.experiment import Specimen
 from deabayes.reading import checks
 from deabayes.reading.instruments import instrument
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.table import WITHOUT_TIME
+from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency")
 STEPS = ("creep", "step")
@@ -31,6 +31,8 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
         return faults
     rows = raw.columns[row.response].size
     faults = checks.too_short(rows, where)
+    if _is_pull_on_an_actuator(row, specimen):
+        faults += checks.unknown_voltage(raw.columns, row.metadata, where)
     for name in needed:
         faults += checks.not_finite(raw.columns[name], name, where)
     if faults or rows < checks.SMALLEST_RECORD:
@@ -93,6 +95,13 @@ def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: 
         for digest, name in validate
         if digest in calibrate
     ]
+
+
+def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:
+    """A quasi-static record of a system that voltage drives, excited by something else."""
+    if row.protocol != "quasi_static" or row.excitation == "voltage" or not specimen.system:
+        return False
+    return "voltage" in channels_of(specimen.system, row.protocol)[0]
 
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:
