@@ -14,6 +14,7 @@ walker as a chain.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 
@@ -115,7 +116,7 @@ def ess_tail(values: FloatArray) -> float:
     )
 
 
-def thin_evenly(steps: int, limit: int) -> FloatArray:
+def thin_evenly(steps: int, limit: int) -> NDArray[np.intp]:
     """Indices of at most `limit` evenly spaced steps, ending with the last one."""
     stride = max(1, -(-steps // limit))
     return np.arange(steps - 1, -1, -stride)[::-1]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes import chains
 from deabayes.experiment import FloatArray
@@ -235,7 +236,7 @@ def _share_reasons(index: int, inside: FloatArray) -> list[str]:
     ]
 
 
-def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> FloatArray:
+def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> NDArray[np.intp]:
     """Mode (K,) of every component: joined when they share some of the draws z (N, d)."""
     terms = mixture.component_log_density(z)
     member = np.exp(terms - terms.max(axis=1, keepdims=True))

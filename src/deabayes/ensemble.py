@@ -80,7 +80,9 @@ class Ensemble:
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             dataset = dataset.load()
         mixture = Mixture(
-            *(dataset[f"mixture_{name}"].values for name in ("weights", "means", "factors")),
+            dataset["mixture_weights"].values,
+            dataset["mixture_means"].values,
+            dataset["mixture_factors"].values,
             float(dataset.attrs["degrees_of_freedom"]),
         )
         scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}

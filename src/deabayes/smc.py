@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from math import log, pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
@@ -146,7 +147,7 @@ def _next_step(increment: FloatArray, remaining: float, share: float) -> tuple[f
     return step, float(log_mean + step * increment[finite].max())
 
 
-def _systematic(weights: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
     """Indices of systematic resampling."""
     points = (np.arange(len(weights)) + rng.random()) / len(weights)
     cumulative = np.cumsum(weights) / weights.sum()
@@ -195,7 +196,7 @@ class _Cloud:
         return most
 
     def _accept(
-        self, which: FloatArray, proposed: FloatArray, factor: FloatArray, beta: float
+        self, which: NDArray[np.intp], proposed: FloatArray, factor: FloatArray, beta: float
     ) -> None:
         base, increment = self._densities(proposed)
         usable = np.isfinite(base)
