@@ -118,13 +118,13 @@ class Run:
         steps = sampler.sample(
             state, iterations=length, thin_by=self.thin, skip_initial_state_check=True
         )
-        for after in steps:
+        for state in steps:
             bar.update(self.thin)
         return {
             "chain": sampler.get_chain().copy(),
             "log_posterior": sampler.get_log_prob().copy(),
             "accepted": np.asarray(sampler.backend.accepted.mean()),
-            **random_state_arrays(after.random_state),
+            **random_state_arrays(state.random_state),
         }
 
     def _check(self, newest: FloatArray, goal: int) -> Arrays:
