@@ -101,14 +101,15 @@ def test_a_broken_configuration_is_a_message(
     run = snakemake(tmp_path, "--cores", "1", "--configfile", path)
     assert run.returncode != 0
     assert "Traceback" not in run.stderr
+    assert "common.smk" not in run.stderr, "where in our files it was found is no help"
     for word in words:
         assert word in run.stderr
 
 
-def test_own_configuration_replaces_the_shipped_one(tmp_path: Path) -> None:
-    path = tmp_path / "mine.yaml"
+def test_own_configuration_replaces_the_shipped_one(shipped: Path) -> None:
+    path = shipped / "mine.yaml"
     path.write_text(TINY.format(root=ROOT))
-    run = snakemake(tmp_path, "--cores", "1", "--dry-run", "--configfile", path)
+    run = snakemake(shipped, "--cores", "1", "--dry-run", "--configfile", path)
     assert run.returncode == 0, run.stderr
     assert "results/tiny/voigt_kelvin_1/posterior.nc" in run.stdout
     assert "results/tubular" not in run.stdout
