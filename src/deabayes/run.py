@@ -118,8 +118,9 @@ class Run:
         steps = sampler.sample(
             state, iterations=length, thin_by=self.thin, skip_initial_state_check=True
         )
-        for state in steps:
+        for after in steps:
             bar.update(self.thin)
+            state = after
         return {
             "chain": sampler.get_chain().copy(),
             "log_posterior": sampler.get_log_prob().copy(),
