@@ -79,8 +79,12 @@ def _experiment(fake: Fake, index: int, protocol: str, rng: np.random.Generator)
         response_unit="1" if sine else "Pa",
         response=response / (4e6 if sine else 1.0),
         samples_averaged=np.ones_like(time),
-        excitation=Excitation("voltage" if sine else "stretch", "V" if sine else "1", time,
-                              excitation * (1e3 if sine else 1.0)),  # fmt: skip
+        excitation=Excitation(
+            "voltage" if sine else "stretch",
+            "V" if sine else "1",
+            time,
+            excitation * (1e3 if sine else 1.0),
+        ),
         metadata={"stretch": amplitude, "operator": "AB"},
         provenance=fake.provenance,
         record_sha256="0" * 64,
@@ -98,7 +102,11 @@ def _drive(protocol: str, time: FloatArray, amplitude: float) -> FloatArray:
 
 
 def _curve(
-    time: FloatArray, stretch: FloatArray, mu: float | FloatArray, branch: FloatArray, tau: FloatArray
+    time: FloatArray,
+    stretch: FloatArray,
+    mu: float | FloatArray,
+    branch: FloatArray,
+    tau: FloatArray,
 ) -> FloatArray:
     """Made-up stress (W, N): elastic part plus relaxing branches."""
     elastic = np.atleast_1d(mu)[:, None] * (stretch - stretch**-2.0)[None]
@@ -122,38 +130,69 @@ def _draws(
     out: dict[str, tuple[FloatArray, FloatArray, Mapping[str, str]]] = {}
     common = rng.standard_normal((CHAINS, DRAWS))
 
-    def add(name: str, symbol: str, unit: str, kind: str, at: float, sd: float, width: float) -> None:
+    def add(
+        name: str, symbol: str, unit: str, kind: str, at: float, sd: float, width: float
+    ) -> None:
         z = 0.7 * common + 0.71 * rng.standard_normal((CHAINS, DRAWS))
         if not fake.converged and name == "mu_alpha":
             z = z + 3.0 * np.arange(CHAINS)[:, None]
         prior = at * np.exp(0.3 * width + width * rng.standard_normal((1, PRIOR_DRAWS)))
         attributes = {
-            "symbol": symbol, "unit": unit, "kind": kind,
+            "symbol": symbol,
+            "unit": unit,
+            "kind": kind,
             "description": f"made-up {name.replace('_', ' ')}",
-            "prior": "" if kind == "derived" else f"log-normal, median {1.3 * at:.3g}, sigma {width:g}",
-        }  # fmt: skip
+            "prior": ""
+            if kind == "derived"
+            else f"log-normal, median {1.3 * at:.3g}, sigma {width:g}",
+        }
         out[name] = (at * np.exp(sd * z), prior, attributes)
 
     add("mu_alpha", r"\mu_\alpha", "Pa", "material", 35e3, 0.01, 0.5)
     add("zeta_alpha", r"\zeta_\alpha", "Pa*s", "material", 1e5, 0.48, 0.5)
     for i in range(units):
-        add(f"mu_beta_{i + 1}", rf"\mu_{{\beta {i + 1}}}", "Pa", "material", [26e3, 26e3, 11e3, 6e3][i],
-            0.03, 0.8)  # fmt: skip
-        add(f"tau_beta_{i + 1}", rf"\tau_{{\beta {i + 1}}}", "s", "material", RELAXATION_TIMES[i],
-            0.05, 2.0)  # fmt: skip
+        add(
+            f"mu_beta_{i + 1}",
+            rf"\mu_{{\beta {i + 1}}}",
+            "Pa",
+            "material",
+            [26e3, 26e3, 11e3, 6e3][i],
+            0.03,
+            0.8,
+        )
+        add(
+            f"tau_beta_{i + 1}",
+            rf"\tau_{{\beta {i + 1}}}",
+            "s",
+            "material",
+            RELAXATION_TIMES[i],
+            0.05,
+            2.0,
+        )
     add("thickness", "H", "m", "specimen", 1e-3, 0.019, 0.02)
     add("mu_total", r"\mu_\mathrm{total}", "Pa", "derived", 60e3, 0.004, 0.6)
     for group in groups:
         unit, s = ("1", 1 / 4e6) if group in ("sine", "creep") else ("Pa", 1.0)
         add(f"{group}.sigma_white", r"\sigma_\mathrm{w}", unit, "noise", 150.0 * s, 0.05, 1.0)
-        add(f"{group}.sigma_ou", r"\sigma_\mathrm{OU}", unit, "noise", fake.correlated_noise * s,
-            0.2, 1.0)  # fmt: skip
+        add(
+            f"{group}.sigma_ou",
+            r"\sigma_\mathrm{OU}",
+            unit,
+            "noise",
+            fake.correlated_noise * s,
+            0.2,
+            1.0,
+        )
         add(f"{group}.tau_ou", r"\tau_\mathrm{OU}", "s", "noise", 30.0, 0.3, 1.0)
     return out
 
 
 def _write_candidate(
-    folder: Path, fake: Fake, units: int, experiments: Sequence[Experiment], rng: np.random.Generator
+    folder: Path,
+    fake: Fake,
+    units: int,
+    experiments: Sequence[Experiment],
+    rng: np.random.Generator,
 ) -> None:
     (folder / "predictions").mkdir(parents=True, exist_ok=True)
     groups = sorted({e.protocol for e in experiments if e.role == "calibrate"})
@@ -187,9 +226,12 @@ def _write_candidate(
 
 
 def _model(
-    draws: Mapping[str, tuple[FloatArray, FloatArray, Mapping[str, str]]], units: int,
-    experiment: Experiment, picked: FloatArray, group: str,
-) -> FloatArray:  # fmt: skip
+    draws: Mapping[str, tuple[FloatArray, FloatArray, Mapping[str, str]]],
+    units: int,
+    experiment: Experiment,
+    picked: FloatArray,
+    group: str,
+) -> FloatArray:
     def values(name: str) -> FloatArray:
         return draws[name][0 if group == "posterior" else 1][0, picked]
 
@@ -202,7 +244,11 @@ def _model(
 
 def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: float) -> xr.Dataset:
     median, spread = np.median(curves, axis=0), np.std(curves, axis=0)
-    extra = {"parameter": 0.0, "discrepancy": fake.correlated_noise, "predictive": fake.correlated_noise + 200}
+    extra = {
+        "parameter": 0.0,
+        "discrepancy": fake.correlated_noise,
+        "predictive": fake.correlated_noise + 200,
+    }
     bands = {}
     for name, sd in extra.items():
         width = np.hypot(spread, sd * scale)
@@ -214,8 +260,11 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
             "observed": ("coordinate", experiment.response),
             "mean": ("coordinate", curves.mean(axis=0)),
             "median": ("coordinate", median),
-            "excitation": ("coordinate", excitation,
-                           {"units": experiment.excitation.unit, "long_name": experiment.excitation.name}),
+            "excitation": (
+                "coordinate",
+                excitation,
+                {"units": experiment.excitation.unit, "long_name": experiment.excitation.name},
+            ),
             **bands,
         },
         coords={
@@ -224,13 +273,18 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
             "bound": ["lower", "upper"],
         },
         attrs={
-            "experiment": experiment.name, "role": experiment.role, "protocol": experiment.protocol,
-            "response_name": experiment.response_name, "response_unit": experiment.response_unit,
-            "provenance": fake.provenance, "converged": int(fake.converged),
-            "noise_group": experiment.protocol, "failed_draws": 0,
+            "experiment": experiment.name,
+            "role": experiment.role,
+            "protocol": experiment.protocol,
+            "response_name": experiment.response_name,
+            "response_unit": experiment.response_unit,
+            "provenance": fake.provenance,
+            "converged": int(fake.converged),
+            "noise_group": experiment.protocol,
+            "failed_draws": 0,
             "extrapolation": fake.extrapolation if experiment.role == "validate" else "",
         },
-    )  # fmt: skip
+    )
 
 
 def _errors(
@@ -240,13 +294,20 @@ def _errors(
     e_rms = 100 * float(np.sqrt(np.mean(residual**2))) / experiment.response_range
     e_m = 100 * float(np.abs(residual).max()) / experiment.response_range
     return {
-        "experiment": experiment.name, "role": experiment.role, "protocol": experiment.protocol,
-        "e_rms_percent": e_rms, "e_rms_q05": 0.95 * e_rms, "e_rms_q95": 1.2 * e_rms,
-        "e_m_percent": e_m, "e_m_q05": 0.9 * e_m, "e_m_q95": 1.3 * e_m,
-        "coverage_50": 0.4 + 0.2 * rng.random(), "coverage_90": 0.8 + 0.2 * rng.random(),
+        "experiment": experiment.name,
+        "role": experiment.role,
+        "protocol": experiment.protocol,
+        "e_rms_percent": e_rms,
+        "e_rms_q05": 0.95 * e_rms,
+        "e_rms_q95": 1.2 * e_rms,
+        "e_m_percent": e_m,
+        "e_m_q05": 0.9 * e_m,
+        "e_m_q95": 1.3 * e_m,
+        "coverage_50": 0.4 + 0.2 * rng.random(),
+        "coverage_90": 0.8 + 0.2 * rng.random(),
         "crps": float(np.abs(residual).mean()),
         "extrapolation": dataset.attrs["extrapolation"],
-    }  # fmt: skip
+    }
 
 
 def _summary(
@@ -256,14 +317,20 @@ def _summary(
     for name, (posterior, prior, attributes) in draws.items():
         bad = not fake.converged and name == "mu_alpha"
         rows[name] = {
-            "symbol": attributes["symbol"], "unit": attributes["unit"],
-            "mean": posterior.mean(), "sd": posterior.std(), "median": np.median(posterior),
-            "q05": np.quantile(posterior, 0.05), "q95": np.quantile(posterior, 0.95),
-            "mcse_mean": posterior.std() / 30, "ess_bulk": 90.0 if bad else 900.0,
-            "ess_tail": 700.0, "r_hat": 1.31 if bad else 1.003,
+            "symbol": attributes["symbol"],
+            "unit": attributes["unit"],
+            "mean": posterior.mean(),
+            "sd": posterior.std(),
+            "median": np.median(posterior),
+            "q05": np.quantile(posterior, 0.05),
+            "q95": np.quantile(posterior, 0.95),
+            "mcse_mean": posterior.std() / 30,
+            "ess_bulk": 90.0 if bad else 900.0,
+            "ess_tail": 700.0,
+            "r_hat": 1.31 if bad else 1.003,
             "contraction": 1 - np.log(posterior).var() / np.log(prior).var(),
             "converged": not bad,
-        }  # fmt: skip
+        }
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
@@ -271,15 +338,23 @@ def _comparison(fake: Fake) -> pd.DataFrame:
     best = fake.candidates[-1]
     rows = [
         {
-            "candidate": f"kv_gm_{n}", "order": n, "n_parameters": 9 + 2 * n,
-            "log_evidence": -2000.0 - 60.0 * (best - n), "log_evidence_mcse": 0.2,
-            "bic": 4000.0 + 110.0 * (best - n), "elpd_block_loo": -1980.0 - 55.0 * (best - n),
-            "elpd_block_loo_se": 20.0, "elpd_leave_one_experiment_out": -2100.0 - 40.0 * (best - n),
-            "worst_k_hat": 0.4, "converged": fake.converged,
-            "verdict": fake.verdict if n == best else f"not chosen: elpd {-55 * (best - n)} (SE 9.1)",
+            "candidate": f"kv_gm_{n}",
+            "order": n,
+            "n_parameters": 9 + 2 * n,
+            "log_evidence": -2000.0 - 60.0 * (best - n),
+            "log_evidence_mcse": 0.2,
+            "bic": 4000.0 + 110.0 * (best - n),
+            "elpd_block_loo": -1980.0 - 55.0 * (best - n),
+            "elpd_block_loo_se": 20.0,
+            "elpd_leave_one_experiment_out": -2100.0 - 40.0 * (best - n),
+            "worst_k_hat": 0.4,
+            "converged": fake.converged,
+            "verdict": fake.verdict
+            if n == best
+            else f"not chosen: elpd {-55 * (best - n)} (SE 9.1)",
         }
         for n in fake.candidates
-    ]  # fmt: skip
+    ]
     table = pd.DataFrame(rows)
     if not fake.converged:
         table["elpd_block_loo"] = np.nan
@@ -290,29 +365,50 @@ def _comparison(fake: Fake) -> pd.DataFrame:
 def _attributes(fake: Fake, units: int, experiments: Sequence[Experiment]) -> dict[str, str]:
     reasons = [] if fake.converged else ["mu_alpha: R-hat 1.310 is not below 1.01: sample longer"]
     convergence = {
-        "converged": fake.converged, "reasons": reasons,
-        "r_hat_max": 1.003 if fake.converged else 1.31, "ess_bulk_min": 900.0, "ess_tail_min": 700.0,
-        "tau_max": 39.0, "steps": 5000, "walkers": 128, "ensembles": CHAINS,
+        "converged": fake.converged,
+        "reasons": reasons,
+        "r_hat_max": 1.003 if fake.converged else 1.31,
+        "ess_bulk_min": 900.0,
+        "ess_tail_min": 700.0,
+        "tau_max": 39.0,
+        "steps": 5000,
+        "walkers": 128,
+        "ensembles": CHAINS,
         "failures": {"evaluations": 100000, "failed": 20},
-    }  # fmt: skip
+    }
     sampling = {"ensembles": 4, "walkers": 128, "ess": 400, "r_hat": 1.01}
-    settings = {"name": fake.name, "noise": "ornstein_uhlenbeck", "noise_scale": "absolute",
-                "noise_groups": "protocol", "sampling": sampling}  # fmt: skip
+    settings = {
+        "name": fake.name,
+        "noise": "ornstein_uhlenbeck",
+        "noise_scale": "absolute",
+        "noise_groups": "protocol",
+        "sampling": sampling,
+    }
     records = [
         {"name": e.name, "protocol": e.protocol, "group": e.protocol, "scale": 1.0}
         for e in experiments
         if e.role == "calibrate"
     ]
     specimen = {
-        "name": fake.name, "system": "tensile_strip",
+        "name": fake.name,
+        "system": "tensile_strip",
         "provenance": {"kind": fake.provenance, "source": "made up for a test", "licence": "none"},
-        "quantities": {"cross_section": {"value": 1e-5, "unit": "m^2", "sd": None, "source": "made up"}},
+        "quantities": {
+            "cross_section": {"value": 1e-5, "unit": "m^2", "sd": None, "source": "made up"}
+        },
         "instruments": {},
-    }  # fmt: skip
+    }
     return {
-        "study": json.dumps(settings), "study_name": fake.name, "candidate": f"kv_gm_{units}",
-        "order": str(units), "system": "tensile_strip", "specimen": json.dumps(specimen),
-        "provenance": fake.provenance, "noise": "ornstein_uhlenbeck",
-        "experiments": json.dumps(records), "convergence": json.dumps(convergence),
-        "warnings": json.dumps(list(fake.warnings)), "deabayes_version": "0.1.0",
-    }  # fmt: skip
+        "study": json.dumps(settings),
+        "study_name": fake.name,
+        "candidate": f"kv_gm_{units}",
+        "order": str(units),
+        "system": "tensile_strip",
+        "specimen": json.dumps(specimen),
+        "provenance": fake.provenance,
+        "noise": "ornstein_uhlenbeck",
+        "experiments": json.dumps(records),
+        "convergence": json.dumps(convergence),
+        "warnings": json.dumps(list(fake.warnings)),
+        "deabayes_version": "0.1.0",
+    }

@@ -75,6 +75,7 @@ def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
     did not converge is watermarked, whatever the figure's own module does.
     """
     from deabayes.figures import style
+    from deabayes.figures.results import CandidateResults
 
     with style.applied():
         drawn = module(name).draw(results)
@@ -84,7 +85,7 @@ def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
             style.header(figure, f"{results.study.name}{candidate}")
             if results.provenance == "simulated":
                 style.mark_simulated(figure)
-            if candidate and not results.converged:
+            if isinstance(results, CandidateResults) and not results.converged:
                 style.watermark_unconverged(figure)
     return figures
 
@@ -116,7 +117,7 @@ def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     if not index.is_file():
         return None
     drawn = index.stat().st_mtime
-    if any(path.stat().st_mtime > drawn for path in StudyResults(study_folder).inputs):
+    if any(path.stat().st_mtime >= drawn for path in StudyResults(study_folder).inputs):
         return None
     entries = json.loads(index.read_text(encoding="utf-8"))
     return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
@@ -135,7 +136,5 @@ def _save(name: str, results: CandidateResults | StudyResults, out: Path) -> lis
         with style.applied():
             figure.savefig(svg, metadata={"Date": None})
             figure.savefig(png)
-        saved.append(
-            SavedFigure(name, candidate, sheet, source.TITLE, source.CAPTION, svg, png)
-        )
+        saved.append(SavedFigure(name, candidate, sheet, source.TITLE, source.CAPTION, svg, png))
     return saved

@@ -34,5 +34,5 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
         ax.set_ylabel(record.label)
         panels.set_horizontal(ax, x)
         panels.title(ax, record)
-    panels.legend_below(figure, panels.band_handles(), 2)
+    panels.legend_below(figure, panels.band_handles())
     return figure

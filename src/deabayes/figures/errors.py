@@ -45,20 +45,25 @@ def draw(results: StudyResults) -> list[Figure]:
 def _panel(
     ax: Axes, tables: dict[str, pd.DataFrame], experiments: list[str], unconverged: set[str]
 ) -> None:
-    offsets = np.linspace(-0.3, 0.3, len(tables)) if len(tables) > 1 else [0.0]
+    offsets = np.linspace(-0.25, 0.25, len(tables)) if len(tables) > 1 else [0.0]
     flagged = set()
     for index, (candidate, table) in enumerate(tables.items()):
         rows = table.reindex(experiments)
-        flagged |= {n for n, t in rows["extrapolation"].fillna("").items() if t}
+        flagged |= {n for n, t in rows["extrapolation"].items() if isinstance(t, str) and t}
         centre = rows["e_rms_percent"].to_numpy()
         reach = [centre - rows["e_rms_q05"], rows["e_rms_q95"] - centre]
         ax.errorbar(
             centre, np.arange(len(rows)) + offsets[index], xerr=np.clip(reach, 0, None),
-            fmt=style.MARKERS[index % len(style.MARKERS)], color=style.SERIES[index % len(style.SERIES)],
+            fmt=style.MARKERS[index % len(style.MARKERS)],
+            color=style.SERIES[index % len(style.SERIES)],
             markerfacecolor="white" if candidate in unconverged else None, elinewidth=0.8,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip
-    ax.set_yticks(range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments])
+    ax.set_yticks(
+        range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments]
+    )
+    for row in range(0, len(experiments), 2):
+        ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
     ax.set_ylim(len(experiments) - 0.5, -0.5)
     ax.set_xlim(left=0)
     ax.grid(axis="x", color=style.LIGHT_GREY, linewidth=0.4)

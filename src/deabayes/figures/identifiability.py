@@ -15,9 +15,9 @@ from deabayes.figures.results import CandidateResults
 SCOPE = "candidate"
 TITLE = "What the data determined"
 CAPTION = (
-    "Left: contraction, the share of the prior's variance that the data removed; below 10 % (dashed) "
-    "a number is set by the prior. Right: relative width of the posterior. Derived quantities, such "
-    "as ratios, may be well known although no single parameter in them is."
+    "Left: contraction, the share of the prior's variance that the data removed; below 10 % "
+    "(dashed) a number is set by the prior. Right: relative width of the posterior. Derived "
+    "quantities, such as ratios, may be well known although no single parameter in them is."
 )
 THRESHOLD = 0.1
 COLOURS = {

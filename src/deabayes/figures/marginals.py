@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -30,7 +32,7 @@ def draw(results: CandidateResults) -> list[Figure]:
     return [_sheet(results, names) for names in panels.batches(results.sampled, COLUMNS * ROWS)]
 
 
-def _sheet(results: CandidateResults, names: list[str]) -> Figure:
+def _sheet(results: CandidateResults, names: Sequence[str]) -> Figure:
     rows = -(-len(names) // COLUMNS)
     size = (style.DOUBLE_COLUMN, 29 * style.MILLIMETRE * rows + 0.3 + style.HEADER)
     figure = Figure(figsize=size, layout="constrained")
@@ -94,7 +96,9 @@ def _window(posterior: FloatArray, prior: FloatArray) -> tuple[float, float, boo
     return first, last, log
 
 
-def _smooth(values: FloatArray, low: float, high: float, log: bool) -> tuple[FloatArray, FloatArray]:
+def _smooth(
+    values: FloatArray, low: float, high: float, log: bool
+) -> tuple[FloatArray, FloatArray]:
     from scipy.stats import gaussian_kde
 
     if np.ptp(values) == 0:

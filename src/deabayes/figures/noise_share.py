@@ -10,15 +10,14 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
 TITLE = "What the noise model took"
 CAPTION = (
-    "Left: share of each calibration record's variance that the correlated noise and the white noise "
-    "stand for (median, 90 % interval). Right: the noise's correlation time against the record's "
-    "length. A large share with a long time is physics that the candidate lacks."
+    "Left: share of each calibration record's variance that the correlated noise and the white "
+    "noise stand for (median, 90 % interval). Right: the noise's correlation time against the "
+    "record's length. A large share with a long time is physics that the candidate lacks."
 )
 ALARMING = 0.1
 
@@ -52,11 +51,16 @@ def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, Float
     shares: dict[str, Mapping[str, FloatArray]] = {}
     for name, prediction in results.predictions.items():
         group = results.noise_group(name)
-        if prediction.attrs["role"] != "calibrate" or f"{group}.sigma_white" not in results.posterior:
+        if (
+            prediction.attrs["role"] != "calibrate"
+            or f"{group}.sigma_white" not in results.posterior
+        ):
             continue
         observed = prediction["observed"].values
         relative = results.settings.get("noise_scale") == "range"
-        scale = float(results.records.get(name, {}).get("scale", np.ptp(observed) if relative else 1.0))
+        scale = float(
+            results.records.get(name, {}).get("scale", np.ptp(observed) if relative else 1.0)
+        )
         shares[name] = {
             kind: _quantiles((results.posterior[parameter].values * scale) ** 2 / observed.var())
             for kind, parameter in (

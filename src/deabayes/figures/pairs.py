@@ -64,9 +64,7 @@ def _column(results: CandidateResults, name: str) -> tuple[FloatArray, str]:
     return values / unit.factor, text + (f"\n({unit.label})" if unit.label else "")
 
 
-def _cell(
-    ax: Axes, x: tuple[FloatArray, str], y: tuple[FloatArray, str] | None
-) -> None:
+def _cell(ax: Axes, x: tuple[FloatArray, str], y: tuple[FloatArray, str] | None) -> None:
     limits = np.nanquantile(x[0], [0.002, 0.998])
     if limits[0] == limits[1]:
         limits = limits + np.array([-0.5, 0.5])
@@ -107,12 +105,12 @@ def _padded(centres: FloatArray) -> FloatArray:
 def _label(
     ax: Axes, columns: list[tuple[FloatArray, str]], row: int, column: int, size: float
 ) -> None:
-    last, few = row == len(columns) - 1, 3 if len(columns) <= 6 else 2
+    last, few = row == len(columns) - 1, 3 if len(columns) <= 9 else 2
     ax.tick_params(labelsize=size - 1, length=1.5, pad=1.5)
-    ax.xaxis.set_major_locator(MaxNLocator(few, min_n_ticks=1, prune="both"))
+    ax.xaxis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
     ax.tick_params(axis="x", labelbottom=last, rotation=45)
     if column < row:
-        ax.yaxis.set_major_locator(MaxNLocator(few, min_n_ticks=1, prune="both"))
+        ax.yaxis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
         ax.tick_params(axis="y", labelleft=column == 0)
     if last:
         ax.set_xlabel(columns[column][1], fontsize=size)

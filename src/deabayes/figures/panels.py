@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
@@ -29,7 +31,7 @@ def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequenc
     """Split into sheets of nearly equal length, `size` at most."""
     count = max(-(-len(items) // size), 1)
     edges = np.linspace(0, len(items), count + 1).round().astype(int)
-    return [items[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [items[a:b] for a, b in pairwise(edges)]
 
 
 def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figure, list[Axes]]:
@@ -49,6 +51,8 @@ def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figu
 
 def legend_below(figure: Figure, handles: Sequence[Line2D | Patch], columns: int = 3) -> None:
     """One legend for all panels, below them."""
+    narrow = figure.get_size_inches()[0] < 0.9 * style.DOUBLE_COLUMN
+    columns = min(columns, 2) if narrow else columns
     figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
 
 
@@ -97,9 +101,7 @@ class Record:
     def unit(self) -> DisplayUnit:
         attributes = self.prediction.attrs
         observed = self.prediction["observed"]
-        return display_unit(
-            attributes["response_unit"], observed, attributes["response_name"]
-        )
+        return display_unit(attributes["response_unit"], observed, attributes["response_name"])
 
     @property
     def label(self) -> str:
@@ -152,7 +154,7 @@ def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -
     return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
 
 
-def _upward_crossings(values: FloatArray) -> FloatArray:
+def _upward_crossings(values: FloatArray) -> NDArray[np.intp]:
     level = (values.max() + values.min()) / 2
     return np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
 
@@ -163,7 +165,7 @@ def branches(values: FloatArray) -> Iterator[slice]:
     steps = steps[steps != 0] if not steps.any() else _filled(steps)
     turns = np.flatnonzero(np.diff(steps)) + 1
     edges = [0, *turns.tolist(), len(values) - 1]
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         yield slice(start, stop + 1)
 
 
@@ -206,12 +208,12 @@ def title(ax: Axes, record: Record) -> None:
     if record.shown.start:
         words += f", last {CYCLES_SHOWN} cycles"
     size = 7.0 if len(record.name) <= 30 else 210.0 / len(record.name)
-    ax.set_title(record.name, loc="left", fontsize=size, pad=11, weight="bold")
-    ax.annotate(words, (0, 1), (0, 2.5), "axes fraction", "offset points",
-                fontsize=6.0, color=style.GREY, va="bottom")  # fmt: skip
+    ax.set_title(record.name, loc="left", fontsize=size, pad=12.5, weight="bold")
+    place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
+    ax.annotate(words, (0, 1), (0, 2.5), fontsize=6.0, color=style.GREY, **place)
     if record.extrapolation:
-        ax.annotate("EXTRAPOLATION", (1, 1), (0, 2.5), "axes fraction", "offset points",
-                    fontsize=5.5, color=style.VERMILLION, ha="right", va="bottom", weight="bold")  # fmt: skip
+        mark = {"fontsize": 5.5, "color": style.VERMILLION, "ha": "right", "weight": "bold"}
+        ax.annotate("EXTRAPOLATION", (1, 1), (0, 2.5), **place, **mark)
 
 
 def set_horizontal(ax: Axes, x: Axis) -> None:

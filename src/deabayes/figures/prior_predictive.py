@@ -14,8 +14,8 @@ from deabayes.figures.results import CandidateResults
 SCOPE = "candidate"
 TITLE = "What the prior held possible"
 CAPTION = (
-    "Model curves drawn from the prior (grey) and the calibration data (black). The data should lie "
-    "among the curves; if they lie outside, the prior excludes what was measured."
+    "Model curves drawn from the prior (grey) and the calibration data (black). The data should "
+    "lie among the curves; if they lie outside, the prior excludes what was measured."
 )
 CURVES = 50
 

@@ -32,8 +32,33 @@ PERCENT_QUANTITIES = ("strain",)
 ROLES = {"calibrate": "calibration", "validate": "held out"}
 GREEK = dict(
     zip(
-        "alpha beta gamma delta epsilon varepsilon zeta eta theta kappa lambda mu nu xi rho "
-        "sigma tau phi varphi chi psi omega Delta Sigma Omega".split(),
+        [
+            "alpha",
+            "beta",
+            "gamma",
+            "delta",
+            "epsilon",
+            "varepsilon",
+            "zeta",
+            "eta",
+            "theta",
+            "kappa",
+            "lambda",
+            "mu",
+            "nu",
+            "xi",
+            "rho",
+            "sigma",
+            "tau",
+            "phi",
+            "varphi",
+            "chi",
+            "psi",
+            "omega",
+            "Delta",
+            "Sigma",
+            "Omega",
+        ],
         "αβγδεεζηθκλμνξρστφφχψωΔΣΩ",
         strict=True,
     )
@@ -63,8 +88,8 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
     values : any shape; their largest finite magnitude decides.
     name : quantity, for those customarily given in percent.
     """
-    values = np.abs(np.asarray(values, dtype=float))
-    finite = values[np.isfinite(values)]
+    magnitudes = np.abs(np.asarray(values, dtype=float))
+    finite = magnitudes[np.isfinite(magnitudes)]
     magnitude = float(finite.max()) if finite.size else 1.0
     if unit in DIMENSIONLESS:
         return DisplayUnit(0.01, "%") if name in PERCENT_QUANTITIES else DisplayUnit(1.0, "")
@@ -117,6 +142,14 @@ def significant(value: float, digits: int = 3) -> str:
     return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
 
 
+def short(value: float, digits: int = 3) -> str:
+    """`value` to at most `digits` significant digits, trailing zeros dropped."""
+    text = significant(value, digits)
+    if "." not in text or "×" in text:
+        return text
+    return text.rstrip("0").rstrip(".")
+
+
 def scientific(value: float, digits: int = 3) -> str:
     """``1.23×10⁹``."""
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
@@ -143,8 +176,8 @@ def symbol_html(symbol: str) -> str:
     text = re.sub(r"\\([A-Za-z]+)\s?", lambda m: GREEK.get(m[1], m[1]), text)
     text = re.sub(r"\\[,;!: ]", " ", text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
-        pattern = re.escape(mark) + r"(?:\{((?:[^{}]|\{[^{}]*\})*)\}|(\S))"
-        text = re.sub(pattern, lambda m, tag=tag: f"<{tag}>{m[1] or m[2] or ''}</{tag}>", text)
+        text = re.sub(rf"\{mark}\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}", rf"<{tag}>\1</{tag}>", text)
+        text = re.sub(rf"\{mark}(\S)", rf"<{tag}>\1</{tag}>", text)
     return text.replace("{", "").replace("}", "")
 
 

@@ -37,7 +37,7 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
         ax.set_ylabel(f"residual{record.unit.suffix}")
         panels.set_horizontal(ax, x)
         panels.title(ax, record)
-    panels.legend_below(figure, panels.band_handles(), 2)
+    panels.legend_below(figure, panels.band_handles())
     return figure
 
 
@@ -45,7 +45,9 @@ def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figu
     """Box of residuals in per cent of each record's range, coloured by noise group."""
     groups = {r.name: results.noise_group(r.name) for r in records}
     order = sorted(records, key=lambda r: (groups[r.name], r.name))
-    colours = dict(zip(dict.fromkeys(groups[r.name] for r in order), 3 * style.SERIES, strict=False))
+    colours = dict(
+        zip(dict.fromkeys(groups[r.name] for r in order), 3 * style.SERIES, strict=False)
+    )
     height = 0.16 * len(order) + 0.75 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
     ax = figure.subplots()

@@ -52,7 +52,7 @@ class StudyResults:
 
     @cached_property
     def recommended(self) -> CandidateResults:
-        """The chosen candidate, else the smallest adequate, else the first converged, else the first."""
+        """The chosen candidate, else the smallest adequate, the first converged, the first."""
         by_name = {c.name: c for c in self.candidates}
         if self.comparison is not None:
             verdicts = {str(n): str(v) for n, v in self.comparison["verdict"].items()}

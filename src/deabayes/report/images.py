@@ -49,7 +49,7 @@ def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]
     if factor < 1.0:
         smaller = (round(size[0] * factor), round(size[1] * factor))
         picture = picture.resize(smaller, Picture.Resampling.LANCZOS)
-    picture = picture.quantize(colours, dither=Picture.Dither.NONE)
+    picture = picture.quantize(colours, Picture.Quantize.MAXCOVERAGE, dither=Picture.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue(), size

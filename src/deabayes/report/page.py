@@ -19,7 +19,7 @@ SECTIONS = (
     ("Residuals", ("residuals", "noise_share", "coverage")),
     ("Parameters", ("marginals", "identifiability", "pairs")),
     ("Convergence", ("convergence",)),
-    ("Prior and preparation", ("prior_predictive",)),
+    ("Prior", ("prior_predictive",)),
 )
 BRIEFLY = ("data_and_bands", "residuals", "marginals")
 """Figures of the candidates that are folded away."""
@@ -84,7 +84,9 @@ def verdict(study: StudyResults) -> str:
     if study.comparison is None or count < 2:
         return f"One candidate was fitted, {best.name}; there was no order to choose."
     text = str(study.comparison["verdict"].get(best.name, "not compared"))
-    return f"Of {count} candidates, use {best.name} ({text})."
+    if text.startswith("not resolved"):
+        return f"The records do not settle the model order; {best.name} is shown ({text})."
+    return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
 
 
 def _candidate(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:

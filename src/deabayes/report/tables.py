@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
-
 from deabayes.figures.quantities import (
     ROLES,
     display_unit,
     interval,
     plain,
+    short,
     significant,
     symbol_html,
 )
@@ -59,12 +59,12 @@ def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
     return joined[["candidate", *joined.columns.drop("candidate")]]
 
 
-def records(study: StudyResults) -> list[dict[str, str]]:
+def records(study: StudyResults) -> list[dict[str, Any]]:
     """What was fitted to, one row per prepared record."""
     return [_record(experiment) for experiment in study.experiments.values()]
 
 
-def _record(e: Experiment) -> dict[str, str]:
+def _record(e: Experiment) -> dict[str, Any]:
     excitation = e.excitation
     metadata = [f"{plain(k)} {_value(v)}" for k, v in e.metadata.items() if _value(v)]
     steps = [str(s.get("step", s.get("name", next(iter(s), "")))) for s in e.steps]
@@ -84,15 +84,17 @@ def _record(e: Experiment) -> dict[str, str]:
 
 def _value(value: float | str) -> str:
     if isinstance(value, float):
-        return significant(value) if np.isfinite(value) else ""
+        return short(value) if np.isfinite(value) else ""
     return str(value)
 
 
-def _range(values: FloatArray, unit: str, name: str) -> str:
+def _range(values: FloatArray, unit: str, name: str) -> tuple[str, str]:
+    """The channel's name, and its lowest and highest value in a display unit."""
     display = display_unit(unit, values, name)
     low, high = float(np.min(values)) / display.factor, float(np.max(values)) / display.factor
-    text = significant(low) if low == high else f"{significant(low)} – {significant(high)}"
-    return f"{plain(name)} {text} {display.label}".strip()
+    low, high = (0.0 if abs(end) < 1e-3 * (high - low) else end for end in (low, high))
+    text = short(low) if low == high else f"{short(low)} – {short(high)}"
+    return plain(name), f"{text} {display.label}".strip()
 
 
 def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
@@ -101,7 +103,9 @@ def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
     if table is None:
         return {}
     groups = {
-        title: [_parameter(results, n, table.loc[n]) for n in results.names(kind) if n in table.index]
+        title: [
+            _parameter(results, n, table.loc[n]) for n in results.names(kind) if n in table.index
+        ]
         for kind, title in KINDS.items()
     }
     return {title: rows for title, rows in groups.items() if rows}

@@ -1,0 +1,220 @@
+"""Figures: every one of the registry draws from files, marked as it must be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.fake_results import Fake, write_study
+
+from deabayes import figures
+from deabayes.faults import UserError
+from deabayes.figures import panels
+from deabayes.figures.quantities import (
+    display_unit,
+    interval,
+    pretty_unit,
+    round_to,
+    significant,
+    symbol_html,
+    symbol_text,
+)
+from deabayes.figures.results import StudyResults
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
+    folder = tmp_path_factory.mktemp("measured")
+    return StudyResults(write_study(folder, Fake(candidates=(1, 2))))
+
+
+@pytest.fixture(scope="module")
+def unconverged(tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
+    fake = Fake(
+        name="fake_tube",
+        provenance="simulated",
+        converged=False,
+        candidates=(1, 2),
+        protocols=("creep", "sine", "sine"),
+        extrapolation="voltage 0 to 3500 V lies outside the calibrated 0 to 2500 V",
+    )
+    return StudyResults(write_study(tmp_path_factory.mktemp("unconverged"), fake))
+
+
+def texts(figure: object) -> list[str]:
+    from matplotlib.text import Text
+
+    return [t.get_text() for t in figure.findobj(Text) if t.get_text()]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", figures.names("candidate"))
+def test_every_candidate_figure_draws(name: str, measured: StudyResults) -> None:
+    drawn = figures.draw(name, measured.recommended)
+    assert drawn
+    for figure in drawn:
+        words = texts(figure)
+        assert any("fake_strip" in word for word in words)
+        assert "NOT CONVERGED" not in words
+        assert "simulated data" not in words
+
+
+@pytest.mark.parametrize("name", figures.names("candidate"))
+def test_unconverged_and_simulated_are_marked(name: str, unconverged: StudyResults) -> None:
+    for figure in figures.draw(name, unconverged.recommended):
+        assert "NOT CONVERGED" in texts(figure)
+        assert "simulated data" in texts(figure)
+
+
+@pytest.mark.parametrize("name", ["comparison", "errors", "preparation"])
+def test_study_figures_name_unconverged_candidates(name: str, unconverged: StudyResults) -> None:
+    for figure in figures.draw(name, unconverged):
+        words = " ".join(texts(figure))
+        assert "not converged" in words or name == "preparation"
+        assert "simulated data" in words
+
+
+def test_comparison_shows_the_verdict(measured: StudyResults) -> None:
+    (figure,) = figures.draw("comparison", measured)
+    assert any("smallest order the data cannot do without" in word for word in texts(figure))
+
+
+def test_extrapolation_is_flagged_on_held_out_panels_only(unconverged: StudyResults) -> None:
+    (figure,) = figures.draw("data_and_bands", unconverged.recommended)
+    assert texts(figure).count("EXTRAPOLATION") == 1
+
+
+def test_three_bands_are_labelled_and_only_one_is_predictive(measured: StudyResults) -> None:
+    (figure,) = figures.draw("data_and_bands", measured.recommended)
+    words = texts(figure)
+    assert any(word.startswith("90 % predictive") for word in words)
+    assert any("parameters only (not predictive)" in word for word in words)
+    assert any("discrepancy" in word and "predictive" not in word for word in words)
+
+
+def test_legends_lie_outside_the_data(measured: StudyResults) -> None:
+    for name in figures.names("candidate"):
+        for figure in figures.draw(name, measured.recommended):
+            assert all(ax.get_legend() is None for ax in figure.axes)
+
+
+def test_parameter_panels_show_posterior_and_prior_with_units(measured: StudyResults) -> None:
+    (figure,) = figures.draw("marginals", measured.recommended)
+    assert r"$\mu_\alpha$ (kPa)" in texts(figure)
+
+
+def test_many_records_are_spread_over_sheets() -> None:
+    assert [len(b) for b in panels.batches(list(range(18)))] == [9, 9]
+    assert [len(b) for b in panels.batches(list(range(10)))] == [5, 5]
+    assert [len(b) for b in panels.batches([])] == [0]
+
+
+def test_loops_are_split_where_they_turn() -> None:
+    stretch = np.array([1.0, 1.5, 2.0, 2.0, 1.5, 1.0])
+    parts = [stretch[part].tolist() for part in panels.branches(stretch)]
+    assert len(parts) == 2
+    assert [part[-1] for part in parts] == [2.0, 1.0]
+    assert all(np.all(np.diff(p) >= 0) or np.all(np.diff(p) <= 0) for p in parts)
+
+
+def test_axes_follow_the_protocol(measured: StudyResults, unconverged: StudyResults) -> None:
+    predictions = [panels.Record(p) for p in measured.recommended.predictions.values()]
+    loop = next(r for r in predictions if r.protocol == "load_unload")
+    relaxation = next(r for r in predictions if r.protocol == "relaxation")
+    assert loop.horizontal().label == "stretch"
+    assert loop.against_coordinate().label == "time (s)"
+    assert relaxation.horizontal().logarithmic
+    assert not panels.Record(relaxation.prediction, log_time=False).horizontal().logarithmic
+    sine = next(
+        panels.Record(p)
+        for p in unconverged.recommended.predictions.values()
+        if p.attrs["protocol"] == "sine"
+    )
+    assert sine.label == "strain (%)"
+    assert np.ptp(sine.horizontal().values) == pytest.approx(60.0, rel=0.02)
+
+
+def test_noise_share_is_relative_to_the_records_variance(measured: StudyResults) -> None:
+    from deabayes.figures.noise_share import correlated_shares
+
+    results = measured.recommended
+    name, shares = next(iter(correlated_shares(results).items()))
+    observed = results.predictions[name]["observed"].values
+    sigma = results.posterior[f"{results.noise_group(name)}.sigma_ou"].values
+    assert shares["correlated"][1] == pytest.approx(np.median(sigma**2) / observed.var())
+
+
+def test_save_all_writes_svg_and_png_and_an_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = {name: figures.REGISTRY[name] for name in ("residuals", "coverage", "errors")}
+    monkeypatch.setattr(figures, "REGISTRY", few)
+    study = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
+    out = study / "figures"
+    saved = figures.save_all(study, out)
+    assert {(s.name, s.candidate, s.sheet) for s in saved} == {
+        ("errors", "", 1),
+        ("residuals", "kv_gm_1", 1),
+        ("residuals", "kv_gm_1", 2),
+        ("coverage", "kv_gm_1", 1),
+    }
+    for figure in saved:
+        assert figure.svg.read_text().startswith("<?xml")
+        assert figure.png.read_bytes().startswith(b"\x89PNG")
+    assert len(json.loads((out / "index.json").read_text())) == len(saved)
+    assert figures.saved_figures(study, out) == saved
+    (study / "comparison.csv").touch()
+    assert figures.saved_figures(study, out) is None
+
+
+def test_unknown_figure_and_empty_study_are_said(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="did you mean 'residuals'"):
+        figures.module("residual")
+    with pytest.raises(UserError, match="holds no fitted candidate"):
+        _ = StudyResults(tmp_path).candidates
+
+
+def test_recommended_follows_the_verdict(tmp_path: Path) -> None:
+    verdict = "not resolved by these data against kv_gm_1; smallest adequate order"
+    study = StudyResults(write_study(tmp_path, Fake(candidates=(1, 2, 3), verdict=verdict)))
+    assert study.recommended.name == "kv_gm_3"
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "label", "factor"),
+    [
+        ("Pa", 35e3, "kPa", 1e3),
+        ("Pa", 1.5e6, "MPa", 1e6),
+        ("s", 6e-3, "ms", 1e-3),
+        ("s", 600.0, "s", 1.0),
+        ("m", 40e-6, "µm", 1e-6),
+        ("Pa*s", 1e5, "kPa·s", 1e3),
+        ("N*s/m", 0.1, "mN·s/m", 1e-3),
+        ("N/m", 66.0, "N/m", 1.0),
+        ("ohm", 1e9, "GΩ", 1e9),
+        ("m**2", 6e-4, "mm²", 1e-6),
+        ("1", 4.7, "", 1.0),
+    ],
+)
+def test_display_units(unit: str, value: float, label: str, factor: float) -> None:
+    found = display_unit(unit, value)
+    assert (found.label, found.factor) == (label, factor)
+
+
+def test_numbers_keep_what_their_interval_supports() -> None:
+    assert interval(35.234, 33.9, 36.6) == "35.2 [33.9, 36.6]"
+    assert interval(1234.4, 1000.0, 1500.0) == "1230 [1000, 1500]"
+    assert round_to(-0.01234, 0.001) == "−0.0123"
+    assert round_to(float("nan"), 1.0) == "–"
+    assert significant(1.704) == "1.70"
+    assert significant(0.000012345) == "1.23×10⁻⁵"
+
+
+def test_symbols() -> None:
+    assert symbol_html(r"\mu_\alpha") == "μ<sub>α</sub>"
+    assert symbol_html(r"\mu_{\beta 1}") == "μ<sub>β1</sub>"
+    assert symbol_html(r"\sigma_\mathrm{OU}") == "σ<sub>OU</sub>"
+    assert symbol_html("<script>") == "&lt;script&gt;"
+    assert symbol_text("creep.sigma_ou", r"\sigma") == r"creep: $\sigma$"
+    assert pretty_unit("kg*m^2") == "kg·m²"

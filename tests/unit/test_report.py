@@ -1,0 +1,130 @@
+"""The report: one page without outside references, warnings first, honest tables."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from tests.unit.fake_results import Fake, write_study
+
+from deabayes import figures
+from deabayes.figures.results import StudyResults
+from deabayes.report import build, notices
+from deabayes.report.page import verdict
+from deabayes.report.tables import parameters
+
+UNCONVERGED = Fake(
+    name="fake_tube",
+    provenance="simulated",
+    converged=False,
+    candidates=(1,),
+    protocols=("creep", "sine", "sine"),
+    extrapolation="voltage 0 to 3500 V lies outside the calibrated 0 to 2500 V",
+    correlated_noise=8e3,
+    warnings=("3 gaps in the sampling",),
+)
+LEFT_OUT = "silicones: the records are not here; set DEABAYES_DATA <folder>"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    folder = tmp_path_factory.mktemp("results")
+    protocols = ("relaxation", "load_unload")
+    studies = [
+        write_study(folder, Fake(candidates=(1, 2), protocols=protocols)),
+        write_study(folder, UNCONVERGED),
+    ]
+    output = folder / "report" / "index.html"
+    few = {name: figures.REGISTRY[name] for name in ("data_and_bands", "coverage", "errors")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "REGISTRY", few)
+        assert build(studies, output, folder / "report" / "tables", [LEFT_OUT]) == output
+    return output.read_text(encoding="utf-8"), folder / "report" / "tables"
+
+
+def test_page_refers_to_nothing_outside_itself(built: tuple[str, Path]) -> None:
+    page = built[0]
+    sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
+    assert sources
+    assert all(s.startswith(("data:image/png;base64,", "#")) for s in sources)
+    for outside in ("@import", "url(", "<script"):
+        assert outside not in page
+    assert len(page) < 15e6
+
+
+def test_anchors_of_the_contents_exist(built: tuple[str, Path]) -> None:
+    targets = set(re.findall(r'href="#([^"]+)"', built[0]))
+    assert {"fake_strip", "fake_tube", "glossary"} <= targets
+    assert all(f'id="{target}"' in built[0] for target in targets)
+
+
+def test_warnings_come_before_results(built: tuple[str, Path]) -> None:
+    text = re.sub(r'src="[^"]*"', "", built[0])
+    place = text.index("Read this first")
+    assert place < text.index("Left out") < text.index("Contents") < text.index("What was fitted")
+    for words in (
+        "mu_alpha: R-hat 1.310 is not below 1.01",
+        "Extrapolation",
+        "The noise model takes what the physics lacks",
+        "Set by the prior",
+    ):
+        assert place < text.index(words) < text.index("Contents")
+    assert "set DEABAYES_DATA &lt;folder&gt;" in text
+    assert "3 gaps in the sampling" in text[: text.index("Contents")]
+
+
+def test_simulated_and_unconverged_are_tagged_at_tables(built: tuple[str, Path]) -> None:
+    for caption in re.findall(r"<caption>(.*?)</caption>", built[0], re.DOTALL):
+        tube = "simulated data" in caption
+        assert tube == ("NOT CONVERGED" in caption)
+    captions = re.findall(r"<caption>(.*?)</caption>", built[0], re.DOTALL)
+    assert sum("simulated data" in c for c in captions) == 3
+
+
+def test_other_candidates_are_folded_away(built: tuple[str, Path]) -> None:
+    assert "<details><summary>kv_gm_1" in built[0]
+    assert "<details><summary>kv_gm_2" not in built[0]
+
+
+def test_tables_hold_all_candidates_at_full_precision(built: tuple[str, Path]) -> None:
+    summary = pd.read_csv(built[1] / "fake_strip_summary.csv")
+    assert set(summary["candidate"]) == {"kv_gm_1", "kv_gm_2"}
+    assert set(summary["provenance"]) == {"measured"}
+    errors = pd.read_csv(built[1] / "fake_tube_errors.csv")
+    assert {"e_rms_percent", "extrapolation"} <= set(errors.columns)
+    assert set(errors["provenance"]) == {"simulated"}
+    assert (built[1] / "fake_strip_comparison.csv").is_file()
+
+
+def test_parameter_rows_are_in_display_units(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",))
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
+    assert rows["mu_alpha"]["unit"] == "kPa"
+    assert rows["mu_alpha"]["value"].startswith(("34.9", "35.0"))
+    assert rows["mu_alpha"]["symbol"] == "μ<sub>α</sub>"
+    assert not rows["mu_alpha"]["set_by_prior"]
+
+
+def test_clean_study_raises_no_serious_notice(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1, 2), protocols=("relaxation", "relaxation"))
+    found = notices.of_study(StudyResults(write_study(tmp_path, fake)))
+    assert {n.title for n in found if n.serious} <= {"Set by the prior, not by the data"}
+
+
+def test_verdicts(tmp_path: Path) -> None:
+    protocols = ("relaxation",)
+    unresolved = "not resolved by these data against kv_gm_1; smallest adequate order"
+    cases = {
+        "chosen": (Fake(name="chosen", candidates=(1, 2), protocols=protocols), "use kv_gm_2"),
+        "open": (
+            Fake(name="open", candidates=(1, 2), protocols=protocols, verdict=unresolved),
+            "do not settle",
+        ),
+        "bad": (Fake(name="bad", converged=False, protocols=protocols), "none is to be used"),
+        "single": (Fake(name="single", candidates=(1,), protocols=protocols), "no order to choose"),
+    }
+    for fake, words in cases.values():
+        assert words in verdict(StudyResults(write_study(tmp_path, fake)))
