@@ -55,7 +55,7 @@ def standard_error(terms: FloatArray) -> float:
 
 
 def block_edges(coordinate: FloatArray, length: float) -> FloatArray:
-    """First index of each block: contiguous stretches at least `length` long, two at the least.
+    """First index of each block: contiguous stretches at least `length` long.
 
     Blocks of two correlation lengths and more keep a left-out block from being
     told by its neighbours (inference.md, Model order).
@@ -139,6 +139,10 @@ def decide(scores: Sequence[Score]) -> Decision:
         if s.loo is None
     }
     if not ranked:
+        return Decision(None, (), verdicts)
+    if len(ranked) == 1 and len(scores) > 1:
+        only = ranked[0].candidate
+        verdicts[only] = "nothing to compare: the only candidate that converged"
         return Decision(None, (), verdicts)
     chosen = ranked[0]
     for candidate in ranked[1:]:

@@ -48,6 +48,8 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     for row in rows:
         raw = folder.record(row)
         experiment = prepare(row, raw, folder.specimen, study.preparation.get(row.protocol))
+        unseen = [w for w in folder.warnings(row) if w not in experiment.warnings]
+        experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
         write_prepared(experiment, output / f"{experiment.name}.nc", raw)
         experiments.append(experiment)
     return experiments

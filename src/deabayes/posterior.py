@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -148,8 +148,6 @@ def noise_parameters(
     study: Study, noise: NoiseModel, experiments: Sequence[Experiment]
 ) -> tuple[Parameter, ...]:
     """The noise parameters of every group, prefixed by the group's name."""
-    from dataclasses import replace
-
     groups: dict[str, list[Experiment]] = {}
     for experiment in experiments:
         groups.setdefault(noise_group(study, experiment), []).append(experiment)
@@ -160,7 +158,8 @@ def noise_parameters(
         scale = 1.0 if relative else float(np.mean([m.response_range for m in members]))
         span = float(np.median([np.ptp(m.coordinate) for m in members]))
         parameters += [
-            replace(p, name=f"{group}.{p.name}") for p in noise.parameters(unit, scale, span)
+            replace(p, name=f"{group}.{p.name}")
+            for p in noise.parameters(unit, scale, span, members[0].coordinate_unit)
         ]
     return tuple(parameters)
 
@@ -193,7 +192,12 @@ def build(
         for e in calibrate
     )
     parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate))
-    prior = Prior.from_parameters(parameters, study.priors)
+    others = (
+        parameter.name
+        for other in study.candidates
+        for parameter in build_system(specimen.system, other, specimen).parameters()
+    )
+    prior = Prior.from_parameters(parameters, study.priors, also_known=tuple(others))
     if inherited is not None:
         prior = prior.inherit(*inherited)
     return LogPosterior(system, records, noise, prior)

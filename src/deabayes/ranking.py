@@ -18,6 +18,7 @@ from deabayes.comparison import (
     block_edges,
     block_terms,
     decide,
+    elpd_difference,
     leave_one_block_out,
 )
 from deabayes.experiment import FloatArray
@@ -26,6 +27,7 @@ from deabayes.storage import stacked
 
 LOO_DRAWS = 1000
 CORRELATION_TIMES_PER_BLOCK = 2.0
+FEWEST_BLOCKS = 10
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,9 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, FloatArray]:
     """First indices of the blocks of every calibrated record, the same for all candidates.
 
     A block is two correlation times long, by the longest posterior median among
-    the ranked candidates; a noise model without one gets blocks of three points.
+    the ranked candidates, but a record has at least `FEWEST_BLOCKS`: a candidate
+    whose noise took over the whole curve must not leave one block to judge by. A
+    noise model without correlation gets blocks of three points.
     """
     edges = {}
     for record in ranked[0].target.records:
@@ -68,7 +72,8 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, FloatArray]:
         coordinate = record.experiment.coordinate
         spacing = 3.0 * float(np.median(np.diff(coordinate)))
         length = CORRELATION_TIMES_PER_BLOCK * max(lengths) if lengths else spacing
-        edges[record.experiment.name] = block_edges(coordinate, length)
+        longest = float(np.ptp(coordinate)) / FEWEST_BLOCKS
+        edges[record.experiment.name] = block_edges(coordinate, min(length, longest))
     return edges
 
 
@@ -103,7 +108,8 @@ def comparison_table(candidates: Sequence[Ranked]) -> pd.DataFrame:
     """The table of comparison.csv."""
     scores = score_all(candidates)
     decision = decide(scores)
-    rows = [_row(score, decision) for score in scores]
+    chosen = next((s for s in scores if s.candidate == decision.chosen), None)
+    rows = [_row(score, chosen, decision) for score in scores]
     table = pd.DataFrame(rows)
     table["differs_in"] = [
         _difference(c, candidates, decision) if c.candidate in decision.unresolved else ""
@@ -112,8 +118,11 @@ def comparison_table(candidates: Sequence[Ranked]) -> pd.DataFrame:
     return table
 
 
-def _row(score: Score, decision: Decision) -> dict[str, object]:
+def _row(score: Score, chosen: Score | None, decision: Decision) -> dict[str, object]:
     verdict = decision.verdicts[score.candidate]
+    difference, error = float("nan"), float("nan")
+    if chosen is not None and score.loo is not None:
+        difference, error = elpd_difference(score, chosen)
     k_hat = float(score.loo.k_hat.max()) if score.loo else float("nan")
     if k_hat > UNRELIABLE_K_HAT:
         verdict += f"; k-hat {k_hat:.2f} > {UNRELIABLE_K_HAT}: block-LOO unreliable for a block"
@@ -126,6 +135,8 @@ def _row(score: Score, decision: Decision) -> dict[str, object]:
         "bic": score.bic,
         "elpd_block_loo": score.loo.elpd if score.loo else float("nan"),
         "elpd_block_loo_se": score.loo.se if score.loo else float("nan"),
+        "elpd_difference": difference,
+        "elpd_difference_se": error,
         "elpd_leave_one_experiment_out": score.leave_one_experiment_out,
         "worst_k_hat": k_hat,
         "converged": score.converged,

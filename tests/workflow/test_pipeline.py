@@ -1,0 +1,180 @@
+"""The whole line in one process, on the shipped creep records with a small budget."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import deabayes
+from deabayes import pipeline
+from deabayes.export import export
+from deabayes.faults import UserError
+from deabayes.study import Sampling, load_study
+
+ROOT = Path(__file__).parents[2]
+CANDIDATES = ("voigt_kelvin_1", "voigt_kelvin_2")
+SUMMARY = (
+    "parameter symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat "
+    "contraction converged"
+).split()
+ERRORS = (
+    "experiment role protocol e_rms_percent e_rms_q05 e_rms_q95 e_m_percent e_m_q05 e_m_q95 "
+    "coverage_50 coverage_90 crps extrapolation"
+).split()
+COMPARISON = (
+    "candidate order n_parameters log_evidence log_evidence_mcse bic elpd_block_loo "
+    "elpd_block_loo_se elpd_leave_one_experiment_out worst_k_hat converged verdict"
+).split()
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Fit two candidates to two creep records, score, predict and compare them."""
+    folder = tmp_path_factory.mktemp("results")
+    study = load_study(ROOT / "config.yaml", "tubular")
+    settings = Sampling(ensembles=2, walkers=48, particles=256, max_steps=3000, seed=3)
+    study = replace(
+        study,
+        candidates=CANDIDATES,
+        calibrate=("creep_2000V", "creep_2500V"),
+        validate=("creep_1500V",),
+        sampling=settings,
+    )
+    prepared = folder / "prepared"
+    pipeline.prepare_study(study, prepared)
+    for candidate in CANDIDATES:
+        own = folder / candidate
+        runs = [own / "ensembles" / f"{e}.nc" for e in range(settings.ensembles)]
+        for e, path in enumerate(runs):
+            pipeline.fit_ensemble(study, candidate, prepared, e, path, False)
+        posterior = own / "posterior.nc"
+        pipeline.pool_candidate(
+            study, candidate, prepared, runs, posterior, own / "summary.csv", False
+        )
+        pipeline.score_candidate(posterior, prepared, own / "scores.json")
+        pipeline.predict_candidate(posterior, prepared, own / "predictions", own / "errors.csv")
+    posteriors = [folder / candidate / "posterior.nc" for candidate in CANDIDATES]
+    pipeline.compare_candidates(posteriors, prepared, folder / "comparison.csv")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def post(results):
+    return deabayes.open_posterior(results / "voigt_kelvin_2" / "posterior.nc")
+
+
+def test_tables_have_the_columns_of_the_contract(results):
+    own = results / "voigt_kelvin_2"
+    for path, wanted in (
+        (own / "summary.csv", SUMMARY),
+        (own / "errors.csv", ERRORS),
+        (results / "comparison.csv", COMPARISON),
+    ):
+        table = pd.read_csv(path)
+        assert set(wanted) <= set(table.columns), path.name
+        assert len(table) > 0
+
+
+def test_posterior_finds_the_truth_that_creep_determines(post):
+    """The strain per squared voltage of the truth lies within four posterior sds."""
+    import yaml
+
+    truth = yaml.safe_load((ROOT / "data/tubular/truth.yaml").read_text())
+    summary = post.summary()
+    row = summary.loc["tau_2"]
+    assert abs(row["mean"] - truth["parameters"]["tau_2"]) < 0.25 * truth["parameters"]["tau_2"]
+    assert summary.loc["strain_per_kV2_total", "contraction"] > 0.999
+
+
+def test_moduli_are_set_by_the_prior_of_the_thickness_and_ratios_are_not(post):
+    """Only sigma_0 / E_n is identifiable: relative spread of E_0 against that of the ratio."""
+    draws = post.draws(2000)
+    spread = draws.std() / draws.mean()
+    assert spread["E_0"] > 5 * spread["strain_per_kV2_0"]
+    assert post.summary().loc["thickness", "contraction"] < 0.3
+
+
+def test_more_units_win_where_the_data_show_them(results):
+    table = pd.read_csv(results / "comparison.csv").set_index("candidate")
+    assert table.loc["voigt_kelvin_2", "log_evidence"] > table.loc["voigt_kelvin_1", "log_evidence"]
+    if table["converged"].all():
+        assert table.loc["voigt_kelvin_2", "verdict"].startswith("chosen")
+        assert table.loc["voigt_kelvin_2", "elpd_difference"] == 0
+        assert table["elpd_leave_one_experiment_out"].notna().all()
+
+
+def test_predictions_carry_three_nested_bands(results):
+    data = xr.load_dataset(results / "voigt_kelvin_2/predictions/creep_1500V.nc", engine="h5netcdf")
+    width = {
+        name: float((data[name].sel(bound="upper") - data[name].sel(bound="lower")).mean())
+        for name in ("parameter", "discrepancy", "predictive")
+    }
+    assert width["parameter"] < width["discrepancy"] < width["predictive"]
+    assert data.attrs["extrapolation"] == ""
+
+
+def test_predict_flags_what_lies_outside_the_calibration(post):
+    time = np.linspace(0.0, 0.4, 50)
+    within = post.predict(time=time, voltage=np.full(50, 2000.0))
+    assert within.attrs["extrapolation"] == ""
+    higher = post.predict(time=time, voltage=np.full(50, 4000.0))
+    assert "voltage" in higher.attrs["extrapolation"]
+    longer = post.predict(time=10 * time, voltage=np.full(50, 2000.0))
+    assert "1.5 times the longest" in longer.attrs["extrapolation"]
+    assert float(higher["median"][-1]) == pytest.approx(4 * float(within["median"][-1]), rel=0.05)
+
+
+def test_predict_refuses_what_it_cannot_read(post):
+    with pytest.raises(UserError, match="did you mean 'voltage'"):
+        post.predict(time=np.arange(3.0), voltag=np.arange(3.0))
+    with pytest.raises(UserError, match="exactly one excitation"):
+        post.predict(time=np.arange(3.0))
+    with pytest.raises(UserError, match="must increase"):
+        post.predict(time=np.zeros(3), voltage=np.arange(3.0))
+
+
+def test_draws_and_prior_keep_names_and_correlations(post):
+    assert post.draws(10, seed=4).equals(post.draws(10, seed=4))
+    prior = post.as_prior()
+    assert "E_0" in prior.names and not any("." in name for name in prior.names)
+    columns = dict(zip(prior.names, np.log(prior.draws).T, strict=True))
+    assert np.corrcoef(columns["E_0"], columns["thickness"])[0, 1] < -0.3
+
+
+def test_exports_hold_the_same_draws(post, tmp_path):
+    export(post.data, "csv", tmp_path / "draws.csv")
+    export(post.data, "json", tmp_path / "draws.json")
+    table = pd.read_csv(tmp_path / "draws.csv")
+    content = json.loads((tmp_path / "draws.json").read_text())
+    np.testing.assert_allclose(table["E_0 [Pa]"], content["parameters"]["E_0"]["draws"])
+    assert content["parameters"]["tau_1"]["unit"] == "s"
+    with pytest.raises(UserError, match="no export format"):
+        export(post.data, "xls", tmp_path / "draws.xls")
+
+
+def test_opening_a_posterior_loads_no_sampler_and_no_compiler(results):
+    code = (
+        "import sys, deabayes\n"
+        f"post = deabayes.open_posterior({str(results / 'voigt_kelvin_2/posterior.nc')!r})\n"
+        "post.summary(); post.draws(10)\n"
+        "heavy = {'numba', 'emcee', 'snakemake', 'scipy.stats', 'matplotlib', 'sklearn'}\n"
+        "found = heavy & set(sys.modules)\n"
+        "sys.exit(f'loaded {found}' if found else 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_file_that_is_no_posterior_is_refused(tmp_path, results):
+    with pytest.raises(UserError, match="no such file"):
+        deabayes.open_posterior(tmp_path / "posterior.nc")
+    with pytest.raises(UserError, match="no posterior group"):
+        deabayes.open_posterior(results / "prepared" / "creep_1500V.nc")
