@@ -26,7 +26,7 @@ provenance:
   licence: ...
 
 # Properties of the specimen: a value with its unit (any that pint knows).
-# With `sd` (same unit) a quantity becomes a parameter with that prior, without it is exact.
+# With `sd` (same unit) a quantity becomes a parameter, log-normal about its value; without, exact.
 quantities:
 {required}
 # These can be given too; remove the `#`.

@@ -49,6 +49,7 @@ def test_general_instrument_serves_channels_of_its_dimension(tmp_path: Path) -> 
         ("value: 80, unit: mm", "value: 80, unit: mmm", ["gauge_length", "unknown unit 'mmm'"]),
         ("value: 80,", "value: eighty,", ["gauge_length.value", "a number", "'eighty'"]),
         ("value: 80, unit: mm", "value: 80", ["gauge_length", "'unit' is missing"]),
+        ("value: 80,", "value: 0,", ["quantities.gauge_length", "must be positive", "0 mm"]),
         ("sd: 1.1", "sd: -1.1", ["cross_section.sd", "must be > 0", "-1.1"]),
         ("sd: 1.1", "std: 1.1", ["cross_section", "unknown key 'std'", "'sd'?"]),
         ("kind: measured", "kind: measurd", ["provenance.kind", "'measured'?"]),

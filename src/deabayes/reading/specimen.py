@@ -130,7 +130,7 @@ def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> di
                           f"{nearest(name, units)}")  # fmt: skip
             continue
         try:
-            read[name] = _quantity(entry, units.get(name), place)
+            read[name] = _positive(_quantity(entry, units.get(name), place), entry, place)
         except UserError as error:
             faults.append(str(error))
     for name, unit in required.items():
@@ -149,6 +149,13 @@ def _quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantit
     value = float(to_si(entry["value"], written, unit, where))
     sd = None if entry.get("sd") is None else float(to_si(entry["sd"], written, unit, where))
     return Quantity(value, unit, sd, str(entry.get("source", "")))
+
+
+def _positive(quantity: Quantity, entry: Mapping[str, Any], where: str) -> Quantity:
+    """Lengths, areas, masses, resistances and the like are positive."""
+    if not 0.0 < quantity.value < float("inf"):
+        raise UserError(f"{where}: must be positive, found {entry['value']} {entry['unit']}")
+    return quantity
 
 
 def _instruments(settings: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:

@@ -17,12 +17,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.distributions import TruncatedNormal
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.base import DEFORMATIONS, column
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.strip_candidates import StripModel, examples
 from deabayes.systems.strip_record import (
     DEFAULT_TOLERANCE,
@@ -70,15 +70,8 @@ class TensileStrip(System):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then `gauge_length` and `cross_section` if they carry an sd."""
-        uncertain = []
-        for name, (symbol, description) in QUANTITIES.items():
-            quantity = self.specimen.quantities.get(name)
-            if quantity is not None and quantity.sd is not None:
-                prior = TruncatedNormal(quantity.value, quantity.sd, 0.0, np.inf)
-                source = quantity.source or f"specimen {self.specimen.name}"
-                unit = self.optional_quantities[name]
-                uncertain.append(Parameter(name, symbol, unit, description, prior, source))
-        return self.model.parameters() + tuple(uncertain)
+        uncertain = uncertain_quantities(self.specimen, QUANTITIES, self.optional_quantities)
+        return (*self.model.parameters(), *uncertain)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Total and long-term modulus, relaxation times at stretch 2, viscosities, mu_0."""

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.distributions import TruncatedNormal
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
@@ -16,6 +15,7 @@ from deabayes.integrate.linear import hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.specimen_quantities import uncertain_quantities
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)")
 KILOVOLT = 1e3
@@ -85,19 +85,8 @@ class Tubular(System):
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
-        quantities = self.specimen.quantities
-        uncertain = [
-            Parameter(
-                name,
-                symbol,
-                quantities[name].unit,
-                f"{name.replace('_', ' ')} of the specimen",
-                TruncatedNormal(quantities[name].value, sd, 0.0),
-                quantities[name].source or "specimen.yaml",
-            )
-            for name, symbol in QUANTITY_SYMBOLS.items()
-            if name in quantities and (sd := quantities[name].sd) is not None
-        ]
+        units = {**self.required_quantities, **self.optional_quantities}
+        uncertain = uncertain_quantities(self.specimen, QUANTITY_SYMBOLS, units)
         return (*voigt_kelvin.parameters(self.order), *uncertain)
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
