@@ -17,6 +17,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.systems.base import Derived, Draws, Simulator, System
 
 REGISTRY: dict[str, str] = {
+    "membrane": "Membrane",
     "tensile_strip": "TensileStrip",
     "tubular": "Tubular",
 }

@@ -1,0 +1,75 @@
+"""A membrane's voltage history in pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.unit.membranes import golden_draws, membrane, sine, voltage
+
+from deabayes.systems.membrane_drive import drive, scatter
+
+
+def test_two_knots_stay_lines_and_a_first_value_is_a_jump():
+    found = drive(np.array([0.0, 10.0]), np.array([4e3, 2e3]), -1.0, 20.0, 1e-7)
+    np.testing.assert_array_equal(found.edges, [-1.0, 0.0, 10.0, 20.0])
+    at = found.at(np.array([-1.0, -0.01, 0.0, 5.0, 10.0, 15.0, 20.0]))
+    np.testing.assert_allclose(at, [0.0, 0.0, 4e3, 3e3, 2e3, 2e3, 2e3])
+    np.testing.assert_array_equal(found.restart, [1, 1, 1])
+
+
+def test_repeated_times_are_jumps():
+    found = drive(np.array([0.0, 1.0, 1.0, 3.0]), np.array([0.0, 0.0, 5.0, 5.0]), 0.0, 3.0, 1e-7)
+    np.testing.assert_array_equal(found.at(np.array([0.5, 0.999, 1.0, 2.0])), [0, 0, 5, 5])
+
+
+@pytest.mark.parametrize("per_period", [200, 400, 2000])
+def test_a_sampled_sine_is_followed_beyond_its_straight_lines(per_period):
+    driven = sine(0.05, 5, per_period)
+    found = drive(driven.coordinate, driven.values, 0.0, 100.0, 1e-6)
+    time = np.linspace(0.0, 100.0, 3001)
+    error = np.max(np.abs(found.at(time) - 2e3 * np.sin(0.1 * np.pi * time)))
+    assert error < 2e-6 * 2e3
+    assert len(found.edges) < 60
+    assert found.restart.sum() == 1
+
+
+def test_a_triangle_keeps_its_corners():
+    time = np.linspace(0.0, 40.0, 401)
+    triangle = 2e3 * np.abs(time % 20.0 - 10.0) / 10.0
+    found = drive(time, triangle, 0.0, 40.0, 1e-7)
+    inside = np.linspace(0.0, 40.0, 1237)
+    np.testing.assert_allclose(found.at(inside), np.interp(inside, time, triangle), atol=1e-3)
+    assert len(found.edges) < 10
+    few = drive(time[::100], triangle[::100], 0.0, 40.0, 1e-7)
+    np.testing.assert_allclose(few.at(inside), np.interp(inside, time, triangle), atol=1e-9)
+
+
+def test_noise_of_the_monitor_is_smoothed_not_followed():
+    rng = np.random.default_rng(4)
+    time = np.arange(4001) * 0.05
+    exact = 2e3 * np.sin(0.1 * np.pi * time)
+    noisy = exact + 0.5 * rng.standard_normal(time.size)
+    assert scatter(time, noisy) == pytest.approx(0.5, rel=0.1)
+    assert scatter(time, exact) < 1e-3
+    found = drive(time, noisy, 0.0, 200.0, 1e-7)
+    assert len(found.edges) < 150
+    assert np.std(found.at(time) - exact) < 0.5
+    draws = golden_draws({
+        "mu_alpha_Pa": 35e3, "zeta_alpha_Pa_s": 1e5, "J_alpha": 110.0, "J_beta": 55.0,
+        "mu_beta_Pa": [15e3], "zeta_beta_Pa_s": [6e4],
+    }, 1)  # fmt: skip
+    smooth, rough = (
+        membrane("kv_gm_1").predict(voltage(time, values), time, "stretch", draws)[0]
+        for values in (exact, noisy)
+    )
+    assert np.max(np.abs(smooth - rough)) < 5e-4 * np.ptp(smooth)
+
+
+def test_a_recorded_step_restarts_at_its_edges_only():
+    rng = np.random.default_rng(5)
+    time = np.arange(3001) * 0.2
+    volts = np.where(time > 1.9, 4e3, 0.0) + 0.3 * rng.standard_normal(time.size)
+    found = drive(time, volts, 0.0, 600.0, 1e-7)
+    assert len(found.edges) < 40
+    assert not found.varies
+    assert 2 <= found.restart.sum() <= 6
