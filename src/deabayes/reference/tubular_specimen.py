@@ -6,7 +6,7 @@ STAND_IN = "stand-in, not in the paper's text"
 
 PROVENANCE = (
     "Simulated by deabayes.reference.tubular with scipy's DOP853: three Kelvin units with "
-    "stand-in constants for the actuator of Sarban, Jones, Mace and Rustighi (2012), of which "
+    "stand-in constants for the actuator of Sarban, Lassen and Willatzen (2012), of which "
     "the third is slow (1.5 s), behind an amplifier limited to 120 mA that takes milliseconds "
     "to charge the capacitance through its series resistance, read by a sensor with 0.4 ms "
     "delay, offset, drift, Ornstein-Uhlenbeck and white noise and quantisation. Inertia is "
