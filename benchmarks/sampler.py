@@ -1,7 +1,7 @@
 """Effective draws per CPU second on a correlated Gaussian: the recipe against plain moves.
 
 Run with ``OMP_NUM_THREADS=1 python benchmarks/sampler.py``. Every sampler starts from the
-same particles and makes the same number of steps; the warm-up and the fit of the mixture
+same particles and makes the same number of steps; the warm-up and the fit of the proposal
 are reported apart. The likelihood costs next to nothing, so the overhead of the moves counts
 in full.
 """
@@ -14,8 +14,8 @@ import emcee
 import numpy as np
 
 from deabayes import chains
-from deabayes.mixture import fit
 from deabayes.moves import DifferentialEvolutionMove, initial_state, recipe
+from deabayes.proposal import fit
 from deabayes.smc import from_prior, log_standard_normal
 
 DIMENSION, WALKERS, STEPS = 16, 128, 4000
@@ -40,10 +40,10 @@ def main() -> None:
     began = time.process_time()
     rng = np.random.default_rng(1)
     particles = from_prior(log_likelihood, DIMENSION, 1024, rng).particles
-    mixture = fit(particles, 4, rng)
-    print(f"warm-up and mixture: {time.process_time() - began:.2f} CPU s")
+    proposal = fit(particles, 4, rng)
+    print(f"warm-up and proposal: {time.process_time() - began:.2f} CPU s")
     samplers = {
-        "recipe": recipe(mixture),
+        "recipe": recipe(proposal),
         "differential evolution, 0.8 + 0.2 jumps": [
             (DifferentialEvolutionMove(), 0.8),
             (DifferentialEvolutionMove(gamma0=1.0), 0.2),

@@ -6,11 +6,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture
+from deabayes.proposal import Proposal
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Ensemble:
     Attributes
     ----------
     chain : (S, W, d), the last step included; `log_posterior` (S, W).
-    mixture : the frozen proposal the kept steps were made with.
+    proposal : frozen; the kept steps were made with it.
     steps : all steps made; the first `burn_in` of them are dropped, `thin` is the
         spacing of those kept.
     acceptance : share of proposals accepted.
@@ -33,7 +34,7 @@ class Ensemble:
 
     chain: FloatArray
     log_posterior: FloatArray
-    mixture: Mixture
+    proposal: Proposal
     steps: int
     burn_in: int
     thin: int
@@ -56,18 +57,14 @@ class Ensemble:
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        mixture = self.mixture.arrays()
-        dataset = xr.Dataset(
-            {
-                "chain": (("step", "walker", "dimension"), self.chain),
-                "log_posterior": (("step", "walker"), self.log_posterior),
-                "mixture_weights": (("component",), mixture["weights"]),
-                "mixture_means": (("component", "dimension"), mixture["means"]),
-                "mixture_factors": (("component", "dimension", "column"), mixture["factors"]),
-            },
-            attrs={name: _plain(getattr(self, name)) for name in _scalars()}
-            | {"degrees_of_freedom": self.mixture.degrees_of_freedom},
-        )
+        variables: dict[str, Any] = {
+            "chain": (("step", "walker", "dimension"), self.chain),
+            "log_posterior": (("step", "walker"), self.log_posterior),
+        }
+        for name, values in self.proposal.arrays().items():
+            variables[name] = ([f"{name}_{axis}" for axis in range(values.ndim)], values)
+        scalars = {name: _plain(getattr(self, name)) for name in _scalars()}
+        dataset = xr.Dataset(variables, attrs=scalars)
         partial = path.with_name(f"{path.name}.partial")
         dataset.to_netcdf(partial, engine="h5netcdf")
         os.replace(partial, path)
@@ -79,14 +76,9 @@ class Ensemble:
 
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             dataset = dataset.load()
-        mixture = Mixture(
-            dataset["mixture_weights"].values,
-            dataset["mixture_means"].values,
-            dataset["mixture_factors"].values,
-            float(dataset.attrs["degrees_of_freedom"]),
-        )
+        proposal = Proposal.from_arrays({str(n): v.values for n, v in dataset.items()})
         scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}
-        return cls(dataset["chain"].values, dataset["log_posterior"].values, mixture, **scalars)
+        return cls(dataset["chain"].values, dataset["log_posterior"].values, proposal, **scalars)
 
 
 def _scalars() -> dict[str, type]:

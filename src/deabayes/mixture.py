@@ -119,28 +119,6 @@ def fit(
     return Mixture(weights, centre + means @ factor.T, factors, degrees_of_freedom)
 
 
-def fit_covering(
-    samples: FloatArray, log_density: FloatArray, components: int, rng: np.random.Generator
-) -> Mixture:
-    """Fit a mixture to samples (n, d) of a density known there up to a factor, (n,).
-
-    A fifth of the proposal, with a quarter as many components, is fitted to the samples
-    that the rest covers badly, resampled by density over proposal: an independence
-    sampler is slowed most by the few regions where that ratio is large.
-    """
-    bulk = fit(samples, components, rng)
-    excess = log_density - bulk.log_density(samples)
-    weights = np.exp(np.clip(excess - np.median(excess), -10.0, 10.0))
-    chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
-    missed = fit(samples[chosen], max(components // 4, 1), rng)
-    return Mixture(
-        np.concatenate([0.8 * bulk.weights, 0.2 * missed.weights]),
-        np.concatenate([bulk.means, missed.means]),
-        np.concatenate([bulk.factors, missed.factors]),
-        bulk.degrees_of_freedom,
-    )
-
-
 def _factor(covariance: FloatArray) -> FloatArray:
     """Cholesky factor, lifting directions without variance just enough to have one."""
     covariance = np.atleast_2d(covariance)

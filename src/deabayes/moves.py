@@ -15,26 +15,26 @@ from emcee.moves import DEMove, MHMove
 from emcee.state import State
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture
+from deabayes.proposal import Proposal
 from deabayes.smc import LogDensity
 
 
 class IndependenceMove(MHMove):
-    """Metropolis-Hastings with proposals drawn from a frozen mixture g, whatever the state.
+    """Metropolis-Hastings with proposals drawn from a frozen density g, whatever the state.
 
     The acceptance probability is min(1, p(x') g(x) / (p(x) g(x'))) (Tierney 1994,
     Annals of Statistics 22, 1701), with x' the proposed point.
     """
 
-    def __init__(self, mixture: Mixture) -> None:
-        self.mixture = mixture
-        super().__init__(self._propose_from_mixture, ndim=mixture.dimension)
+    def __init__(self, frozen: Proposal) -> None:
+        self.frozen = frozen
+        super().__init__(self._propose_independently, ndim=frozen.dimension)
 
-    def _propose_from_mixture(
+    def _propose_independently(
         self, coordinates: FloatArray, random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
-        proposed = self.mixture.sample(random, len(coordinates))
-        log_density = self.mixture.log_density(np.concatenate([coordinates, proposed]))
+        proposed = self.frozen.sample(random, len(coordinates))
+        log_density = self.frozen.log_density(np.concatenate([coordinates, proposed]))
         return proposed, log_density[: len(coordinates)] - log_density[len(coordinates) :]
 
 
@@ -66,18 +66,18 @@ class DifferentialEvolutionMove(DEMove):
         return state, accepted
 
 
-def recipe(mixture: Mixture) -> list[tuple[Any, float]]:
+def recipe(frozen: Proposal) -> list[tuple[Any, float]]:
     """Half independence proposals, 0.4 differential evolution, 0.1 jumps between modes."""
     return [
-        (IndependenceMove(mixture), 0.5),
+        (IndependenceMove(frozen), 0.5),
         (DifferentialEvolutionMove(), 0.4),
         (DifferentialEvolutionMove(gamma0=1.0), 0.1),
     ]
 
 
-def build_sampler(target: LogDensity, mixture: Mixture, shape: tuple[int, ...]) -> EnsembleSampler:
+def build_sampler(target: LogDensity, frozen: Proposal, shape: tuple[int, ...]) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
-    return EnsembleSampler(*shape, target, moves=recipe(mixture), vectorize=True)
+    return EnsembleSampler(*shape, target, moves=recipe(frozen), vectorize=True)
 
 
 def initial_state(

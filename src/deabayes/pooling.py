@@ -12,7 +12,7 @@ from deabayes.checkpoint import Arrays, Store
 from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture, fit_covering
+from deabayes.proposal import Proposal, fit
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.smc import LogDensity
 from deabayes.study import Sampling
@@ -21,7 +21,7 @@ Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
 REFIT, CONTINUED = range(2)
 MOST_REFITS = 3
-REFITTED_COMPONENTS = 32
+REFITTED_COMPONENTS = 16
 REFIT_SAMPLE = 20000
 DROPPED_AFTER_REFIT = 0.1
 
@@ -111,7 +111,7 @@ def _runs(
 def continue_ensemble(
     log_likelihood: LogDensity,
     ensemble: Ensemble,
-    mixture: Mixture,
+    proposal: Proposal,
     steps: int,
     settings: Sampling,
     seed: np.random.SeedSequence,
@@ -120,7 +120,7 @@ def continue_ensemble(
 ) -> Ensemble:
     """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
     start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(Target(log_likelihood), mixture, start, seed, Store(folder), settings)
+    run = Run(Target(log_likelihood), proposal, start, seed, Store(folder), settings)
     return _continue(run, ensemble, steps, settings, progress)
 
 
@@ -146,7 +146,7 @@ def _coordinates(z: FloatArray) -> dict[str, FloatArray]:
 
 def _refit(
     store: Store, ensembles: Sequence[Ensemble], index: int, seed: np.random.SeedSequence
-) -> Mixture:
+) -> Proposal:
     """Fit a proposal to the pooled second halves of the other ensembles."""
 
     dimension = ensembles[index].chain.shape[2]
@@ -159,9 +159,9 @@ def _refit(
         density = np.concatenate([each.log_posterior[half].ravel() for each, half in pairs])
         rng = np.random.default_rng(stage_seed(seed, REFIT, index))
         chosen = rng.choice(len(draws), min(REFIT_SAMPLE, len(draws)), replace=False)
-        return fit_covering(draws[chosen], density[chosen], REFITTED_COMPONENTS, rng).arrays()
+        return fit(draws[chosen], REFITTED_COMPONENTS, rng, density[chosen]).arrays()
 
-    return Mixture.from_arrays(store.once(f"refitted_{index}", compute))
+    return Proposal.from_arrays(store.once(f"refitted_{index}", compute))
 
 
 def _continue(

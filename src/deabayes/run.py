@@ -13,7 +13,7 @@ from deabayes.checkpoint import Arrays, Store, random_state_arrays, random_state
 from deabayes.diagnostics import TAU_TOLERANCE
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture
+from deabayes.proposal import Proposal
 from deabayes.smc import LogDensity, log_standard_normal
 from deabayes.study import Sampling
 
@@ -61,7 +61,7 @@ class Run:
     """A chain that grows in chunks, each stored with all that is needed to go on from it."""
 
     target: Target
-    mixture: Mixture
+    proposal: Proposal
     start: tuple[FloatArray, FloatArray]
     seed: np.random.SeedSequence
     store: Store
@@ -83,7 +83,7 @@ class Run:
 
         from deabayes.moves import build_sampler
 
-        sampler = build_sampler(self.target, self.mixture, self.start[0].shape)
+        sampler = build_sampler(self.target, self.proposal, self.start[0].shape)
         goal = max(limit // self.thin, 1)
         with tqdm(
             total=goal * self.thin,
@@ -176,7 +176,7 @@ class Run:
         return Ensemble(
             chain=chain[index],
             log_posterior=np.concatenate([chunk["log_posterior"] for chunk in chunks])[index],
-            mixture=self.mixture,
+            proposal=self.proposal,
             steps=steps_before + len(chain) * self.thin,
             burn_in=steps_before + first * self.thin,
             thin=stride * self.thin,

@@ -1,7 +1,7 @@
 """Sampling a posterior with independent ensembles of walkers, resumable after a kill.
 
 All in z, where the prior is N(0, I). One run: tempered sequential Monte Carlo, a proposal
-mixture fitted and frozen, then emcee in chunks. Every stage has a random stream of its own
+fitted and frozen, then emcee in chunks. Every stage has a random stream of its own
 and is checkpointed, so that a killed run continues to the same draws, byte for byte.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 from deabayes.checkpoint import Arrays, Store
 from deabayes.ensemble import Ensemble
 from deabayes.faults import UserError
-from deabayes.mixture import Mixture, fit
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
+from deabayes.proposal import Proposal, fit
 from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
 from deabayes.smc import LogDensity, from_prior
 from deabayes.study import Sampling
@@ -23,7 +23,7 @@ from deabayes.study import Sampling
 __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
 
 WARM_UP, START, SAMPLING = range(3)
-COMPONENTS = 4
+COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 100
 FIRST_PASS_SHARE = 0.4
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
@@ -60,7 +60,7 @@ def run_ensemble(
     limit = settings.max_steps if settings.ensembles == 1 else FIRST_PASS_SHARE * settings.max_steps
     run = Run(
         target,
-        Mixture.from_arrays(start),
+        Proposal.from_arrays(start),
         (start["walkers"], start["walkers_log_posterior"]),
         stage_seed(seed, SAMPLING),
         store.sub("chain"),
@@ -110,28 +110,37 @@ def _warm_up(
 def _start(
     target: Target, warm: Arrays, settings: Sampling, seed: np.random.SeedSequence
 ) -> Arrays:
-    """Fit the proposal; start half the walkers over-dispersed; replace those that are stuck."""
+    """Start half the walkers over-dispersed, replace those that are stuck, fit the proposal.
+
+    The proposal fitted to the particles is used for settling only: the walkers' steps give
+    more, and less biased, draws to fit the one that is frozen.
+    """
     from deabayes.moves import build_sampler, initial_state
 
     rng = np.random.default_rng(stage_seed(seed, START, 0))
-    mixture = fit(warm["particles"], COMPONENTS, rng)
+    proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
     order = rng.permutation(len(warm["particles"]))
     walkers = warm["particles"][order[: settings.walkers]].copy()
     broad = settings.walkers // 2
     walkers[:broad] = warm["broad"][order[:broad]]
-    log_posterior = target(walkers)
-    lost = ~np.isfinite(log_posterior)
+    lost = ~np.isfinite(target(walkers))
     walkers[lost] = warm["particles"][order[: settings.walkers]][lost]
-    sampler = build_sampler(target, mixture, walkers.shape)
+    sampler = build_sampler(target, proposal, walkers.shape)
     state = initial_state(walkers, target(walkers), stage_seed(seed, START, 1))
     settled = sampler.run_mcmc(state, SETTLING_STEPS, store=False, skip_initial_state_check=True)
     low, middle = np.quantile(warm["log_posterior"], [0.01, 0.5])
     stuck = (settled.coords == walkers).all(axis=1) | (settled.log_prob < low - 3 * (middle - low))
     healthy = np.flatnonzero(warm["log_posterior"] >= low)
     settled.coords[stuck] = warm["particles"][rng.choice(healthy, stuck.sum(), replace=False)]
+    settled.log_prob = target(settled.coords)
+    last = sampler.run_mcmc(
+        settled, 2 * SETTLING_STEPS // 5, thin_by=5, skip_initial_state_check=True
+    )
+    draws = sampler.get_chain(flat=True)
+    proposal = fit(draws, SETTLED_COMPONENTS, rng, sampler.get_log_prob(flat=True))
     return {
-        **mixture.arrays(),
-        "walkers": settled.coords,
-        "walkers_log_posterior": target(settled.coords),
+        **proposal.arrays(),
+        "walkers": last.coords,
+        "walkers_log_posterior": last.log_prob,
         "replaced": np.asarray(stuck.sum()),
     }

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.mixture import Mixture, fit
+from deabayes.proposal import Proposal, fit
 
 LogDensity = Callable[[FloatArray], FloatArray]
 Report = Callable[[float, int], None]
+
+REFIT_ROUNDS = 5
 
 
 @dataclass(frozen=True)
@@ -187,10 +189,11 @@ class _Cloud:
         fewest, most = schedule.final_rounds if last else schedule.rounds
         limit = schedule.final_forgotten if last else schedule.forgotten
         start = self.z.copy()
-        mixture = fit(self.z, schedule.components, self.rng)
         for made in range(1, most + 1):
+            if made == 1 or (last and made % REFIT_ROUNDS == 1):
+                proposal = fit(self.z, schedule.components, self.rng)
             self._differential_evolution(beta)
-            self._independence(beta, mixture)
+            self._independence(beta, proposal)
             if made >= fewest and _largest_correlation(start, self.z) < limit:
                 return made
         return most
@@ -223,9 +226,9 @@ class _Cloud:
             proposed = self.z[moving] + gamma[:, None] * step + noise
             self._accept(moving, proposed, np.zeros(len(moving)), beta)
 
-    def _independence(self, beta: float, mixture: Mixture) -> None:
-        proposed = mixture.sample(self.rng, len(self.z))
-        factor = mixture.log_density(self.z) - mixture.log_density(proposed)
+    def _independence(self, beta: float, proposal: Proposal) -> None:
+        proposed = proposal.sample(self.rng, len(self.z))
+        factor = proposal.log_density(self.z) - proposal.log_density(proposed)
         self._accept(np.arange(len(self.z)), proposed, factor, beta)
 
 

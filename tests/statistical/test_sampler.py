@@ -15,16 +15,18 @@ from deabayes.moves import (
     initial_state,
     recipe,
 )
+from deabayes.proposal import Part, Proposal
 from deabayes.run import Run, Target
 from deabayes.sampling import pool, run_ensemble
 from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
 
 
-def wide_mixture(dimension):
+def wide_proposal(dimension):
     """A proposal that is neither centred on the unit Gaussian nor of its width."""
     means = np.stack([np.full(dimension, 0.2), np.full(dimension, -0.3)])
-    return Mixture(np.array([0.6, 0.4]), means, np.stack([1.1 * np.eye(dimension)] * 2))
+    mixture = Mixture(np.array([0.6, 0.4]), means, np.stack([1.1 * np.eye(dimension)] * 2))
+    return Proposal((Part(1.0, mixture),))
 
 
 def variance_ratio(move, dimension, steps):
@@ -41,9 +43,9 @@ def variance_ratio(move, dimension, steps):
 
 
 MOVES = {
-    "independence": (lambda d: IndependenceMove(wide_mixture(d)), 300),
+    "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
     "differential evolution": (lambda d: DifferentialEvolutionMove(), 500),
-    "recipe": (lambda d: recipe(wide_mixture(d)), 500),
+    "recipe": (lambda d: recipe(wide_proposal(d)), 500),
     "jumps in the recipe": (
         lambda d: [
             (DifferentialEvolutionMove(gamma0=1.0), 0.5),
@@ -68,11 +70,11 @@ def test_the_canary_sees_that_the_snooker_move_is_wrong(dimension):
 
 def test_a_wrong_sign_of_the_factor_would_be_seen():
     class Wrong(IndependenceMove):
-        def _propose_from_mixture(self, coordinates, random):
-            proposed, factors = super()._propose_from_mixture(coordinates, random)
+        def _propose_independently(self, coordinates, random):
+            proposed, factors = super()._propose_independently(coordinates, random)
             return proposed, -factors
 
-    assert variance_ratio(Wrong(wide_mixture(5)), 5, 200) != pytest.approx(1.0, abs=0.03)
+    assert variance_ratio(Wrong(wide_proposal(5)), 5, 200) != pytest.approx(1.0, abs=0.03)
 
 
 def sample(log_likelihood, dimension, seed=1, **changes):
@@ -167,9 +169,9 @@ def test_chunks_are_one_chain():
     start, seed = (walkers, log_standard_normal(walkers)), np.random.SeedSequence(4)
     settings = Sampling(walkers=32, max_steps=8000)
     target = Target(lambda z: np.zeros(len(z)))
-    run = Run(target, wide_mixture(3), start, seed, Store(None), settings)
+    run = Run(target, wide_proposal(3), start, seed, Store(None), settings)
     run.advance(600, stop_when_enough=False, progress=False)
-    sampler = build_sampler(log_standard_normal, wide_mixture(3), (32, 3))
+    sampler = build_sampler(log_standard_normal, wide_proposal(3), (32, 3))
     sampler.run_mcmc(initial_state(*start, seed), 300, thin_by=2)
     chunks = run.store.chunks()
     assert len(chunks) > 2
@@ -178,9 +180,9 @@ def test_chunks_are_one_chain():
 
 
 def test_a_budget_too_small_is_said():
-    result = sample(ridge, 2, max_steps=600)
+    result = sample(ridge, 2, max_steps=100)
     assert not result.convergence.converged
-    assert all(ensemble.steps <= 600 and ensemble.refitted for ensemble in result.ensembles)
+    assert all(ensemble.steps <= 100 and ensemble.refitted for ensemble in result.ensembles)
     assert any("sample longer" in reason for reason in result.convergence.reasons)
 
 

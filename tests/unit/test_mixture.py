@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deabayes.mixture import Mixture, fit, fit_covering
+from deabayes.mixture import Mixture, fit
 
 
 def two_clusters(n=2000, dimension=3, seed=0):
@@ -69,18 +69,3 @@ def test_same_seed_same_mixture_and_arrays_rebuild_it():
     z = first.sample(np.random.default_rng(1), 50)
     assert first.means.tobytes() == second.means.tobytes()
     assert rebuilt.log_density(z).tobytes() == second.log_density(z).tobytes()
-
-
-def test_a_covering_fit_reaches_what_the_bulk_fit_leaves_out():
-    """Draws of a Gaussian with a rare far cluster that one component smears over."""
-    rng = np.random.default_rng(0)
-    samples = rng.standard_normal((5000, 2))
-    samples[:50] = 0.05 * rng.standard_normal((50, 2)) + 8
-    near = np.exp(-0.5 * (samples**2).sum(1)) / (2 * np.pi)
-    far = np.exp(-0.5 * (((samples - 8) / 0.05) ** 2).sum(1)) / (2 * np.pi * 0.05**2)
-    log_density = np.log(0.99 * near + 0.01 * far + 1e-300)
-    largest = [
-        (log_density - mixture.log_density(samples)).max()
-        for mixture in (fit(samples, 1, rng), fit_covering(samples, log_density, 1, rng))
-    ]
-    assert largest[1] < largest[0] - 1

@@ -1,0 +1,121 @@
+"""Frozen proposals: mixtures in straightened coordinates, beside a plain mixture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.mixture import Mixture, RandomSource
+from deabayes.mixture import fit as fit_mixture
+from deabayes.warp import Warp, fit_warp
+
+STRAIGHTENED, PLAIN, COVERING = 0.75, 0.15, 0.1
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mixture, in coordinates straightened by a map or in z itself."""
+
+    weight: float
+    mixture: Mixture
+    warp: Warp | None = None
+
+    def log_density(self, z: FloatArray) -> FloatArray:
+        if self.warp is None:
+            return self.mixture.log_density(z)
+        return self.mixture.log_density(self.warp.forward(z)) + self.warp.log_jacobian
+
+    def sample(self, rng: RandomSource, n: int) -> FloatArray:
+        x = self.mixture.sample(rng, n)
+        return x if self.warp is None else self.warp.inverse(x)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A normalised density over z that can be sampled: the weighted sum of its parts."""
+
+    parts: tuple[Part, ...]
+
+    @property
+    def dimension(self) -> int:
+        return self.parts[0].mixture.dimension
+
+    def log_density(self, z: FloatArray) -> FloatArray:
+        """Normalised log density at z (W, d): (W,)."""
+        z = np.atleast_2d(z)
+        terms = np.stack([np.log(part.weight) + part.log_density(z) for part in self.parts])
+        largest = terms.max(axis=0)
+        return largest + np.log(np.exp(terms - largest).sum(axis=0))
+
+    def sample(self, rng: RandomSource, n: int) -> FloatArray:
+        """Draw n points (n, d)."""
+        part = rng.choice(len(self.parts), size=n, p=[part.weight for part in self.parts])
+        z = np.empty((n, self.dimension))
+        for index, each in enumerate(self.parts):
+            chosen = part == index
+            z[chosen] = each.sample(rng, int(chosen.sum()))
+        return z
+
+    def arrays(self) -> dict[str, FloatArray]:
+        """Everything needed to rebuild it with `from_arrays`, under flat names."""
+        result = {"proposal_weights": np.array([part.weight for part in self.parts])}
+        for index, part in enumerate(self.parts):
+            warp = {} if part.warp is None else part.warp.arrays()
+            for kind, arrays in (("mixture", part.mixture.arrays()), ("warp", warp)):
+                result |= {f"proposal_{index}_{kind}_{name}": a for name, a in arrays.items()}
+        return result
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Proposal:
+        """Rebuild from `arrays()`; other names are ignored."""
+
+        def under(prefix: str) -> dict[str, FloatArray]:
+            return {n[len(prefix) :]: a for n, a in arrays.items() if n.startswith(prefix)}
+
+        parts = []
+        for index, weight in enumerate(np.atleast_1d(arrays["proposal_weights"])):
+            warp = under(f"proposal_{index}_warp_")
+            mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
+            parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
+        return cls(tuple(parts))
+
+
+def fit(
+    samples: FloatArray,
+    components: int,
+    rng: np.random.Generator,
+    log_density: FloatArray | None = None,
+) -> Proposal:
+    """Fit a proposal to samples (n, d) and freeze it.
+
+    Most of it is a mixture in straightened coordinates, where the samples are many enough
+    for that; a plain mixture stands by for where the polynomials do not reach.
+
+    Parameters
+    ----------
+    log_density : of the target at the samples, up to a constant (n,). When given, a tenth
+        of the proposal is fitted to the samples that the rest covers badly, resampled by
+        target over proposal: an independence sampler is slowed most by the few regions
+        where that ratio is large.
+    """
+    finite = np.isfinite(samples).all(axis=1)
+    samples = samples[finite]
+    plain = fit_mixture(samples, components, rng)
+    warp = fit_warp(samples)
+    if warp is None:
+        parts = [Part(1.0, plain)]
+    else:
+        straightened = fit_mixture(warp.forward(samples), components, rng)
+        weight = STRAIGHTENED / (STRAIGHTENED + PLAIN)
+        parts = [Part(weight, straightened, warp), Part(1 - weight, plain)]
+    if log_density is not None:
+        excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
+        weights = np.exp(np.clip(excess - np.median(excess), -10.0, 10.0))
+        chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
+        missed = fit_mixture(samples[chosen], max(components // 2, 1), rng)
+        kept = [Part((1 - COVERING) * part.weight, part.mixture, part.warp) for part in parts]
+        parts = [*kept, Part(COVERING, missed)]
+    return Proposal(tuple(parts))
