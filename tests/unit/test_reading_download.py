@@ -12,6 +12,7 @@ from deabayes.faults import Faults, UserError
 from deabayes.reading import download
 from deabayes.reading.download import fetch, missing_data, read_registry
 from deabayes.reading.folder import read_folder
+from deabayes.reading.table import read_table
 
 
 @pytest.fixture
@@ -98,11 +99,45 @@ def test_own_records_need_no_download(tmp_path: Path) -> None:
 
 def test_registry_lines(tmp_path: Path) -> None:
     path = tmp_path / "registry.txt"
-    path.write_text(f"a b/c d.csv {'0' * 64}\n")
-    assert read_registry(path) == {"a b/c d.csv": "0" * 64}
-    path.write_text("a.csv 123\n")
-    with pytest.raises(UserError, match=r"registry\.txt, line 1: expected 'path sha256'"):
-        read_registry(path)
+    path.write_text(f"a b/c d.csv {'0' * 64}\ne.csv {'A1' * 32} their own/e 1.csv\n")
+    assert read_registry(path) == {
+        "a b/c d.csv": ("0" * 64, "a b/c d.csv"),
+        "e.csv": ("a1" * 32, "their own/e 1.csv"),
+    }
+    for wrong in ("a.csv 123", f"a.csv {'0' * 63}", f"{'0' * 64}", f"a.csv {'0' * 65}"):
+        path.write_text(f"# path sha256\n{wrong}\n")
+        with pytest.raises(UserError, match=r"registry\.txt, line 2: expected 'path sha256'"):
+            read_registry(path)
+
+
+def test_a_record_is_fetched_from_its_path_at_the_source(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pooch
+
+    registry = folder / "registry.txt"
+    lines = registry.read_text().splitlines()
+    moved = [f"{line} their data/{Path(line.split()[0]).name}" for line in lines[1:]]
+    registry.write_text("\n".join([lines[0], *moved]) + "\n")
+    asked = []
+
+    def copy(url: str, output: str, pooch: object, **settings: object) -> None:
+        asked.append(url)
+        name = url.rpartition("/")[2]
+        Path(output).write_bytes((folder.parent / "published" / name).read_bytes())
+
+    monkeypatch.setattr(pooch.core, "choose_downloader", lambda *a, **k: copy)
+    assert fetch(folder) == folder.parent / "cache" / "set"
+    assert all("/served/their%20data/" in url for url in asked)
+    assert len(asked) == 2
+    assert missing_data(folder) is None
+
+
+def test_the_shipped_registries_name_every_record() -> None:
+    data = Path(__file__).resolve().parents[2] / "data"
+    for path in data.glob("*/registry.txt"):
+        rows = {row.record for row in read_table(path.parent)}
+        assert rows <= set(read_registry(path)), path
 
 
 def test_fetch_without_network_says_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import quote
 
 from deabayes.faults import UserError
@@ -12,6 +14,14 @@ from deabayes.reading.specimen import FILE
 from deabayes.reading.yaml_file import read_yaml
 
 VARIABLE = "DEABAYES_DATA"
+REGISTRY_LINE = re.compile(r"(\S.*?)\s+([0-9a-fA-F]{64})(?:\s+(\S.*))?")
+
+
+class PublicRecord(NamedTuple):
+    """A record of a registry: its SHA-256, and its path below `download.base_url`."""
+
+    sha256: str
+    source: str
 
 
 def roots(download: Mapping[str, str], data_root: Path | None = None) -> list[Path]:
@@ -39,8 +49,8 @@ def locate(
     return next((place / record for place in places if (place / record).is_file()), None)
 
 
-def read_registry(path: Path) -> dict[str, str]:
-    """Record path -> SHA-256 from lines `path sha256`; paths may hold spaces.
+def read_registry(path: Path) -> dict[str, PublicRecord]:
+    """Records by path, from lines ``path sha256 [path at the source]``; paths may hold spaces.
 
     Raises
     ------
@@ -52,10 +62,14 @@ def read_registry(path: Path) -> dict[str, str]:
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
             continue
-        name, _, digest = line.strip().rpartition(" ")
-        if not name or len(digest) != 64:
-            raise UserError(f"{path}, line {number}: expected 'path sha256', found {line[:60]!r}")
-        registry[name.strip()] = digest.lower()
+        match = REGISTRY_LINE.fullmatch(line.strip())
+        if match is None:
+            raise UserError(
+                f"{path}, line {number}: expected 'path sha256', with the path at the source after "
+                f"it where that differs; found {line[:60]!r}"
+            )
+        name, digest, source = match.groups()
+        registry[name] = PublicRecord(digest.lower(), source or name)
     return registry
 
 
@@ -104,7 +118,7 @@ def fetch(folder: Path, data_root: Path | None = None, progress: bool = False) -
 
 
 def _fetch_into(
-    target: Path, download: Mapping[str, str], registry: Mapping[str, str], progress: bool
+    target: Path, download: Mapping[str, str], registry: Mapping[str, PublicRecord], progress: bool
 ) -> None:
     import pooch
 
@@ -112,21 +126,21 @@ def _fetch_into(
     source = pooch.create(
         target,
         base,
-        registry={record: f"sha256:{digest}" for record, digest in registry.items()},
-        urls={record: base + quote(record) for record in registry},
+        registry={record: f"sha256:{known.sha256}" for record, known in registry.items()},
+        urls={record: base + quote(known.source) for record, known in registry.items()},
     )
     pooch.get_logger().setLevel("WARNING")
-    for record in registry:
+    for record, known in registry.items():
         try:
             source.fetch(record, progressbar=progress)
         except ValueError:
             raise UserError(
-                f"{base}{record}: is not the file this project was made with (its SHA-256 "
+                f"{base}{known.source}: is not the file this project was made with (its SHA-256 "
                 "differs); fetch it again, or report that the source has changed"
             ) from None
         except OSError as error:
             raise UserError(
-                f"{base}{record}: cannot be downloaded ({type(error).__name__}); check the "
+                f"{base}{known.source}: cannot be downloaded ({type(error).__name__}); check the "
                 f"network, or set {VARIABLE} to a folder that holds {download['folder']}/"
             ) from None
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from deabayes.experiment import Specimen
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.reading.columns import CHANNELS, from_text
-from deabayes.reading.download import locate, missing_sentence, read_registry
+from deabayes.reading.download import PublicRecord, locate, missing_sentence, read_registry
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import record_faults, record_warnings, repeated_records
 from deabayes.reading.records import read_record
@@ -75,7 +75,7 @@ class StudyFolder:
         raw = self.record(row)
         found = record_warnings(row, raw, self.specimen, self._where(row))
         published = self._published().get(row.record)
-        if published is not None and published != raw.sha256:
+        if published is not None and published.sha256 != raw.sha256:
             found.append(f"{self._where(row)}: differs from the published file (SHA-256)")
         return found
 
@@ -106,7 +106,7 @@ class StudyFolder:
     def _where(self, row: ExperimentRow) -> str:
         return f"{self.locate(row) or self.path / row.record} ({row.name})"
 
-    def _published(self) -> dict[str, str]:
+    def _published(self) -> dict[str, PublicRecord]:
         download = self.file.download
         return {} if download is None else read_registry(self.path / download["registry"])
 
