@@ -52,7 +52,7 @@ def plain_step(t, y, h, constants, units, span):
 @pytest.mark.parametrize("h", [0.01, 0.5, 40.0])
 def test_a_step_is_that_of_the_plain_method(h):
     drive = Drive(np.array([0.0, 100.0]), VOLTS[np.newaxis], np.ones(1), 3170.0)
-    constants, units = membrane("kv_gm_2")._constants(DRAWS, drive)
+    constants, units = membrane("kv_gm_2")._material(DRAWS).constants(drive, 1e-6, np.array([6.0]))
     y = np.array([3.1, 3.05, 3.02])
     c = np.ones(kernel.STRETCH_ROWS * arrow.LANES)
     blocks = np.ones((2, kernel.UNIT_ROWS * arrow.LANES))

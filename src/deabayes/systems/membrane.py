@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deabayes.distributions import TruncatedNormal
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
@@ -30,17 +30,13 @@ from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_drive import Drive, drive
+from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn, quantity
+from deabayes.systems.specimen_quantities import uncertain_quantities
 
 DEFAULT_TOLERANCE = 1e-6
-ALLOWED_ESTIMATE, ALLOWED_VARYING = 1.0, 0.15
-"""Of the tolerance, per step, under constant and under varying voltage (where errors of many
-steps add up); a test holds the result to the tolerance over prior draws."""
 DRIVE_TOLERANCE = 0.1
 """Of the tolerance: for the voltage, relative to its peak."""
-FIRST_STEP = 0.1
-"""Of the time of the fastest mode."""
 BREAKDOWN_STRETCH = 6.0
-FOLD_POINTS = 32
 SYMBOLS = {
     "permittivity": r"\varepsilon",
     "thickness": "H",
@@ -49,23 +45,6 @@ SYMBOLS = {
     "density": r"\rho",
 }
 """Quantities that become parameters where they carry an sd."""
-REFERENCE_VOLTAGE = 2e3
-
-
-@dataclass(frozen=True)
-class PullIn:
-    """Where the near equilibrium ends, each (W,).
-
-    Attributes
-    ----------
-    voltage, stretch : at the end of the branch [V], [1].
-    fold : whether it is a fold, hence pull-in; otherwise the branch reaches the breakdown
-        stretch or the lock-up of the Gent spring.
-    """
-
-    voltage: FloatArray
-    stretch: FloatArray
-    fold: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -73,7 +52,7 @@ class Integrated:
     """Stretch (W, N); steps tried and the time at which a draw was lost, else NaN, (W,)."""
 
     stretch: FloatArray
-    steps: np.ndarray
+    steps: NDArray[np.int64]
     ended: FloatArray
 
 
@@ -136,22 +115,9 @@ class Membrane(System):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then the specimen's quantities that carry an sd and are used."""
-        quantities = self.specimen.quantities
         units = {**self.required_quantities, **self.optional_quantities}
-        used = [n for n in SYMBOLS if n != "density" or self.model.inertia]
-        uncertain = [
-            Parameter(
-                name,
-                SYMBOLS[name],
-                units[name],
-                f"{name.replace('_', ' ')} of the specimen",
-                TruncatedNormal(quantities[name].value, sd, 0.0),
-                quantities[name].source or "specimen.yaml",
-            )
-            for name in used
-            if name in quantities and (sd := quantities[name].sd) is not None
-        ]
-        return (*self.model.parameters(), *uncertain)
+        used = {n: s for n, s in SYMBOLS.items() if n != "density" or self.model.inertia}
+        return (*self.model.parameters(), *uncertain_quantities(self.specimen, used, units))
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).
@@ -208,8 +174,12 @@ class Membrane(System):
 
     def _integrated(self, history: Drive, times: FloatArray, draws: Draws) -> Integrated:
         """The draws followed through the history to the ascending `times`."""
-        constants, units = self._constants(draws, history)
-        walkers = len(constants)
+        material = self._material(draws)
+        walkers = material.modulus.size
+        limit = np.full(walkers, self.breakdown)
+        if not self.leave_near_branch:
+            limit = material.pull_in(self.breakdown, FOLD_POINTS).stretch
+        constants, units = material.constants(history, self.tolerance, limit)
         found = Integrated(
             np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
         )
@@ -218,7 +188,8 @@ class Membrane(System):
         if self.model.inertia:
             from deabayes.systems.membrane_inertia import integrate_with_inertia
 
-            mass = self._value("density", draws) * self._value("side_length", draws) ** 2 / 3.0
+            side = quantity(self.specimen, "side_length", draws)
+            mass = side * side * quantity(self.specimen, "density", draws) / 3.0
             mass = np.ascontiguousarray(np.broadcast_to(mass, walkers))
             integrate_with_inertia(*pieces, times, constants, units, mass, *results)
         else:
@@ -229,111 +200,27 @@ class Membrane(System):
 
     def pull_in(self, draws: Draws) -> PullIn:
         """Where the near equilibrium ends: the voltage a steady actuator bears."""
-        from deabayes.systems.membrane_static import end_of_branch
-
-        prestretch, inverse_limit = self._branch_arguments(draws)
-        stretch, scaled, fold = end_of_branch(prestretch, inverse_limit, self.breakdown, 400)
-        voltage = np.sqrt(scaled * draws["mu_alpha"] / self._gain(draws))
-        return PullIn(voltage, stretch, fold > 0.0)
+        return self._material(draws).pull_in(self.breakdown)
 
     def steady_stretch(self, draws: Draws, voltage: float) -> FloatArray:
         """Stretch (W,) of the near equilibrium at a voltage [V]; NaN beyond pull-in."""
-        from deabayes.systems.membrane_static import near_equilibrium
-
-        prestretch, inverse_limit = self._branch_arguments(draws)
-        scaled = self._gain(draws) * voltage**2 / draws["mu_alpha"]
-        scaled = np.ascontiguousarray(np.broadcast_to(scaled, prestretch.shape))
-        return np.asarray(
-            near_equilibrium(prestretch, inverse_limit, self.pull_in(draws).stretch, scaled)
-        )
+        return self._material(draws).steady_stretch(voltage, self.pull_in(draws).stretch)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
-        moduli, times = self.model.unit_draws(draws)
-        total = draws["mu_alpha"] + moduli.sum(axis=1)
-        twice = 2.0 * self._value("thickness", draws)
-        square = self._value("prestretch", draws) ** 2
-        pull_in = self.pull_in(draws)
-        steady = self.steady_stretch(draws, REFERENCE_VOLTAGE)
-        found = {
-            "shear_modulus_total": Derived(
-                r"\mu_\mathrm{total}", "Pa", "shear modulus of spring alpha and all units", total
-            ),
-            "eta_alpha": Derived(
-                r"\eta_\alpha", "N s/m", "the paper's viscosity of dashpot alpha, 2 H zeta",
-                twice * draws["zeta_alpha"],
-            ),
-        }  # fmt: skip
-        for i, modulus, time in zip(self.model.numbers, moduli.T, times.T, strict=True):
-            found[f"relaxation_time_{i}"] = Derived(
-                rf"\tau_{{{i}}}(\lambda_p)", "s",
-                f"linearised relaxation time of unit {i} at the pre-stretch, tau lambda_p^2/6",
-                time * square / 6.0,
-            )  # fmt: skip
-            found[f"eta_beta_{i}"] = Derived(
-                rf"\eta_{{\beta {i}}}", "N s/m", f"the paper's viscosity of unit {i}, 2 H zeta",
-                twice * modulus * time,
-            )  # fmt: skip
-            found[f"t_v_{i}"] = Derived(
-                rf"t_{{v {i}}}", "s m", f"the paper's t_v of unit {i}, eta/mu", twice * time
-            )
-        found["pull_in_voltage"] = Derived(
-            r"\Phi_\mathrm{max}", "V",
-            "voltage at which the near equilibrium ends: pull-in, or the breakdown stretch or "
-            "lock-up where there is none", pull_in.voltage,
-        )  # fmt: skip
-        found["steady_stretch_2kV"] = Derived(
-            r"\lambda_\infty(2\,\mathrm{kV})", "1",
-            "equilibrium stretch at 2 kV; that at the end of the branch where 2 kV is beyond it",
-            np.where(np.isfinite(steady), steady, pull_in.stretch),
-        )  # fmt: skip
-        return found
+        return self._material(draws).derived(self.breakdown)
 
-    def _constants(self, draws: Draws, history: Drive) -> tuple[FloatArray, FloatArray]:
-        """The kernel's constants: draws (W, 9) and units (W, n, 4); see `membrane_lanes`."""
-        from deabayes.systems.membrane_static import end_of_branch
-
-        modulus, viscosity = draws["mu_alpha"], _positive(draws["zeta_alpha"])
-        moduli, times = self.model.unit_draws(draws)
-        prestretch, inverse_limit = self._branch_arguments(draws)
-        square = prestretch * prestretch
-        gain = self._gain(draws)
-        prestress, slope = _gent(prestretch, inverse_limit)
-        stiffness = modulus * slope + 6.0 * moduli.sum(axis=1) / square
-        fast = viscosity / stiffness
-        # A range of the stretch that the draw alone tells before integration.
-        scale = gain * history.peak**2 * square * prestretch / stiffness
-        scale *= np.minimum(1.0, np.ptp(history.edges) / fast)
-        estimate = ALLOWED_VARYING if history.varies else ALLOWED_ESTIMATE
-        allowed = estimate * self.tolerance * np.where(scale > 0.0, scale, 1e-12)
-        limit = np.full(modulus.shape, self.breakdown)
-        if not self.leave_near_branch:
-            limit = end_of_branch(prestretch, inverse_limit, self.breakdown, FOLD_POINTS)[0]
-        columns = (1.0 / viscosity, modulus, inverse_limit, modulus * prestress, gain,
-                   1.0 / allowed, prestretch, limit, FIRST_STEP * fast)  # fmt: skip
-        constants = np.stack(np.broadcast_arrays(*columns), axis=1)
-        inverse_beta = column(1.0 / _positive(draws["J_beta"]))
-        weight = moduli / column(modulus + moduli.sum(axis=1))
-        parts = (1.0 / _positive(times), moduli, inverse_beta, weight)
-        return constants, np.stack(np.broadcast_arrays(*parts), axis=2)
-
-    def _branch_arguments(self, draws: Draws) -> tuple[FloatArray, FloatArray]:
-        """Pre-stretch and 1/J_alpha, each (W,)."""
-        inverse_limit = 1.0 / _positive(draws["J_alpha"])
-        prestretch = np.broadcast_to(self._value("prestretch", draws), inverse_limit.shape)
-        return np.ascontiguousarray(prestretch), inverse_limit
-
-    def _gain(self, draws: Draws) -> FloatArray:
-        """epsilon/H^2 [F/m^3]: the drive per squared voltage."""
-        thickness = _positive(self._value("thickness", draws))
-        return np.asarray(self._value("permittivity", draws) / (thickness * thickness))
+    def _material(self, draws: Draws) -> Material:
+        return Material.from_draws(self.model, self.specimen, draws)
 
     def _response(self, stretch: FloatArray, response: str, draws: Draws) -> FloatArray:
         if response == "stretch":
             return stretch
-        side = column(self._value("side_length", draws))
+        side = column(quantity(self.specimen, "side_length", draws))
         if response == "displacement":
-            return np.asarray(side * (stretch - column(self._value("prestretch", draws))))
+            return np.asarray(
+                side * (stretch - column(quantity(self.specimen, "prestretch", draws)))
+            )
         return np.asarray((side * stretch) ** 2)
 
     def _drive(self, excitation: Excitation, times: FloatArray) -> Drive:
@@ -348,34 +235,12 @@ class Membrane(System):
         tolerance = DRIVE_TOLERANCE * self.tolerance
         return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
 
-    def _value(self, name: str, draws: Draws) -> FloatArray:
-        """A quantity: its draws if it is a parameter, else its value, (W,) or (1,)."""
-        quantity = self.specimen.quantities[name]
-        if quantity.sd is not None and name in draws:
-            return np.asarray(draws[name], dtype=float)
-        return np.array([quantity.value])
-
     def _require(self, quantity: str) -> None:
         if quantity not in self.specimen.quantities:
             raise UserError(
                 f"specimen {self.specimen.name!r} lacks {quantity}; "
                 "add it to quantities in specimen.yaml"
             )
-
-
-def _positive(values: FloatArray) -> FloatArray:
-    """NaN where not positive."""
-    return np.where(np.asarray(values, dtype=float) > 0.0, values, np.nan)
-
-
-def _gent(stretch: FloatArray, inverse_limit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Nominal stress over modulus and its slope, equal-biaxial; NaN past the limit."""
-    square = stretch * stretch
-    fourth = 1.0 / (square * square)
-    argument = _positive(1.0 - inverse_limit * (2.0 * square + fourth - 3.0))
-    force = stretch - fourth / stretch
-    slope = 1.0 + 5.0 * fourth / square
-    return force / argument, slope / argument + 4.0 * inverse_limit * (force / argument) ** 2
 
 
 def _check_channel(kind: str, name: str, known: Mapping[str, str]) -> None:

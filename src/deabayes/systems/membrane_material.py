@@ -1,0 +1,199 @@
+"""The membrane's constants per draw: what the kernel integrates, and what they mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray, Specimen
+from deabayes.springs.base import column
+from deabayes.systems.base import Derived, Draws
+from deabayes.systems.membrane_candidates import MembraneModel
+from deabayes.systems.membrane_drive import Drive
+
+ALLOWED_CONSTANT, ALLOWED_VARYING = 1.0, 0.15
+"""Error allowed in a step over the tolerance, under constant and under varying voltage (where
+errors of many steps add up); a test holds the result to the tolerance over prior draws."""
+FIRST_STEP = 0.1
+"""Of the time of the fastest mode."""
+FOLD_POINTS, FOLD_POINTS_FINE = 32, 400
+"""Of the search for pull-in, in the likelihood and for derived quantities."""
+REFERENCE_VOLTAGE = 2e3
+
+
+@dataclass(frozen=True)
+class PullIn:
+    """Where the near equilibrium ends, each (W,).
+
+    Attributes
+    ----------
+    voltage, stretch : at the end of the branch [V], [1].
+    fold : whether it is a fold, hence pull-in; otherwise the branch reaches the breakdown
+        stretch or the lock-up of the Gent spring.
+    """
+
+    voltage: FloatArray
+    stretch: FloatArray
+    fold: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Material:
+    """Constants of W draws, SI; NaN where a draw's value is not positive.
+
+    Attributes
+    ----------
+    modulus, viscosity, inverse_limit : mu_alpha, zeta_alpha, 1/J_alpha, (W,).
+    unit_moduli, unit_times : mu_beta, tau_beta, (W, n).
+    unit_inverse_limit : 1/J_beta, (W,).
+    prestretch, thickness : lambda_p and H, (W,).
+    gain : epsilon/H^2, the drive per squared voltage, (W,).
+    """
+
+    modulus: FloatArray
+    viscosity: FloatArray
+    inverse_limit: FloatArray
+    unit_moduli: FloatArray
+    unit_times: FloatArray
+    unit_inverse_limit: FloatArray
+    prestretch: FloatArray
+    thickness: FloatArray
+    gain: FloatArray
+
+    @classmethod
+    def from_draws(cls, model: MembraneModel, specimen: Specimen, draws: Draws) -> Self:
+        """The constants of draws; quantities that are no parameters are the specimen's."""
+        modulus = positive(draws["mu_alpha"])
+        unit_moduli, unit_times = model.unit_draws(draws)
+        thickness = _filled(specimen, "thickness", draws, modulus)
+        return cls(
+            modulus,
+            positive(draws["zeta_alpha"]),
+            1.0 / positive(draws["J_alpha"]),
+            unit_moduli,
+            positive(unit_times),
+            1.0 / positive(draws["J_beta"]),
+            _filled(specimen, "prestretch", draws, modulus),
+            thickness,
+            _filled(specimen, "permittivity", draws, modulus) / (thickness * thickness),
+        )
+
+    def constants(
+        self, history: Drive, tolerance: float, limit: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Draws (W, 9) and units (W, n, 4) as `membrane_lanes` takes them.
+
+        Parameters
+        ----------
+        tolerance : error of the stretch relative to its range.
+        limit : (W,) stretch at which a draw ends.
+        """
+        square = self.prestretch * self.prestretch
+        prestress, slope = gent_stress(self.prestretch, self.inverse_limit)
+        stiffness = self.modulus * slope + 6.0 * self.unit_moduli.sum(axis=1) / square
+        fast = self.viscosity / stiffness
+        # A range of the stretch that the draw alone tells before integration.
+        scale = self.gain * history.peak**2 * square * self.prestretch / stiffness
+        scale *= np.minimum(1.0, np.ptp(history.edges) / fast)
+        estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
+        allowed = estimate * tolerance * np.where(scale > 0.0, scale, 1e-12)
+        columns = (1.0 / self.viscosity, self.modulus, self.inverse_limit,
+                   self.modulus * prestress, self.gain, 1.0 / allowed, self.prestretch,
+                   limit, FIRST_STEP * fast)  # fmt: skip
+        weight = self.unit_moduli / column(self.modulus + self.unit_moduli.sum(axis=1))
+        parts = (1.0 / self.unit_times, self.unit_moduli, column(self.unit_inverse_limit), weight)
+        return np.stack(columns, axis=1), np.stack(np.broadcast_arrays(*parts), axis=2)
+
+    def pull_in(self, breakdown: float, points: int = FOLD_POINTS_FINE) -> PullIn:
+        """Where the near equilibrium ends; `breakdown` is the largest stretch looked at."""
+        from deabayes.systems.membrane_static import end_of_branch
+
+        stretch, scaled, fold = end_of_branch(
+            self.prestretch, self.inverse_limit, breakdown, points
+        )
+        return PullIn(np.sqrt(scaled * self.modulus / self.gain), stretch, fold > 0.0)
+
+    def steady_stretch(self, voltage: float, end: FloatArray) -> FloatArray:
+        """Stretch (W,) of the near equilibrium, whose branch ends at `end`; NaN beyond."""
+        from deabayes.systems.membrane_static import near_equilibrium
+
+        scaled = self.gain * voltage**2 / self.modulus
+        return np.asarray(near_equilibrium(self.prestretch, self.inverse_limit, end, scaled))
+
+    def derived(self, breakdown: float) -> dict[str, Derived]:
+        """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
+        total = self.modulus + self.unit_moduli.sum(axis=1)
+        found = {
+            "shear_modulus_total": Derived(
+                r"\mu_\mathrm{total}", "Pa", "shear modulus of spring alpha and all units", total
+            ),
+            "eta_alpha": Derived(
+                r"\eta_\alpha", "N s/m", "the paper's viscosity of dashpot alpha, 2 H zeta",
+                2.0 * self.thickness * self.viscosity,
+            ),
+        }  # fmt: skip
+        for i in range(1, self.unit_moduli.shape[1] + 1):
+            found |= self._derived_of_unit(i)
+        pull_in = self.pull_in(breakdown)
+        steady = self.steady_stretch(REFERENCE_VOLTAGE, pull_in.stretch)
+        found["pull_in_voltage"] = Derived(
+            r"\Phi_\mathrm{max}", "V",
+            "voltage at which the near equilibrium ends: pull-in, or the breakdown stretch or "
+            "lock-up where there is none", pull_in.voltage,
+        )  # fmt: skip
+        found["steady_stretch_2kV"] = Derived(
+            r"\lambda_\infty(2\,\mathrm{kV})", "1",
+            "equilibrium stretch at 2 kV; that at the end of the branch where 2 kV is beyond it",
+            np.where(np.isfinite(steady), steady, pull_in.stretch),
+        )  # fmt: skip
+        return found
+
+    def _derived_of_unit(self, i: int) -> dict[str, Derived]:
+        modulus, time = self.unit_moduli[:, i - 1], self.unit_times[:, i - 1]
+        return {
+            f"relaxation_time_{i}": Derived(
+                rf"\tau_{{{i}}}(\lambda_p)", "s",
+                f"linearised relaxation time of unit {i} at the pre-stretch, tau lambda_p^2/6",
+                time * self.prestretch**2 / 6.0,
+            ),
+            f"eta_beta_{i}": Derived(
+                rf"\eta_{{\beta {i}}}", "N s/m", f"the paper's viscosity of unit {i}, 2 H zeta",
+                2.0 * self.thickness * modulus * time,
+            ),
+            f"t_v_{i}": Derived(
+                rf"t_{{v {i}}}", "s m", f"the paper's t_v of unit {i}, eta/mu",
+                2.0 * self.thickness * time,
+            ),
+        }  # fmt: skip
+
+
+def quantity(specimen: Specimen, name: str, draws: Draws) -> FloatArray:
+    """A quantity: its draws (W,) if it is a parameter, else its value (1,)."""
+    known = specimen.quantities[name]
+    if known.sd is not None and name in draws:
+        return np.asarray(draws[name], dtype=float)
+    return np.array([known.value])
+
+
+def positive(values: FloatArray) -> FloatArray:
+    """NaN where not positive."""
+    return np.where(np.asarray(values, dtype=float) > 0.0, values, np.nan)
+
+
+def gent_stress(stretch: FloatArray, inverse_limit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Nominal equal-biaxial stress over modulus and its slope; NaN past the Gent limit."""
+    square = stretch * stretch
+    fourth = 1.0 / (square * square)
+    argument = positive(1.0 - inverse_limit * (2.0 * square + fourth - 3.0))
+    force = stretch - fourth / stretch
+    slope = 1.0 + 5.0 * fourth / square
+    return force / argument, slope / argument + 4.0 * inverse_limit * (force / argument) ** 2
+
+
+def _filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
+    """A quantity per draw, (W,)."""
+    values = np.broadcast_to(positive(quantity(specimen, name, draws)), like.shape)
+    return np.ascontiguousarray(values)
