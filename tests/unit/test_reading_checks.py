@@ -13,6 +13,7 @@ RNG = np.random.default_rng(7)
 TIME = np.arange(200) * 0.02
 NOISY = np.sin(TIME) + 1e-3 * RNG.normal(size=TIME.size)
 CLIPPED = np.minimum(NOISY, 0.8)
+RISE = 1.0 - np.exp(-np.maximum(TIME - 0.5, 0.0))
 COARSE = np.round(NOISY / 0.2) * 0.2
 JITTERED = TIME + 0.02 * np.where(np.arange(200) % 20 == 3, 0.6, 0.0)
 GAP = TIME + np.where(np.arange(200) > 100, 3.0, 0.0)
@@ -22,6 +23,8 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
     (lambda: checks.clipped_sensor(NOISY, 0.9, "force", "a.csv"), ["column force", "range of 0.9"]),
     (lambda: checks.clipped_sensor(CLIPPED, None, "force", "a.csv"), ["largest value 0.8", "held"]),
     (lambda: checks.clipped_sensor(-CLIPPED, None, "force", "a.csv"), ["smallest value -0.8"]),
+    (lambda: checks.clipped_sensor(np.minimum(RISE, 0.9), None, "force", "a"), ["value 0.9"]),
+    (lambda: checks.clipped_sensor(np.maximum(NOISY, 0.1), None, "force", "a"), ["value 0.1"]),
     (lambda: checks.coarse_quantisation(COARSE, None, None, "force", "a.csv"), ["steps of 0.2"]),
     (
         lambda: checks.coarse_quantisation(NOISY, 1e-2, 1e-3, "force", "a.csv"),
@@ -48,6 +51,8 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
 SILENT: list[Callable[[], list[str]]] = [
     lambda: checks.clipped_sensor(NOISY, 2.0, "force", "a"),
     lambda: checks.clipped_sensor(NOISY, None, "force", "a"),
+    lambda: checks.clipped_sensor(RISE, None, "displacement", "a"),
+    lambda: checks.clipped_sensor(-RISE, None, "displacement", "a"),
     lambda: checks.clipped_sensor(COARSE, None, "force", "a"),
     lambda: checks.coarse_quantisation(NOISY, 1e-4, 1e-3, "force", "a"),
     lambda: checks.coarse_quantisation(NOISY, None, None, "force", "a"),

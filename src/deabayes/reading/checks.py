@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import nearest
 
 SMALLEST_RECORD = 4
+Flags = NDArray[np.bool_]
 
 
 def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
@@ -150,11 +152,24 @@ def clipped_sensor(values: FloatArray, limit: float | None, channel: str, where:
     if np.mean(np.diff(values) == 0.0) > 0.5:
         return []  # quantised so coarsely that plateaus say nothing
     for name, end in (("largest", np.max(values)), ("smallest", np.min(values))):
-        run = longest_run(values == end)
+        run = longest_run(_without_start_at_rest(values, values == end))
         if run >= 5:
             return [f"{where}, column {channel}: the {name} value {end:g} is held for {run} "
                     "samples in a row, the sensor may be clipped"]  # fmt: skip
     return []
+
+
+def _without_start_at_rest(values: FloatArray, held: Flags) -> Flags:
+    """`held` (M,) without the run that begins a noise-free record: at rest, nothing moves yet.
+
+    Where there is noise, differences of neighbours change their sign in two of three
+    places, and a sensor at rest does not stand still.
+    """
+    moved = np.cumsum(~held) > 0
+    steps = np.diff(values[moved])
+    signs = np.sign(steps[steps != 0.0])
+    noisy = signs.size < 2 or np.mean(signs[1:] != signs[:-1]) > 0.4
+    return held if noisy else held & moved
 
 
 def sampling_jitter(time: FloatArray, where: str) -> list[str]:
@@ -197,7 +212,7 @@ def shorter_than_time_constant(duration: float, longest: float, where: str) -> l
             f"({longest:.3g} s), which the prior will then set"]  # fmt: skip
 
 
-def longest_run(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+def longest_run(flags: Flags) -> int:
     """Length of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
