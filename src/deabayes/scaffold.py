@@ -92,7 +92,7 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
 def _candidates(system: str) -> list[str]:
     from deabayes.systems import candidates
 
-    return candidates(system)[:3]
+    return list(candidates(system)[:3])
 
 
 def _channels(system: str) -> dict[str, str]:

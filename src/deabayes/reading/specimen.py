@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError, nearest
@@ -97,7 +97,7 @@ def system_class(name: str) -> type[System]:
     """The class of a system, by name; a UserError names the nearest."""
     from deabayes import systems
 
-    return cast("type[System]", systems.system_class(name))
+    return systems.system_class(name)
 
 
 def known_quantities(system: str) -> dict[str, str]:

@@ -9,8 +9,8 @@ for its own system only.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
-from typing import Protocol
 
 from deabayes.experiment import Specimen
 from deabayes.faults import UserError, nearest
@@ -24,17 +24,7 @@ REGISTRY: dict[str, str] = {
 """System -> class in the module of the same name."""
 
 
-class SystemClass(Protocol):
-    """A system's class as the registry uses it."""
-
-    def __call__(self, candidate: str, specimen: Specimen) -> System:
-        """Build the system at the order `candidate` names."""
-
-    def candidates(self) -> list[str]:
-        """Candidates that can be built."""
-
-
-def system_class(system: str) -> SystemClass:
+def system_class(system: str) -> type[System]:
     """The class of a system.
 
     Raises
@@ -44,7 +34,7 @@ def system_class(system: str) -> SystemClass:
     """
     if system not in REGISTRY:
         raise UserError(f"unknown system {system!r}{nearest(system, REGISTRY)}")
-    found: SystemClass = getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
+    found: type[System] = getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
     return found
 
 
@@ -59,7 +49,7 @@ def build(system: str, candidate: str, specimen: Specimen) -> System:
     return system_class(system)(candidate, specimen)
 
 
-def candidates(system: str) -> list[str]:
+def candidates(system: str) -> Sequence[str]:
     """Candidates of a system that can be built (examples, where a name has free numbers)."""
     return system_class(system).candidates()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -49,6 +49,21 @@ class System(ABC):
     candidate: str
     order: int
     specimen: Specimen
+
+    @abstractmethod
+    def __init__(self, candidate: str, specimen: Specimen) -> None:
+        """Build the system at the order that `candidate` names.
+
+        Raises
+        ------
+        UserError
+            If the candidate is unknown, or the specimen lacks a quantity.
+        """
+
+    @classmethod
+    @abstractmethod
+    def candidates(cls) -> Sequence[str]:
+        """Candidates that can be built (examples, where a name has free numbers)."""
 
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
