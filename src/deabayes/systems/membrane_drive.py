@@ -50,7 +50,8 @@ class Drive:
     @property
     def varies(self) -> bool:
         """Whether the voltage changes over more than a twentieth of the time."""
-        change = np.abs(self.coefficients[:, 1:]).sum(axis=1) > STEADY * self.peak
+        powers = np.linspace(0.0, 1.0, 9)[:, np.newaxis] ** np.arange(DEGREE + 1)
+        change = np.ptp(self.coefficients @ powers.T, axis=1) > STEADY * self.peak
         length = np.diff(self.edges)
         return bool(np.sum(length[change]) > 0.05 * np.sum(length))
 
