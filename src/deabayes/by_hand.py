@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.study import Study
+
+if TYPE_CHECKING:
+    from deabayes.experiment import Experiment
+    from deabayes.posterior import LogPosterior
 
 TRIAL_WALKERS = 2
 
@@ -108,15 +112,31 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
 
 
 def compile_study(study: str, config: Path) -> None:
-    """Evaluate each candidate of a prepared study once, so that numba's cache is filled."""
-    import numpy as np
-
-    from deabayes.pipeline import build_target
+    """Do once, for each candidate, all that later stages do with kernels: numba keeps them."""
+    from deabayes.pipeline import build_target, read_experiments
 
     found = find_study(study, config)
+    prepared = Path(study).parent / "prepared"
+    experiments = read_experiments(prepared)
     for candidate in found.candidates:
-        target = build_target(found, candidate, Path(study).parent / "prepared")
-        target.log_likelihood_of_normal(np.zeros((TRIAL_WALKERS, target.dimension)))
+        _use_every_kernel(build_target(found, candidate, prepared), experiments)
+
+
+def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
+    """Likelihood, derived quantities, every record's response; noise and its innovations."""
+    import numpy as np
+
+    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
+    draws = target.draws(theta)
+    target.log_likelihood(theta)
+    target.pointwise_log_likelihood(theta)
+    target.system.derived(draws)
+    for each in experiments:
+        target.system.predict(each.excitation, each.coordinate, each.response_name, draws)
+    record, random = target.records[0], np.random.default_rng(0)
+    coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
+    correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
+    target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)
 
 
 def compare_posteriors(

@@ -1,9 +1,7 @@
 """Physical systems by name.
 
 Adding one: a module `systems/<name>.py` and a line in REGISTRY. The module's class
-derives from `System`, is built by `cls(candidate, specimen)` and lists buildable
-candidates in `cls.candidates()`; a module with a compiled kernel also has
-`compile_kernels()`. Modules are imported when first asked for, so that a job pays
+derives from `System`. Modules are imported when first asked for, so that a job pays
 for its own system only.
 """
 
@@ -54,13 +52,6 @@ def candidates(system: str) -> Sequence[str]:
     return system_class(system).candidates()
 
 
-def compile_all() -> None:
-    """Compile every system's kernels into numba's on-disk cache."""
-    for system in REGISTRY:
-        module = import_module(f"deabayes.systems.{system}")
-        getattr(module, "compile_kernels", lambda: None)()
-
-
 __all__ = [
     "REGISTRY",
     "Derived",
@@ -69,6 +60,5 @@ __all__ = [
     "System",
     "build",
     "candidates",
-    "compile_all",
     "system_class",
 ]

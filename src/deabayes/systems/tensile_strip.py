@@ -234,14 +234,3 @@ def _without_time(excitation: Excitation) -> bool:
     if excitation.conditions.get("protocol") == "quasi_static":
         return True
     return bool(np.array_equal(excitation.coordinate, excitation.values))
-
-
-def compile_kernels() -> None:
-    """Compile the strip's kernel into numba's on-disk cache."""
-    from deabayes.integrate.rosenbrock import LANES
-    from deabayes.systems.strip_kernel import unit_stress
-
-    times = np.array([0.0, 1.0])
-    draws, stress = np.full((1, 1, 5, LANES), 0.1), np.zeros((1, 1, LANES))
-    first_output = np.array([0, 1])
-    unit_stress(times[1:], 1.0 + times, first_output, times[:1], times[1:], draws, stress)

@@ -159,9 +159,3 @@ class Tubular(System):
 def _check_channel(kind: str, name: str, known: Mapping[str, str]) -> None:
     if name not in known:
         raise UserError(f"{kind} {name!r} is unknown for system 'tubular'{nearest(name, known)}")
-
-
-def compile_kernels() -> None:
-    """Compile the forward model into numba's on-disk cache."""
-    load = hold([0.0, 1.0], [0.0, 1.0], [0.5], power=2)
-    relaxation_response(load, np.ones(1), np.ones((1, 1)), np.ones((1, 1)))

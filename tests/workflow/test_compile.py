@@ -1,0 +1,55 @@
+"""`deabayes compile` leaves nothing for later stages to compile."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from deabayes.pipeline import prepare_study
+from deabayes.study import load_study, write_study
+
+ROOT = Path(__file__).resolve().parents[2]
+LATER = """
+import sys
+import numpy as np
+from pathlib import Path
+from deabayes import prediction
+from deabayes.pipeline import build_target, read_experiments
+from deabayes.study import load_study
+
+study, prepared = load_study(Path(sys.argv[1])), Path(sys.argv[2])
+for candidate in study.candidates:
+    target = build_target(study, candidate, prepared)
+    theta = target.prior.sample(np.random.default_rng(1), 3)
+    assert np.all(np.isfinite(target.log_likelihood(theta)))
+    target.pointwise_log_likelihood(theta)
+    target.system.derived(target.draws(theta))
+    draws = target.noise_draws(target.draws(theta), target.records[0].group)
+    for e in read_experiments(prepared):
+        f = target.system.predict(e.excitation, e.coordinate, e.response_name, target.draws(theta))
+        weights = 1.0 / e.samples_averaged
+        r = e.response - f
+        target.noise.innovations(r, e.coordinate, weights, draws)
+        target.noise.sample(np.random.default_rng(1), e.coordinate, weights, draws)
+"""
+
+
+def test_later_stages_find_everything_compiled(tmp_path: Path) -> None:
+    study = load_study(ROOT / "config.yaml", "tubular")
+    study = replace(study, candidates=("voigt_kelvin_1", "voigt_kelvin_2"))
+    settings = tmp_path / "study.yaml"
+    write_study(study, settings)
+    prepare_study(study, tmp_path / "prepared")
+    cache = tmp_path / "cache"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+
+    def run(*arguments: str) -> set[Path]:
+        subprocess.run([sys.executable, *arguments], env=environment, cwd=ROOT, check=True)
+        return set(cache.rglob("*.nbc"))
+
+    compiled = run("-m", "deabayes.cli", "compile", str(settings))
+    assert any("log_prob" in path.name for path in compiled)
+    assert run("-c", LATER, str(settings), str(tmp_path / "prepared")) == compiled
