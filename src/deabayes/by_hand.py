@@ -187,9 +187,9 @@ def simulate_record(
     output: Path,
 ) -> None:
     """Simulate the response to the drive in a record; write time, drive and response as CSV."""
+    from deabayes.files import write_atomically
     from deabayes.reading.records import read_record
     from deabayes.simulation import simulate
-    from deabayes.storage import write_atomically
 
     columns: dict[str, Any] = dict(read_record(excitation).columns)
     response = simulate(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,7 @@ import xarray as xr
 
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-
-
-def write_atomically(write: Any, path: Path) -> None:
-    """Call `write(temporary path)`, then move the finished file to `path`."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+from deabayes.files import write_atomically as write_atomically
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
@@ -51,7 +39,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
     if "posterior" not in tree.children:
-        raise UserError(f"{path}: holds no posterior group; give a posterior.nc written by deabayes")
+        raise UserError(f"{path}: holds no posterior; give a posterior.nc written by deabayes")
     return tree
 
 

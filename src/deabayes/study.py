@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.files import write_text_atomically
 
 Settings = Mapping[str, object]
 
@@ -121,10 +122,7 @@ def write_study(study: Study, path: Path) -> None:
     path = Path(path)
     if path.is_file() and path.read_text(encoding="utf-8") == text:
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    write_text_atomically(text, path)
 
 
 def to_settings(study: Study) -> dict[str, Any]:

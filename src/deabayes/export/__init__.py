@@ -9,7 +9,7 @@ import xarray as xr
 
 from deabayes.export import csv, json, mat
 from deabayes.faults import UserError, nearest
-from deabayes.storage import write_atomically
+from deabayes.files import write_atomically
 
 REGISTRY: dict[str, Callable[[xr.DataTree, Path], None]] = {
     "csv": csv.write,

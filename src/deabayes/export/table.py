@@ -19,9 +19,9 @@ def draws_table(tree: xr.DataTree, kinds: tuple[str, ...] | None = None) -> pd.D
         for name, variable in group.data_vars.items()
         if kinds is None or variable.attrs.get("kind") in kinds
     ]
-    size = group.sizes["draw"]
+    chains, size = group.sizes["chain"], group.sizes["draw"]
     table = pd.DataFrame({name: stacked(group, name) for name in names})
-    table.insert(0, "ensemble", [chain for chain in range(group.sizes["chain"]) for _ in range(size)])
+    table.insert(0, "ensemble", [chain for chain in range(chains) for _ in range(size)])
     return table
 
 

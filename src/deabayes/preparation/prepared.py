@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.faults import UserError
+from deabayes.files import write_atomically
 from deabayes.preparation.overview import thinned
 from deabayes.preparation.working import BoolArray
 from deabayes.reading.raw import RawRecord
@@ -42,14 +42,8 @@ def write_prepared(experiment: Experiment, path: Path, raw: RawRecord | None = N
     raw : the record it was made from; a thinned copy goes into the file for the
         before/after figure.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        to_dataset(experiment, raw).to_netcdf(temporary, engine="h5netcdf")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    dataset = to_dataset(experiment, raw)
+    write_atomically(lambda place: dataset.to_netcdf(place, engine="h5netcdf"), path)
 
 
 def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Dataset:

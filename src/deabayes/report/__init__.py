@@ -42,10 +42,10 @@ def build(
         If a folder holds no fitted candidate.
     """
     from deabayes.figures.results import StudyResults
+    from deabayes.files import write_text_atomically
     from deabayes.report.images import QUALITIES
     from deabayes.report.page import render
     from deabayes.report.tables import write_csv
-    from deabayes.storage import write_atomically
 
     studies: list[StudyResults] = [StudyResults(Path(folder)) for folder in study_folders]
     write_csv(studies, Path(tables_folder))
@@ -55,7 +55,7 @@ def build(
         if len(page.encode()) <= LARGEST_PAGE:
             break
     output = Path(output)
-    write_atomically(lambda path: path.write_text(page, encoding="utf-8"), output)
+    write_text_atomically(page, output)
     return output
 
 

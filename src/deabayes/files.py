@@ -1,0 +1,30 @@
+"""Files that appear complete or not at all, whenever the job that writes them is killed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+
+def write_atomically(write: Callable[[Path], object], path: Path) -> None:
+    """Call `write(temporary path)`, then move the finished file to `path`.
+
+    The temporary file lies in the same folder, which is made if needed; another
+    process that writes the same file has a temporary file of its own.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        write(temporary)
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())  # a name that survives a power cut names what was written
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text_atomically(text: str, path: Path) -> None:
+    """Write UTF-8 text with `\\n` line ends, whole or not at all."""
+    write_atomically(lambda place: place.write_text(text, encoding="utf-8", newline="\n"), path)

@@ -1,0 +1,37 @@
+"""Files appear complete or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from deabayes.files import write_atomically, write_text_atomically
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+
+    def fail(place: Path) -> None:
+        place.write_text("half")
+        raise RuntimeError("killed")
+
+    with pytest.raises(RuntimeError, match="killed"):
+        write_atomically(fail, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
+    assert path.read_text() == "old"
+
+
+def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "table.csv"
+
+    def write(place: Path) -> None:
+        place.write_text("first")
+        assert not path.exists()
+        assert place.parent == path.parent
+
+    write_atomically(write, path)
+    assert path.read_text() == "first"
+    write_text_atomically("λ\n", path)
+    assert path.read_bytes() == "λ\n".encode()
