@@ -10,7 +10,7 @@ from deabayes.faults import Faults, UserError, nearest
 from deabayes.study import Study
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment
+    from deabayes.experiment import Experiment, FloatArray
     from deabayes.posterior import LogPosterior
 
 TRIAL_WALKERS = 2
@@ -188,15 +188,31 @@ def simulate_record(
 ) -> None:
     """Simulate the response to the drive in a record; write time, drive and response as CSV."""
     from deabayes.files import write_atomically
-    from deabayes.reading.records import read_record
     from deabayes.simulation import simulate
 
-    columns: dict[str, Any] = dict(read_record(excitation).columns)
+    driven: dict[str, Any] = _drive(system, excitation)
     response = simulate(
-        system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **columns
+        system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **driven
     )
     table = response.to_dataframe().reset_index()
     write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def _drive(system: str, path: Path) -> dict[str, FloatArray]:
+    """The time and the channels of a record that drive a system; SI."""
+    from deabayes.reading.columns import CHANNELS
+    from deabayes.reading.records import read_record
+    from deabayes.systems import system_class
+
+    drives = system_class(system).excitations
+    columns = read_record(path, channels={**CHANNELS, **drives}).columns
+    driven = {name: values for name, values in columns.items() if name in ("time", *drives)}
+    if not driven.keys() & drives.keys():
+        raise UserError(
+            f"{path}: has no column {' or '.join(drives)} to drive system {system!r}, only "
+            f"{', '.join(columns)}"
+        )
+    return driven
 
 
 def download(studies: Sequence[str], config: Path) -> Iterator[str]:

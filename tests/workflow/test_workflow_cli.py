@@ -123,6 +123,32 @@ def test_simulate_follows_the_excitation(tmp_path: Path) -> None:
     assert len(rows) == 3
 
 
+def simulate_from(record: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
+    return deabayes(
+        *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),
+        *("--excitation", record, "--set", "E_0=1.5e6", "--set", "E_1=6e6", "--set", "tau_1=0.1"),
+        *more,
+    )
+
+
+def test_simulate_takes_the_drive_of_a_whole_record(tmp_path: Path) -> None:
+    record = tmp_path / "record.csv"
+    record.write_text("time [ms],displacement [mm],current [mA],voltage [kV]\n0,0,3,1\n100,1,0,1\n")
+    alone = tmp_path / "alone.csv"
+    alone.write_text("time [ms],voltage [kV]\n0,1\n100,1\n")
+    for drive in (record, alone):
+        run = simulate_from(drive, "-o", drive.with_suffix(".out"))
+        assert run.returncode == 0, run.stderr
+    assert record.with_suffix(".out").read_text() == alone.with_suffix(".out").read_text()
+
+
+def test_simulate_from_a_record_without_a_drive(tmp_path: Path) -> None:
+    record = tmp_path / "record.csv"
+    record.write_text("time [ms],displacement [mm]\n0,0\n100,1\n")
+    run = simulate_from(record, "-o", tmp_path / "response.csv")
+    assert_one_message(run, 1, "record.csv", "no column voltage", "time, displacement")
+
+
 def test_a_parameter_that_is_no_number(tmp_path: Path) -> None:
     drive = tmp_path / "drive.csv"
     drive.write_text("time [ms],voltage [kV]\n0,1\n100,1\n")
