@@ -17,6 +17,7 @@ from emcee.state import State
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
 from deabayes.smc import LogDensity
+from deabayes.warp import Warp
 
 
 class IndependenceMove(MHMove):
@@ -66,13 +67,35 @@ class DifferentialEvolutionMove(DEMove):
         return state, accepted
 
 
-def recipe(frozen: Proposal) -> list[tuple[Any, float]]:
-    """Half independence proposals, 0.4 differential evolution, 0.1 jumps between modes."""
-    return [
-        (IndependenceMove(frozen), 0.5),
-        (DifferentialEvolutionMove(), 0.4),
-        (DifferentialEvolutionMove(gamma0=1.0), 0.1),
-    ]
+class StraightenedMove(DifferentialEvolutionMove):
+    """Differential evolution along straight lines of a frozen map instead of those of z.
+
+    The map's Jacobian is constant, so proposals symmetric in its coordinates are
+    symmetric in z. Differences of walkers follow a curved ridge instead of leaving it.
+    """
+
+    def __init__(self, warp: Warp, gamma0: float | None = None) -> None:
+        super().__init__(gamma0=gamma0)
+        self.warp = warp
+
+    def get_proposal(
+        self, s: FloatArray, c: list[FloatArray], random: np.random.RandomState
+    ) -> tuple[FloatArray, FloatArray]:
+        straight = [self.warp.forward(part) for part in c]
+        proposed, factors = super().get_proposal(self.warp.forward(s), straight, random)
+        return self.warp.inverse(proposed), factors
+
+
+def recipe(proposal: Proposal) -> list[tuple[Any, float]]:
+    """Half independence proposals, 0.4 differential evolution, 0.1 jumps between modes.
+
+    Where the proposal straightens ridges, half of the differential evolution does too.
+    """
+    moves = [(IndependenceMove(proposal), 0.5), (DifferentialEvolutionMove(gamma0=1.0), 0.1)]
+    warp = next((part.warp for part in proposal.parts if part.warp is not None), None)
+    if warp is None:
+        return [*moves, (DifferentialEvolutionMove(), 0.4)]
+    return [*moves, (DifferentialEvolutionMove(), 0.2), (StraightenedMove(warp), 0.2)]
 
 
 def build_sampler(target: LogDensity, frozen: Proposal, shape: tuple[int, ...]) -> EnsembleSampler:

@@ -92,8 +92,8 @@ class Ordered:
     r"""n parameters that ascend, theta_{k+1} >= ratio theta_k, as order statistics.
 
     With u_(1) < ... < u_(n) the order statistics of n uniforms, made from
-    independent ones by u_(k) = u_(k+1) Phi(z_k)^{1/k}, u_(n+1) = 1 (Devroye 1986,
-    V.2.1), theta_k = ratio^{k-1} F^{-1}(u_(k)), so that
+    independent ones by 1 - u_(k) = (1 - u_(k-1)) Phi(-z_k)^{1/(n-k+1)}, u_(0) = 0
+    (Devroye 1986, V.2.1), theta_k = ratio^{k-1} F^{-1}(u_(k)), so that
 
     p(theta) = n! prod_k f(theta_k / ratio^{k-1}) / ratio^{k-1}.
 
@@ -102,6 +102,10 @@ class Ordered:
     the law of n independent draws that, sorted, keep the ratio; for a log-normal
     one the median is divided by ratio^{(n-1)/2}, which spreads the sorted draws
     about it. Other priors are ordered only (ratio 1).
+
+    Made from the smallest upwards, z_k depends on theta_1 .. theta_k only: the
+    slowest time constant, which a record of finite length determines least, does
+    not bend the coordinates of the others.
     """
 
     columns: tuple[int, ...]
@@ -138,24 +142,24 @@ class Ordered:
 
     @property
     def _powers(self) -> FloatArray:
-        return np.arange(1.0, len(self.columns) + 1.0)
+        return np.arange(len(self.columns), 0.0, -1.0)
 
     def to_parameters(self, z: FloatArray) -> FloatArray:
         from scipy.special import log_ndtr, ndtri_exp
 
-        log_steps = log_ndtr(z) / self._powers
-        log_uniforms = np.cumsum(log_steps[:, ::-1], axis=1)[:, ::-1]
-        scores = np.clip(ndtri_exp(log_uniforms), -LARGEST_SCORE, LARGEST_SCORE)
+        log_survivals = np.cumsum(log_ndtr(-z) / self._powers, axis=1)
+        scores = np.clip(-ndtri_exp(log_survivals), -LARGEST_SCORE, LARGEST_SCORE)
         return self.factors * self.reduced.from_normal(scores)
 
     def to_normal(self, theta: FloatArray) -> FloatArray:
         from scipy.special import log_ndtr, ndtri_exp
 
         values, ascending = self._sorted_values(theta)
-        log_uniforms = log_ndtr(self.reduced.to_normal(values))
-        log_steps = log_uniforms - np.append(log_uniforms[:, 1:], np.zeros((len(theta), 1)), axis=1)
+        log_survivals = log_ndtr(-self.reduced.to_normal(values))
+        before = np.concatenate([np.zeros((len(theta), 1)), log_survivals[:, :-1]], axis=1)
+        log_steps = log_survivals - before
         tied = log_ndtr(UNRESOLVED_SCORE)
-        z = ndtri_exp(np.where(log_steps >= 0.0, tied, log_steps * self._powers))
+        z = -ndtri_exp(np.where(log_steps >= 0.0, tied, log_steps * self._powers))
         return np.where(ascending[:, None], z, np.nan)
 
     def log_density(self, theta: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from deabayes.checkpoint import Arrays, Store
 from deabayes.ensemble import Ensemble
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
 from deabayes.proposal import Proposal, fit
@@ -24,7 +25,8 @@ __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "ru
 
 WARM_UP, START, SAMPLING = range(3)
 COMPONENTS, SETTLED_COMPONENTS = 4, 8
-SETTLING_STEPS = 100
+SETTLING_STEPS = 200
+SETTLING_ROUNDS = 15
 FIRST_PASS_SHARE = 0.4
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
 
@@ -110,21 +112,69 @@ def _warm_up(
 def _start(
     target: Target, warm: Arrays, settings: Sampling, seed: np.random.SeedSequence
 ) -> Arrays:
-    """Start half the walkers over-dispersed, replace those that are stuck, fit the proposal.
+    """Start half the walkers over-dispersed, let them settle, fit the proposal that is frozen.
 
-    The proposal fitted to the particles is used for settling only: the walkers' steps give
-    more, and less biased, draws to fit the one that is frozen.
+    The particles may be far from where the posterior's mass is (a record with little noise
+    is a thin sheet that few moves of the warm-up enter), so walkers settle in rounds, each
+    with a proposal refitted to the rounds before, until neither the mean log-posterior nor
+    the acceptance rises. The draws of all rounds are dropped.
     """
     from deabayes.moves import build_sampler, initial_state
 
     rng = np.random.default_rng(stage_seed(seed, START, 0))
+    walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
     proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
+    log_posterior, rounds, progress = target(walkers), [], []
+    for number in range(SETTLING_ROUNDS):
+        sampler = build_sampler(target, proposal, walkers.shape)
+        state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + number))
+        state = sampler.run_mcmc(
+            state, SETTLING_STEPS // 5, thin_by=5, skip_initial_state_check=True
+        )
+        walkers, log_posterior = state.coords, state.log_prob
+        rounds = [*rounds[-2:], (sampler.get_chain(flat=True), sampler.get_log_prob(flat=True))]
+        draws, densities = (np.concatenate(parts) for parts in zip(*rounds, strict=True))
+        proposal = fit(draws, SETTLED_COMPONENTS, rng, densities)
+        latest, accepted = rounds[-1][1], sampler.backend.accepted
+        progress.append((latest.mean(), latest.std(), accepted.mean()))
+        if _settled(progress):
+            break
+    return {
+        **proposal.arrays(),
+        "walkers": walkers,
+        "walkers_log_posterior": log_posterior,
+        "replaced": np.asarray(replaced),
+    }
+
+
+def _settled(progress: list[tuple[float, float, float]]) -> bool:
+    """Whether the last two rounds raised neither the mean log-posterior nor the acceptance."""
+    if len(progress) < 3:
+        return False
+    means, spreads, accepted = zip(*progress[-3:], strict=True)
+    return means[2] - means[0] < 0.2 * spreads[2] and accepted[2] < 1.2 * accepted[0]
+
+
+def _first_walkers(
+    target: Target,
+    warm: Arrays,
+    settings: Sampling,
+    seed: np.random.SeedSequence,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, int]:
+    """Walkers (W, d) from the particles, half of them over-dispersed.
+
+    Those that are stuck after a few steps are replaced, and counted.
+    """
+    from deabayes.moves import build_sampler, initial_state
+
     order = rng.permutation(len(warm["particles"]))
     walkers = warm["particles"][order[: settings.walkers]].copy()
     broad = settings.walkers // 2
     walkers[:broad] = warm["broad"][order[:broad]]
     lost = ~np.isfinite(target(walkers))
     walkers[lost] = warm["particles"][order[: settings.walkers]][lost]
+    proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
     sampler = build_sampler(target, proposal, walkers.shape)
     state = initial_state(walkers, target(walkers), stage_seed(seed, START, 1))
     settled = sampler.run_mcmc(state, SETTLING_STEPS, store=False, skip_initial_state_check=True)
@@ -132,15 +182,4 @@ def _start(
     stuck = (settled.coords == walkers).all(axis=1) | (settled.log_prob < low - 3 * (middle - low))
     healthy = np.flatnonzero(warm["log_posterior"] >= low)
     settled.coords[stuck] = warm["particles"][rng.choice(healthy, stuck.sum(), replace=False)]
-    settled.log_prob = target(settled.coords)
-    last = sampler.run_mcmc(
-        settled, 2 * SETTLING_STEPS // 5, thin_by=5, skip_initial_state_check=True
-    )
-    draws = sampler.get_chain(flat=True)
-    proposal = fit(draws, SETTLED_COMPONENTS, rng, sampler.get_log_prob(flat=True))
-    return {
-        **proposal.arrays(),
-        "walkers": last.coords,
-        "walkers_log_posterior": last.log_prob,
-        "replaced": np.asarray(stuck.sum()),
-    }
+    return settled.coords, int(stuck.sum())
