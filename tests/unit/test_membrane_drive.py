@@ -33,6 +33,17 @@ def test_a_sampled_sine_is_followed_beyond_its_straight_lines(per_period):
     assert found.restart.sum() == 1
 
 
+@pytest.mark.parametrize("per_period", [40, 67, 100])
+def test_a_coarsely_sampled_sine_is_followed_far_better_than_by_lines(per_period):
+    driven = sine(0.05, 5, per_period)
+    found = drive(driven.coordinate, driven.values, 0.0, 100.0, 1e-7)
+    time = np.linspace(0.0, 100.0, 3001)
+    exact = 2e3 * np.sin(0.1 * np.pi * time)
+    lines = np.max(np.abs(driven.at(time) - exact))
+    assert np.max(np.abs(found.at(time) - exact)) < lines / 15
+    assert len(found.edges) < 60
+
+
 def test_a_triangle_keeps_its_corners():
     time = np.linspace(0.0, 40.0, 401)
     triangle = 2e3 * np.abs(time % 20.0 - 10.0) / 10.0

@@ -28,7 +28,7 @@ from numba import njit
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray, interpolate
 
-LANES = 16
+LANES = 32
 START, ARGUMENT, U1, U2, U3, U4, U5, U6, U7, U8 = (row * LANES for row in range(10))
 """Offsets of the rows all blocks begin with: value at the start of the step, argument of
 the current stage, increments."""
@@ -36,6 +36,7 @@ SHARED_ROWS = 10
 SAFETY = 0.9
 LARGEST_GROWTH = 5.0
 LARGEST_CUT = 0.1
+STRIDE = 16
 FINEST = 1e-10
 """Of the first step: a draw that needs smaller steps has failed."""
 
@@ -165,9 +166,13 @@ def write_outputs(
     Writes into `row` (N,); returns the index of the first output still to come.
     """
     last = first
+    while last + STRIDE <= times.size and times[last + STRIDE - 1] <= end:
+        last += STRIDE
     while last < times.size and times[last] <= end:
         last += 1
     inverse = 1.0 / step
-    for o in range(first, last):
-        row[o] = interpolate((times[o] - begin) * inverse, y, y_end, k2, k3, k4)
+    # Slices: indices that cannot be negative make a vector of the outputs.
+    here, found = times[first:last], row[first:last]
+    for o in range(here.size):
+        found[o] = interpolate((here[o] - begin) * inverse, y, y_end, k2, k3, k4)
     return last

@@ -9,6 +9,7 @@ are long. Elsewhere (the two knots of a step, a triangle's corners) the lines st
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,8 +20,11 @@ FEWEST_KNOTS = 12
 """On one polynomial, twice its coefficients, before it counts as the signal's own shape."""
 LARGEST_SCATTER = 5.0
 """Knots may lie this many times their scatter about a smooth curve from the polynomial."""
-CUT_OFF = 1e-4
-"""Of second differences; lines cut off an eighth of them."""
+CUT_OFF, COARSE_CUT_OFF = 1e-4, 4e-3
+"""Of second differences, of which lines cut off an eighth: what a polynomial may miss, and
+what it may where even the fewest knots are too far apart for that."""
+EVEN = 1e-9
+"""Knots this close to even spacing, over their span, share one basis."""
 SCATTER_NORM = 0.6745 * np.sqrt(924.0)
 """Median absolute sixth difference of white noise over its standard deviation."""
 STEADY = 0.01
@@ -28,6 +32,12 @@ STEADY = 0.01
 JUMP, TURN, WORTH = 0.01, 0.05, 1e-3
 """What restarts the step size: a jump, over the largest drive; a turn, over its largest
 slope, if it changes the drive by this share within the piece."""
+_CHEBYSHEV_POWERS = np.zeros((DEGREE + 1, DEGREE + 1))
+for _n in range(DEGREE + 1):
+    _shifted = np.polynomial.Chebyshev.basis(_n, domain=[0.0, 1.0])
+    _CHEBYSHEV_POWERS[: _n + 1, _n] = _shifted.convert(
+        kind=np.polynomial.Polynomial, domain=[-1.0, 1.0], window=[-1.0, 1.0]
+    ).coef
 
 
 @dataclass(frozen=True)
@@ -81,15 +91,19 @@ def drive(
     knots, volts = _spanning(knots, volts, first, last)
     bend = float(np.median(np.abs(np.diff(volts, 2)))) if volts.size > 2 else 0.0
     allowed = tolerance * peak + CUT_OFF * bend, scatter(knots, volts)
+    coarse = tolerance * peak + COARSE_CUT_OFF * bend, allowed[1]
     edges, pieces = [float(knots[0])], []
     jumps = np.append(np.flatnonzero(np.diff(knots) == 0.0), knots.size - 1)
-    begin = 0
+    begin, count = 0, 1
     while begin < knots.size - 1:
         room = int(jumps[np.searchsorted(jumps, begin)]) - begin
         if room == 0:
             begin += 1
             continue
-        count, coefficients = _longest(knots, volts, begin, room, allowed)
+        count, coefficients = _longest(knots, volts, begin, room, allowed, count)
+        if count == 1 and room >= FEWEST_KNOTS - 1:
+            fit = _fit(knots, volts, begin, FEWEST_KNOTS - 1, coarse)
+            count, coefficients = (1, coefficients) if fit is None else (FEWEST_KNOTS - 1, fit)
         edges.append(float(knots[begin + count]))
         pieces.append(coefficients)
         begin += count
@@ -125,23 +139,38 @@ def _spanning(
 
 
 def _longest(
-    knots: FloatArray, volts: FloatArray, begin: int, room: int, allowed: tuple[float, float]
+    knots: FloatArray,
+    volts: FloatArray,
+    begin: int,
+    room: int,
+    allowed: tuple[float, float],
+    before: int,
 ) -> tuple[int, FloatArray]:
-    """Knot intervals, of `room`, of the longest piece from `begin`, and its coefficients."""
+    """Knot intervals, of `room`, of the longest piece from `begin`, and its coefficients.
+
+    Parameters
+    ----------
+    before : knot intervals of the piece before, to try first.
+    """
     best, found = 1, _line(volts[begin], volts[begin + 1])
-    count = FEWEST_KNOTS - 1
-    if room >= count and (fit := _fit(knots, volts, begin, count, allowed)) is not None:
-        best, found = count, fit
-        too_many = room + 1
-        while best < too_many - 1:
-            count = min(2 * best, room) if too_many > room else (best + too_many) // 2
-            fit = _fit(knots, volts, begin, count, allowed)
-            if fit is None:
-                too_many = count
-            else:
-                best, found = count, fit
-            if 1.05 * best > too_many or best == room:
-                break
+    fewest, too_many = FEWEST_KNOTS - 1, room + 1
+    count = min(max(fewest, before), room)
+    while fewest <= count < too_many:
+        fit = _fit(knots, volts, begin, count, allowed)
+        if fit is None:
+            too_many = count
+        else:
+            best, found = count, fit
+        if too_many <= 1.05 * best + 1.0 or best == room:
+            break
+        if too_many > room:
+            count = min(2 * best, room)
+        else:
+            count = max((best + too_many) // 2, fewest)
+    if 0 < room - best < fewest <= room - fewest:
+        # Leave the last piece enough knots to be smooth too.
+        fit = _fit(knots, volts, begin, room - fewest, allowed)
+        best, found = (best, found) if fit is None else (room - fewest, fit)
     return best, found
 
 
@@ -162,8 +191,11 @@ def _fit(
     if np.ptp(values) == 0.0:
         return _line(float(values[0]), float(values[0]))
     x = (time - time[0]) / (time[-1] - time[0])
-    basis = np.polynomial.chebyshev.chebvander(2.0 * x - 1.0, DEGREE)
-    weights = np.linalg.lstsq(basis, values, rcond=None)[0]
+    if np.max(np.abs(x - np.arange(count + 1) / count)) < EVEN:
+        basis, to_powers = _even_basis(count)
+    else:
+        basis, to_powers = _basis(x)
+    weights = basis.T @ values
     misfit, noise = np.abs(basis @ weights - values), allowed[1]
     if np.max(misfit) > allowed[0] + LARGEST_SCATTER * noise:
         return None
@@ -171,11 +203,19 @@ def _fit(
     more = 1.0 + 2.0 * np.sqrt(2.0 / misfit.size)
     if np.mean(misfit**2) > allowed[0] ** 2 + more * noise**2:
         return None
-    series = np.polynomial.Chebyshev(weights, domain=[0.0, 1.0])
-    powers = np.zeros(DEGREE + 1)
-    converted = series.convert(kind=np.polynomial.Polynomial, domain=[-1, 1]).coef
-    powers[: converted.size] = converted
-    return powers
+    return np.asarray(to_powers @ weights)
+
+
+def _basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal polynomials at `x` (M,) within [0, 1], (M, 6), and the powers they are of."""
+    chebyshev = np.polynomial.chebyshev.chebvander(2.0 * x - 1.0, DEGREE)
+    basis, triangle = np.linalg.qr(chebyshev)
+    return basis, _CHEBYSHEV_POWERS @ np.linalg.inv(triangle)
+
+
+@lru_cache(maxsize=256)
+def _even_basis(count: int) -> tuple[FloatArray, FloatArray]:
+    return _basis(np.arange(count + 1) / count)
 
 
 def _restarts(edges: FloatArray, coefficients: FloatArray) -> FloatArray:
