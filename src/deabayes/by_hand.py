@@ -55,7 +55,7 @@ def prepare_by_name(study: str, config: Path, output: Path) -> None:
 
 def _checked(study: Study) -> list[str]:
     """The warnings on a study; its faults are raised."""
-    from deabayes.checking import check_study
+    from deabayes.study_checks import check_study
 
     faults, warnings = check_study(study)
     if faults:

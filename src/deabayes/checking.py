@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.faults import Faults, UserError, nearest
-from deabayes.reading.checks import shorter_than_time_constant, too_few_points
+from deabayes.faults import Faults, UserError
 from deabayes.reading.folder import StudyFolder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import repeated_records
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Quantity, Role
-    from deabayes.study import Study
-    from deabayes.systems import System
+    from deabayes.experiment import Quantity
 
 
 @dataclass(frozen=True)
@@ -65,97 +60,6 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
         understood += lines
         warnings += found
     return CheckReport(Path(folder), tuple(understood), tuple(faults), tuple(warnings))
-
-
-def check_study(study: Study) -> tuple[list[str], list[str]]:
-    """Faults and warnings of what a study asks for, given its folder's records.
-
-    Candidates, experiment names, noise model and preparation steps must exist,
-    the points to calibrate on must outnumber the parameters, and records should
-    outlast the longest time constant of the prior.
-    """
-    read, faults = scan_folder(study.specimen, study.data_root)
-    faults += _unknown_names(study)
-    if read is None or faults:
-        return faults, []
-    from deabayes.systems import build
-
-    rows = _used_rows(study, read, faults)
-    if study.calibrate is not None or study.validate is not None:
-        every = ((row, read.record(row)) for row in rows)
-        faults += repeated_records(every, f"study {study.name}")
-    records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
-    warnings: list[str] = []
-    for candidate in study.candidates:
-        try:
-            system = build(read.specimen.system, candidate, read.specimen)
-        except UserError as error:
-            faults.append(f"study {study.name}, candidates: {error}")
-            continue
-        where = f"study {study.name}, {candidate}"
-        points = sum(raw.columns[row.response].size for row, raw in records)
-        faults += too_few_points(points, len(system.parameters()), where) if records else []
-        warnings += _too_short_for(system, records, where)
-    return faults, warnings
-
-
-def _unknown_names(study: Study) -> list[str]:
-    from deabayes.noise import REGISTRY as NOISE
-    from deabayes.preparation import REGISTRY as STEPS
-
-    faults = []
-    if study.noise not in NOISE:
-        faults.append(f"study {study.name}, noise: unknown {study.noise!r}"
-                      f"{nearest(study.noise, NOISE)}")  # fmt: skip
-    for protocol, steps in study.preparation.items():
-        for step in steps or ():
-            name = step if isinstance(step, str) else next(iter(step))
-            if name not in STEPS:
-                faults.append(f"study {study.name}, preparation.{protocol}: unknown step {name!r}"
-                              f"{nearest(name, STEPS)}")  # fmt: skip
-    return faults
-
-
-def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
-    """The rows a study uses, in the roles it gives them."""
-    kept = [
-        row
-        for row in read.table
-        if all(str(row.metadata.get(key)) == value for key, value in study.select.items())
-    ]
-    known = [row.name for row in kept]
-    used: list[ExperimentRow] = []
-    listed: tuple[tuple[Role, tuple[str, ...] | None], ...]
-    listed = (("calibrate", study.calibrate), ("validate", study.validate))
-    for role, names in listed:
-        unknown = [name for name in names or () if name not in known]
-        faults += [
-            f"study {study.name}, {role}: {study.specimen} has no experiment {name!r}"
-            f"{nearest(name, known)}"
-            for name in unknown
-        ]
-        chosen = [row for row in kept if (row.role == role if names is None else row.name in names)]
-        taken = {row.name for row in used}
-        used += [replace(row, role=role) for row in chosen if row.name not in taken]
-        if role == "calibrate" and not chosen and not unknown:
-            faults.append(
-                f"study {study.name}: no record to calibrate on in {study.specimen}; give one "
-                "the role `calibrate` in experiments.csv"
-            )
-    return used
-
-
-def _too_short_for(
-    system: System, records: Sequence[tuple[ExperimentRow, RawRecord]], where: str
-) -> list[str]:
-    """Warn when no calibrated record outlasts the longest time constant the prior expects."""
-    constants = [p for p in system.parameters() if p.unit == "s" and p.ordered]
-    durations = [float(np.ptp(raw.columns["time"])) for _, raw in records if "time" in raw.columns]
-    if not constants or not durations:
-        return []
-    # The prior's upper quartile: half of its mass lies within a factor or so of it.
-    longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
-    return shorter_than_time_constant(max(durations), longest, f"{where}: the longest record")
 
 
 def _specimen_lines(read: StudyFolder) -> list[str]:

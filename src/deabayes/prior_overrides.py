@@ -89,8 +89,7 @@ def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str])
     suffixed = [p for p in parameters if p.name.endswith(f".{key}")]
     if found := named or group or suffixed:
         return found
-    stems = {_stem(p.name) for p in parameters} - {None}
-    if key in passed_over or _stem(key) in stems:
+    if key in passed_over:
         return []
     known = [p.ordered or p.name for p in parameters]
     raise UserError(f"priors.{key}: no parameter has this name{nearest(key, dict.fromkeys(known))}")

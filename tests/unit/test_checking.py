@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from tests.unit.study_folders import HEADER, make_folder, record_lines, replace_in, write_lines
 
-from deabayes.checking import check_folder, check_study
+from deabayes.checking import check_folder
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
 from deabayes.study import Study
+from deabayes.study_checks import check_study
 from deabayes.systems import REGISTRY
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -73,10 +74,21 @@ def test_amplifier_at_its_limit_is_a_warning(tmp_path: Path) -> None:
     assert "current limit of 0.12 A in 10.00%" in warning
 
 
+PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"noise": "whit"}, ["noise: unknown 'whit'", "'white'?"]),
+        (
+            {"preparation": {"relaxation": [{"crop": {"form": "1 s"}}]}},
+            ["'form'", "'from'"],
+        ),
+        ({"preparation": {"relaxation": [{"crop": {"from": "1 V"}}]}}, ["crop.from", "a voltage"]),
+        ({"priors": {"J_alfa": PRIOR}}, ["study s, priors.J_alfa", "'J_alpha'"]),
+        ({"priors": {"mu_beta_9": PRIOR}}, ["study s, priors.mu_beta_9", "no parameter"]),
+        ({"priors": {"J_alpha": {"distribution": "lognrmal"}}}, ["'lognrmal'", "'lognormal'?"]),
         ({"preparation": {"relaxation": [{"averag": {}}]}}, ["unknown step 'averag'", "'average'"]),
         ({"candidates": ("kv_gn_1",)}, ["candidates", "kv_gn_1"]),
         ({"calibrate": ("relx",)}, ["calibrate", "no experiment 'relx'", "'relax'?"]),

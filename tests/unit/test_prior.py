@@ -210,7 +210,10 @@ class TestOverrides:
     def test_other_orders_and_candidates_are_passed_over(self):
         settings = {"distribution": "lognormal", "median": 1, "sigma": 1}
         names = {"mu_9": settings, "J_alpha": settings}
-        assert Prior.from_parameters((*MU, *ALPHA), names, ["J_alpha"]).parameters == (*MU, *ALPHA)
+        others = ["J_alpha", "mu_9"]
+        assert Prior.from_parameters((*MU, *ALPHA), names, others).parameters == (*MU, *ALPHA)
+        with pytest.raises(Faults, match=r"priors\.mu_9: no parameter has this name"):
+            Prior.from_parameters((*MU, *ALPHA), names, ["J_alpha"])
 
     def test_all_mistakes_together(self):
         good = {"distribution": "lognormal", "median": 1, "sigma": 1}
