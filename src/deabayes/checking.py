@@ -44,8 +44,13 @@ class CheckReport:
             parts.append("\n".join(["Warnings", *(f"  - {line}" for line in self.warnings)]))
         if self.faults and with_faults:
             parts.append("\n".join(["Faults", *(f"  - {line}" for line in self.faults)]))
-        parts.append(f"{len(self.faults)} faults, {len(self.warnings)} warnings in {self.folder}")
+        found = _count(self.faults, "fault"), _count(self.warnings, "warning")
+        parts.append(f"{', '.join(found)} in {self.folder}")
         return "\n\n".join(parts)
+
+
+def _count(sentences: tuple[str, ...], what: str) -> str:
+    return f"{len(sentences)} {what}{'' if len(sentences) == 1 else 's'}"
 
 
 def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:

@@ -40,11 +40,11 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
     (lambda: checks.not_positive(np.array([1.0, 0.0]), "stretch", "a"), ["data row 2", "offset"]),
     (
         lambda: checks.not_finite(np.array([1.0, np.nan, np.inf, 1.0, np.nan]), "force", "a.csv"),
-        ["3 values", "data row 2", "a run of 2"],
+        ["infinite: 3", "data row 2", "a run of 2"],
     ),
     (
         lambda: checks.not_finite(np.array([1.0, np.nan, np.nan]), "force", "a.csv"),
-        ["2 values", "a run of 2"],
+        ["infinite: 2", "a run of 2"],
     ),
 ]  # fmt: skip
 

@@ -110,7 +110,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "time repeats": (row(20, "1.8,60,0.9"), ["column time", "data row 20 repeats", "remove"]),
     "NaN": (row(20, "1.9,60,NaN"), ["column force", "data row 20", "repair"]),
     "infinite": (row(20, "1.9,inf,0.9"), ["column displacement", "data row 20"]),
-    "missing cell": (row(20, "1.9,,0.9"), ["column displacement", "1 values", "data row 20"]),
+    "missing cell": (row(20, "1.9,,0.9"), ["column displacement", "infinite: 1", "data row 20"]),
     "text": (row(20, "1.9,60,overload"), ["column force, data row 20", "'overload'"]),
     "constant response": (column(2, "0.5"), ["column force", "constant", "check the sensor"]),
     "constant excitation": (column(1, "0"), ["column displacement", "constant"]),

@@ -45,8 +45,8 @@ def not_finite(values: FloatArray, channel: str, where: str) -> list[str]:
         return []
     run = int(np.argmin(np.append(np.diff(bad) == 1, False))) + 1
     return [
-        f"{where}, column {channel}: {bad.size} values are missing, NaN or infinite, the first "
-        f"in data row {bad[0] + 1} (a run of {run}); repair the record or cut it there"
+        f"{where}, column {channel}: values missing, NaN or infinite: {bad.size}, the first in "
+        f"data row {bad[0] + 1} (a run of {run}); repair the record or cut it there"
     ]
 
 
