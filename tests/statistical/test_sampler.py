@@ -11,6 +11,7 @@ from deabayes.mixture import Mixture
 from deabayes.moves import (
     DifferentialEvolutionMove,
     IndependenceMove,
+    StraightenedMove,
     build_sampler,
     initial_state,
     recipe,
@@ -20,6 +21,7 @@ from deabayes.run import Run, Target
 from deabayes.sampling import pool, run_ensemble
 from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
+from deabayes.warp import fit_warp
 
 
 def wide_proposal(dimension):
@@ -42,7 +44,18 @@ def variance_ratio(move, dimension, steps):
     return float((chain**2).mean())
 
 
+def curved_warp(dimension):
+    """A map fitted to draws of a banana: curved lines on the unit Gaussian."""
+    draws = np.random.default_rng(2).standard_normal((4000, dimension))
+    draws[:, 1] = 0.3 * draws[:, 1] + 0.5 * draws[:, 0] ** 2
+    return fit_warp(draws)
+
+
 MOVES = {
+    "along straightened ridges": (
+        lambda d: [(StraightenedMove(curved_warp(d)), 0.5), (DifferentialEvolutionMove(), 0.5)],
+        500,
+    ),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
     "differential evolution": (lambda d: DifferentialEvolutionMove(), 500),
     "recipe": (lambda d: recipe(wide_proposal(d)), 500),
