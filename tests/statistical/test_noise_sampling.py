@@ -24,7 +24,8 @@ TRUTH = {
 
 def truth(name, size=DRAWS):
     parameters = REGISTRY[name]().parameters("1", 1.0, 10.0)
-    return {p.name: np.full(size, TRUTH[p.name]) for p in parameters}
+    values = {p.name: TRUTH.get(p.name, float(p.prior.from_normal(0.0))) for p in parameters}
+    return {name: np.full(size, value) for name, value in values.items()}
 
 
 def covariance_chi_square(samples, expected):

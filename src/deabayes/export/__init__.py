@@ -7,15 +7,19 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export import csv, json, mat
 from deabayes.faults import UserError, nearest
 from deabayes.files import write_atomically
+from deabayes.registry import load
 
-REGISTRY: dict[str, Callable[[xr.DataTree, Path], None]] = {
-    "csv": csv.write,
-    "json": json.write,
-    "mat": mat.write,
-}
+REGISTRY: dict[str, Callable[[xr.DataTree, Path], None]] = load(
+    __name__,
+    {
+        "csv": "write",
+        "json": "write",
+        "mat": "write",
+    },
+)
+"""Format -> its function in the module of the same name."""
 
 
 def export(tree: xr.DataTree, to: str, output: Path) -> None:

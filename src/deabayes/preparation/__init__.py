@@ -12,35 +12,30 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.preparation.average import average
-from deabayes.preparation.baseline import baseline
-from deabayes.preparation.crop import crop
-from deabayes.preparation.decimate import decimate
-from deabayes.preparation.delay import delay
-from deabayes.preparation.excitation_knots import excitation_knots
-from deabayes.preparation.mask_after import mask_after
-from deabayes.preparation.mask_before import mask_before
-from deabayes.preparation.mask_ramp_end import mask_ramp_end
-from deabayes.preparation.mask_slack import mask_slack
 from deabayes.preparation.opening import conditions, coordinate_name, open_record
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.instruments import instrument
 from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.registry import load
 
 Step = Callable[[WorkingRecord, Mapping[str, object]], WorkingRecord]
 
-REGISTRY: Mapping[str, Step] = {
-    "average": average,
-    "baseline": baseline,
-    "crop": crop,
-    "decimate": decimate,
-    "delay": delay,
-    "excitation_knots": excitation_knots,
-    "mask_after": mask_after,
-    "mask_before": mask_before,
-    "mask_ramp_end": mask_ramp_end,
-    "mask_slack": mask_slack,
-}
+REGISTRY: Mapping[str, Step] = load(
+    __name__,
+    {
+        "average": "average",
+        "baseline": "baseline",
+        "crop": "crop",
+        "decimate": "decimate",
+        "delay": "delay",
+        "excitation_knots": "excitation_knots",
+        "mask_after": "mask_after",
+        "mask_before": "mask_before",
+        "mask_ramp_end": "mask_ramp_end",
+        "mask_slack": "mask_slack",
+    },
+)
+"""Step -> its function in the module of the same name."""
 NEEDS_TIME = ("baseline", "delay", "excitation_knots", "mask_ramp_end", "mask_slack")
 FEWEST_POINTS = 4
 

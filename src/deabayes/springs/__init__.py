@@ -1,10 +1,19 @@
-"""Spring laws by name. Adding one: a file here and a line in REGISTRY."""
+"""Spring laws by name; a new one is a module `springs/<name>.py` and a line here."""
 
+from __future__ import annotations
+
+from deabayes.registry import load
 from deabayes.springs.base import DEFORMATIONS, PrincipalStretches, Spring, principal_stretches
-from deabayes.springs.gent import Gent
-from deabayes.springs.neo_hookean import NeoHookean
-from deabayes.springs.ogden import Ogden
 
-REGISTRY: dict[str, Spring] = {law.name: law for law in (Gent(), NeoHookean(), Ogden())}
+CLASSES: dict[str, type[Spring]] = load(
+    __name__,
+    {
+        "gent": "Gent",
+        "neo_hookean": "NeoHookean",
+        "ogden": "Ogden",
+    },
+)
+"""Spring law -> its class in the module of the same name."""
+REGISTRY: dict[str, Spring] = {name: law() for name, law in CLASSES.items()}
 
 __all__ = ["DEFORMATIONS", "REGISTRY", "PrincipalStretches", "Spring", "principal_stretches"]

@@ -1,0 +1,15 @@
+"""Registries: what is offered by name, each in the module of that name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+
+def load(package: str, names: Mapping[str, str]) -> dict[str, Any]:
+    """Name -> the object that `names` says, from the module `package`.name."""
+    return {
+        name: getattr(import_module(f"{package}.{name}"), attribute)
+        for name, attribute in names.items()
+    }
