@@ -20,8 +20,10 @@ def gaussian_problem(dimension, seed):
 
     def log_posterior(z):
         residual = data - z @ design.T
-        return -0.5 * np.sum(residual**2, 1) - 0.5 * np.sum(z**2, 1) - (
-            0.5 * (30 + dimension) * np.log(2 * np.pi)
+        return (
+            -0.5 * np.sum(residual**2, 1)
+            - 0.5 * np.sum(z**2, 1)
+            - (0.5 * (30 + dimension) * np.log(2 * np.pi))
         )
 
     return log_posterior, mean, covariance, float(evidence)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,13 @@ def golden_folder() -> Path | None:
     """First existing folder of: DEABAYES_GOLDEN, DEABAYES_DATA/golden, ../shared/data/golden."""
     named = [
         os.environ.get("DEABAYES_GOLDEN"),
-        os.environ.get("DEABAYES_DATA") and os.path.join(os.environ["DEABAYES_DATA"], "golden"),
+        os.environ.get("DEABAYES_DATA") and Path(os.environ["DEABAYES_DATA"]) / "golden",
         REPOSITORY.parent / "shared" / "data" / "golden",
     ]
     return next((Path(folder) for folder in named if folder and Path(folder).is_dir()), None)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _parsed(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8"))
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen, Quantity
+from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.posterior import LogPosterior, Record, build
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling, Study
@@ -73,7 +73,7 @@ def template(
         "record", protocol, "calibrate", "time", "s", time, response, unit,
         np.linspace(0.0, 1.0, time.size), np.ones(time.size), excitation, provenance="simulated",
     )  # fmt: skip
-    study = Study("calibration", Path("."), (candidate,))
+    study = Study("calibration", Path(), (candidate,))
     first = build(study, candidate, specimen, [experiment])
     median = first.responses(first.prior.to_parameters(np.zeros((1, first.dimension))))["record"][0]
     return build(study, candidate, specimen, [replace(experiment, response=median)])

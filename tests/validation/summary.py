@@ -1,6 +1,6 @@
 """Tables and figures of docs/validation from the replicates that `calibration` stored.
 
-    python -m tests.validation.summary
+python -m tests.validation.summary
 """
 
 from __future__ import annotations
@@ -79,9 +79,7 @@ def draw(candidate: str, replicates: pd.DataFrame, path: Path) -> None:
         figure.supylabel("ECDF of ranks - uniform", fontsize=8)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=8, frameon=False)
-        figure.suptitle(
-            f"{candidate}: {len(replicates)} simulated data sets", y=1.04, fontsize=9
-        )
+        figure.suptitle(f"{candidate}: {len(replicates)} simulated data sets", y=1.04, fontsize=9)
         figure.tight_layout(rect=(0, 0, 1, 0.95))
         figure.savefig(path, dpi=160, bbox_inches="tight")
         plt.close(figure)
