@@ -1,7 +1,6 @@
 """The calibration check itself: uniform ranks pass, biased and narrow ones do not."""
 
 import numpy as np
-
 from tests.validation.ecdf import band, critical_tail, inside
 
 POSSIBLE, SIZE = 100, 200
