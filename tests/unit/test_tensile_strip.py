@@ -318,7 +318,7 @@ def test_a_wrong_candidate_is_named(candidate, message):
 @pytest.mark.parametrize(
     ("candidate", "history", "response", "message"),
     [
-        ("kv_gm_1", excitation([0, 1], [1, 2]), "force", "gives no cross_section"),
+        ("kv_gm_1", excitation([0, 1], [1, 2]), "force", "lacks cross_section, which a force"),
         ("kv_gm_1", excitation([0, 1], [0, 1], "displacement"), "nominal_stress", "gauge_length"),
         ("kv_gm_1", excitation([1, 2], [1, 2]), "nominal_stress", "needs time"),
         ("kv_gm_1", excitation([0, 1], [1, 2], deformation="pure_shear"), "nominal_stress",
@@ -326,7 +326,7 @@ def test_a_wrong_candidate_is_named(candidate, message):
         ("gent", excitation([0, 1], [1, 2], deformation="shear"), "nominal_stress", "did you mean"),
         ("kv_gm_1", excitation([0, 0], [1, 2]), "nominal_stress", "must ascend"),
         ("kv_gm_1", excitation([0, 1], [1, -2]), "nominal_stress", "positive"),
-        ("kv_gm_1", excitation([0, 1], [1, 2]), "stress", "unknown response"),
+        ("kv_gm_1", excitation([0, 1], [1, 2]), "stress", "'stress' is unknown"),
     ],
 )  # fmt: skip
 def test_a_record_that_does_not_fit_is_named(candidate, history, response, message):

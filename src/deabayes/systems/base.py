@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
+from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 
 Draws = Mapping[str, FloatArray]
@@ -87,3 +88,34 @@ class System(ABC):
     ) -> FloatArray:
         """`simulator(...)(draws)`: the response (W, N)."""
         return self.simulator(excitation, coordinate, response)(draws)
+
+    def require(self, quantity: str, purpose: str = "") -> Quantity:
+        """A quantity that the specimen must give, for all purposes or for this one.
+
+        Raises
+        ------
+        UserError
+        """
+        if quantity not in self.specimen.quantities:
+            unit = {**self.required_quantities, **self.optional_quantities}[quantity]
+            needed = f", which {purpose} needs" if purpose else ""
+            raise UserError(
+                f"specimen {self.specimen.name!r} lacks {quantity}{needed}; add it to "
+                f"quantities in specimen.yaml, in {unit}"
+            )
+        return self.specimen.quantities[quantity]
+
+    def check_channels(self, excitation: str, response: str) -> None:
+        """Refuse an excitation or a response that this system does not have.
+
+        Raises
+        ------
+        UserError
+        """
+        asked = (("excitation", excitation, self.excitations),
+                 ("response", response, self.responses))  # fmt: skip
+        for kind, name, known in asked:
+            if name not in known:
+                raise UserError(
+                    f"{kind} {name!r} is unknown for system {self.name!r}{nearest(name, known)}"
+                )

@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
+from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.base import DEFORMATIONS, column
@@ -89,10 +89,9 @@ class TensileStrip(System):
             a deformation other than uniaxial, for a candidate with relaxation units; an
             excitation that is not an ascending history of positive stretch.
         """
-        if response not in self.responses:
-            raise UserError(f"unknown response {response!r}{nearest(response, self.responses)}")
+        self.check_channels(excitation.name, response)
         if response == "force":
-            self._quantity("cross_section", "a force")
+            self.require("cross_section", "a force")
         deformation = self._deformation(excitation)
         uncertain_gauge = self._uncertain_gauge(excitation)
         record = self._record(excitation, np.asarray(coordinate, dtype=float))
@@ -187,11 +186,9 @@ class TensileStrip(System):
         return knots, values
 
     def _to_stretch(self, channel: str, values: FloatArray) -> FloatArray:
-        if channel not in self.excitations:
-            raise UserError(f"unknown excitation {channel!r}{nearest(channel, self.excitations)}")
         if channel == "stretch":
             return values
-        return 1.0 + values / self._quantity("gauge_length", "a displacement").value
+        return 1.0 + values / self.require("gauge_length", "a displacement").value
 
     def _deformation(self, excitation: Excitation) -> str:
         deformation = str(excitation.conditions.get("deformation", "uniaxial"))
@@ -206,14 +203,6 @@ class TensileStrip(System):
             )
         return deformation
 
-    def _quantity(self, name: str, purpose: str) -> Quantity:
-        if name not in self.specimen.quantities:
-            raise UserError(
-                f"specimen {self.specimen.name!r} gives no {name}, which {purpose} needs: add it "
-                f"to specimen.yaml in {self.optional_quantities[name]}"
-            )
-        return self.specimen.quantities[name]
-
     def _value(self, name: str, draws: Draws) -> FloatArray:
         """A quantity: its draws if it is a parameter, else its value, (W,) or (1,)."""
         quantity = self.specimen.quantities[name]
@@ -222,7 +211,7 @@ class TensileStrip(System):
     def _uncertain_gauge(self, excitation: Excitation) -> bool:
         if excitation.name != "displacement":
             return False
-        return self._quantity("gauge_length", "a displacement").sd is not None
+        return self.require("gauge_length", "a displacement").sd is not None
 
     def _gauge(self, draws: Draws) -> FloatArray:
         """Nominal gauge length over each draw's, (W,)."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError
 from deabayes.integrate.linear import hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
@@ -77,7 +77,7 @@ class Tubular(System):
         self.specimen = specimen
         self.order = int(match.group(1))
         for name in self.required_quantities:
-            self._require(name)
+            self.require(name)
 
     @classmethod
     def candidates(cls) -> tuple[str, ...]:
@@ -90,10 +90,9 @@ class Tubular(System):
         return (*voigt_kelvin.parameters(self.order), *uncertain)
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
-        _check_channel("excitation", excitation.name, self.excitations)
-        _check_channel("response", response, self.responses)
+        self.check_channels(excitation.name, response)
         if response == "displacement":
-            self._require("active_length")
+            self.require("active_length")
         load = hold(excitation.coordinate, excitation.values, coordinate, power=2)
 
         def simulate(draws: Draws) -> FloatArray:
@@ -147,15 +146,3 @@ class Tubular(System):
     def _quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen: its draws where it is a parameter, else its value."""
         return np.asarray(draws.get(name, self.specimen.quantities[name].value))
-
-    def _require(self, quantity: str) -> None:
-        if quantity not in self.specimen.quantities:
-            raise UserError(
-                f"specimen {self.specimen.name!r} lacks {quantity}; "
-                "add it to quantities in specimen.yaml"
-            )
-
-
-def _check_channel(kind: str, name: str, known: Mapping[str, str]) -> None:
-    if name not in known:
-        raise UserError(f"{kind} {name!r} is unknown for system 'tubular'{nearest(name, known)}")
