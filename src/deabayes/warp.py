@@ -10,13 +10,15 @@ acceptance of independence proposals from a few to more than thirty per cent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
 
+Kernel = Callable[[FloatArray, FloatArray], FloatArray]
 LIMIT = 4.0
 """Standard deviations beyond which products stay constant: polynomials must not run away."""
 PENALTY = 1e-6
@@ -50,19 +52,13 @@ class Warp:
 
     def forward(self, z: FloatArray) -> FloatArray:
         """Straightened coordinates of z (W, d)."""
-        y = (z - self.centre) @ self.axes
-        dimension = y.shape[1]
-        terms = np.concatenate([_terms(y, k) for k in range(dimension)], axis=1)
-        polynomial = terms @ self.coefficients.reshape(-1, dimension)
-        return (y - polynomial - self.offsets) / self.scales
+        y = np.ascontiguousarray((z - self.centre) @ self.axes)
+        return (y - _kernels()[0](y, self.coefficients) - self.offsets) / self.scales
 
     def inverse(self, x: FloatArray) -> FloatArray:
         """The z (W, d) of straightened coordinates x."""
-        y = x * self.scales + self.offsets
-        for k in range(y.shape[1] - 1):
-            later = slice(k + 1, None)
-            y[:, later] += _terms(y, k) @ self.coefficients[k][:, later]
-        return y @ self.inverse_axes + self.centre
+        y = np.ascontiguousarray(x * self.scales + self.offsets)
+        return _kernels()[1](y, self.coefficients) @ self.inverse_axes + self.centre
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it."""
@@ -72,6 +68,14 @@ class Warp:
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
         """Rebuild from `arrays()`."""
         return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
+
+
+@cache
+def _kernels() -> tuple[Kernel, Kernel]:
+    """The polynomials P (W, d) at y, and y from y - P; compiled when first needed."""
+    from deabayes.warp_kernels import polynomials, solve
+
+    return polynomials, solve
 
 
 def _terms(y: FloatArray, k: int) -> FloatArray:
