@@ -14,11 +14,14 @@ SAMPLING = modules(
     "sampling.py",
     "smc.py",
     "mixture.py",
+    "warp*.py",
+    "proposal.py",
     "moves.py",
     "run.py",
     "ensemble.py",
     "chains.py",
     "checkpoint.py",
+    "diagnostics.py",
 )
 POOLING = modules("pooling.py", "diagnostics.py", "posterior_file.py", "storage.py")
 
@@ -59,9 +62,7 @@ rule pool:
         study="<results>/{study}/study.yaml",
         prepared="<results>/{study}/prepared",
         ensembles=ensembles_of,
-        modules=modules(
-            "pooling.py", "diagnostics.py", "posterior_file.py", "storage.py"
-        ),
+        modules=POOLING,
     output:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         summary="<results>/{study}/{candidate}/summary.csv",
