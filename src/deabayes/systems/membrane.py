@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, FloatArray, Specimen
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
@@ -97,9 +97,10 @@ class Membrane(System):
         self.leave_near_branch = leave_near_branch
         self.model = MembraneModel.from_name(candidate)
         self.order = self.model.units
-        needed = ("side_length", "density") if self.model.inertia else ()
-        for name in (*self.required_quantities, *needed):
-            self._require(name)
+        for name in self.required_quantities:
+            self.require(name)
+        for name in ("side_length", "density") if self.model.inertia else ():
+            self.require(name, "inertia")
         given = specimen.quantities.get("breakdown_stretch")
         self.breakdown = BREAKDOWN_STRETCH if given is None else given.value
         if not specimen.quantities["prestretch"].value < self.breakdown:
@@ -134,10 +135,9 @@ class Membrane(System):
         UserError
             Unknown channel, missing quantity, or a voltage that is no history in time.
         """
-        _check_channel("excitation", excitation.name, self.excitations)
-        _check_channel("response", response, self.responses)
+        self.check_channels(excitation.name, response)
         if response != "stretch":
-            self._require("side_length")
+            self.require("side_length", f"a {response}")
         coordinate = np.asarray(coordinate, dtype=float)
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])
@@ -234,29 +234,3 @@ class Membrane(System):
             raise UserError("excitation 'voltage': times must ascend; sort the record by time")
         tolerance = DRIVE_TOLERANCE * self.tolerance
         return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
-
-    def _require(self, quantity: str) -> None:
-        if quantity not in self.specimen.quantities:
-            raise UserError(
-                f"specimen {self.specimen.name!r} lacks {quantity}; "
-                "add it to quantities in specimen.yaml"
-            )
-
-
-def _check_channel(kind: str, name: str, known: Mapping[str, str]) -> None:
-    if name not in known:
-        raise UserError(f"{kind} {name!r} is unknown for system 'membrane'{nearest(name, known)}")
-
-
-def compile_kernels() -> None:
-    """Compile the membrane's kernels into numba's on-disk cache."""
-    from deabayes.systems.membrane_lanes import DRAW_COLUMNS, UNIT_COLUMNS, integrate
-    from deabayes.systems.membrane_static import end_of_branch, near_equilibrium
-
-    edges, volts = np.array([0.0, 1.0]), np.zeros((1, 6))
-    draws, units = np.ones((1, DRAW_COLUMNS)), np.ones((1, 1, UNIT_COLUMNS))
-    found, steps = np.empty((1, 1)), np.empty(1, dtype=np.int64)
-    integrate(edges, volts, np.ones(1), edges[1:], draws, units, found, steps, np.empty(1))
-    ones = np.ones(1)
-    end_of_branch(3.0 * ones, 0.01 * ones, BREAKDOWN_STRETCH, FOLD_POINTS)
-    near_equilibrium(3.0 * ones, 0.01 * ones, 4.0 * ones, 0.0 * ones)
