@@ -120,6 +120,19 @@ def compile_study(study: str, config: Path) -> None:
     experiments = read_experiments(prepared)
     for candidate in found.candidates:
         _use_every_kernel(build_target(found, candidate, prepared), experiments)
+    _use_the_proposal()
+
+
+def _use_the_proposal() -> None:
+    """The sampler's straightening map, there and back."""
+    import numpy as np
+
+    from deabayes.warp import fit_warp
+
+    samples = np.random.default_rng(0).standard_normal((200, 2))
+    warp = fit_warp(samples)
+    assert warp is not None
+    warp.inverse(warp.forward(samples))
 
 
 def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:

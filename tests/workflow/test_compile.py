@@ -19,7 +19,10 @@ from pathlib import Path
 from deabayes import prediction
 from deabayes.pipeline import build_target, read_experiments
 from deabayes.study import load_study
+from deabayes.warp import fit_warp
 
+samples = np.random.default_rng(2).standard_normal((500, 4))
+fit_warp(samples).inverse(fit_warp(samples).forward(samples))
 study, prepared = load_study(Path(sys.argv[1])), Path(sys.argv[2])
 for candidate in study.candidates:
     target = build_target(study, candidate, prepared)
