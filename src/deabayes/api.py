@@ -102,11 +102,15 @@ class Posterior:
         fitted = Fitted.from_tree(self._tree, size, seed)
         experiment = fitted.experiment(channels, response, conditions or {})
         samples = fitted.sample(experiment, np.random.default_rng(seed))
-        dataset = to_dataset(experiment, samples, {
-            "extrapolation": fitted.extrapolation(experiment),
-            "converged": int(fitted.converged),
-            "noise_group": fitted.noise_of(experiment)[0],
-        })
+        dataset = to_dataset(
+            experiment,
+            samples,
+            {
+                "extrapolation": fitted.extrapolation(experiment),
+                "converged": int(fitted.converged),
+                "noise_group": fitted.noise_of(experiment)[0],
+            },
+        )
         return dataset.drop_vars("observed")
 
     def as_prior(self) -> PriorFromPosterior:

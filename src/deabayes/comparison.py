@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 
@@ -54,7 +55,7 @@ def standard_error(terms: FloatArray) -> float:
     return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else float("inf")
 
 
-def block_edges(coordinate: FloatArray, length: float) -> FloatArray:
+def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
     """First index of each block: contiguous stretches at least `length` long.
 
     Blocks of two correlation lengths and more keep a left-out block from being
@@ -67,10 +68,10 @@ def block_edges(coordinate: FloatArray, length: float) -> FloatArray:
             start = value
     if len(edges) > 2 and coordinate[-1] - coordinate[edges[-1]] < length / 2:
         edges.pop()
-    return np.asarray(edges)
+    return np.asarray(edges, dtype=np.intp)
 
 
-def block_terms(pointwise: FloatArray, edges: FloatArray) -> FloatArray:
+def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
     """Sum conditional log densities (S, N) over blocks: (S, B)."""
     return np.add.reduceat(pointwise, edges, axis=1)
 
@@ -165,10 +166,14 @@ def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
     if score is chosen:
         if not unresolved:
             return "chosen: the smallest order the data cannot do without"
-        return f"not resolved by these data against {', '.join(unresolved)}; smallest adequate order"
+        return (
+            f"not resolved by these data against {', '.join(unresolved)}; smallest adequate order"
+        )
     gain, se = elpd_difference(score, chosen)
     evidence = score.log_evidence - chosen.log_evidence
-    figures = f"elpd {gain:+.1f} (SE {se:.1f}), log evidence {evidence:+.1f} against {chosen.candidate}"
+    figures = (
+        f"elpd {gain:+.1f} (SE {se:.1f}), log evidence {evidence:+.1f} against {chosen.candidate}"
+    )
     if score.candidate in unresolved:
         return f"not resolved by these data: {figures}"
     return f"not chosen: {figures}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.files import write_atomically
 from deabayes.proposal import Proposal
 
 
@@ -55,8 +55,6 @@ class Ensemble:
         """Write to a netCDF file that appears complete or not at all."""
         import xarray as xr
 
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         variables: dict[str, Any] = {
             "chain": (("step", "walker", "dimension"), self.chain),
             "log_posterior": (("step", "walker"), self.log_posterior),
@@ -65,9 +63,7 @@ class Ensemble:
             variables[name] = ([f"{name}_{axis}" for axis in range(values.ndim)], values)
         scalars = {name: _plain(getattr(self, name)) for name in _scalars()}
         dataset = xr.Dataset(variables, attrs=scalars)
-        partial = path.with_name(f"{path.name}.partial")
-        dataset.to_netcdf(partial, engine="h5netcdf")
-        os.replace(partial, path)
+        write_atomically(lambda place: dataset.to_netcdf(place, engine="h5netcdf"), path)
 
     @classmethod
     def read(cls, path: Path) -> Ensemble:

@@ -147,7 +147,9 @@ class Fitted:
         excitation, values, coordinate_name, coordinate = self._channels(channels)
         response = response or self.records[0].response_name
         if response not in self.system.responses:
-            raise UserError(f"response {response!r} is unknown{nearest(response, self.system.responses)}")
+            raise UserError(
+                f"response {response!r} is unknown{nearest(response, self.system.responses)}"
+            )
         unit = self.system.excitations[excitation]
         return Experiment(
             name="prediction",

@@ -154,7 +154,9 @@ def summary_table(
     table["converged"] = bool(content.convergence["converged"])
     table["symbol"] = [attributes[name]["symbol"] for name in table.index]
     table["unit"] = [attributes[name]["unit"] for name in table.index]
-    z_variance = dict(zip(target.names, content.z.reshape(-1, target.dimension).var(0), strict=True))
+    z_variance = dict(
+        zip(target.names, content.z.reshape(-1, target.dimension).var(0), strict=True)
+    )
     posterior, prior = quantities(target, theta), quantities(target, prior_theta)
     table["contraction"] = [
         1.0 - z_variance[name] if name in z_variance else _contraction(posterior[name], prior[name])

@@ -115,7 +115,9 @@ def sample_response(
     )
 
 
-def to_dataset(experiment: Experiment, samples: Samples, attributes: Mapping[str, object]) -> xr.Dataset:
+def to_dataset(
+    experiment: Experiment, samples: Samples, attributes: Mapping[str, object]
+) -> xr.Dataset:
     """The bands of one record as they are stored in predictions/{experiment}.nc."""
     dimensions = ("level", "bound", "coordinate")
     unit = {"units": experiment.response_unit}

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from deabayes.comparison import (
     UNRELIABLE_K_HAT,
@@ -53,7 +54,7 @@ class Ranked:
         return draws[np.linspace(0, len(draws) - 1, min(size, len(draws))).astype(int)]
 
 
-def common_blocks(ranked: Sequence[Ranked]) -> dict[str, FloatArray]:
+def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
     """First indices of the blocks of every calibrated record, the same for all candidates.
 
     A block is two correlation times long, by the longest posterior median among
@@ -77,7 +78,7 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, FloatArray]:
     return edges
 
 
-def block_loo(ranked: Ranked, edges: Mapping[str, FloatArray]) -> BlockLoo:
+def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo:
     """Block-LOO of one candidate over all calibrated records."""
     pointwise = ranked.target.pointwise_log_likelihood(ranked.theta(LOO_DRAWS))
     terms = [block_terms(values, edges[name]) for name, values in pointwise.items()]

@@ -124,7 +124,9 @@ def _start(
     rng = np.random.default_rng(stage_seed(seed, START, 0))
     walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
     proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
-    log_posterior, rounds, progress = target(walkers), [], []
+    log_posterior = target(walkers)
+    rounds: list[tuple[FloatArray, FloatArray]] = []
+    progress: list[tuple[float, float, float]] = []
     for number in range(SETTLING_ROUNDS):
         sampler = build_sampler(target, proposal, walkers.shape)
         state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + number))

@@ -75,7 +75,7 @@ def bridge_evidence(
     """
     from scipy.special import logsumexp
 
-    from deabayes.mixture import fit
+    from deabayes.proposal import fit
 
     count, size, _ = ensembles.shape
     estimates = []
@@ -117,7 +117,9 @@ def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
     best = -np.inf
     for start in starts:
         bounds = [(-6.0, 6.0)] * start.size
-        found = minimize(objective, np.clip(start, -6, 6), jac=True, method="L-BFGS-B", bounds=bounds)
+        found = minimize(
+            objective, np.clip(start, -6, 6), jac=True, method="L-BFGS-B", bounds=bounds
+        )
         best = max(best, -float(found.fun))
     return best
 

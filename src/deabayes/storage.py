@@ -12,7 +12,7 @@ import xarray as xr
 
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.files import write_atomically as write_atomically
+from deabayes.files import write_atomically
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:

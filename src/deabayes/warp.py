@@ -10,17 +10,14 @@ acceptance of independence proposals from a few to more than thirty per cent.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.warp_kernels import LIMIT, polynomials, solve
 
-Kernel = Callable[[FloatArray, FloatArray], FloatArray]
-LIMIT = 4.0
-"""Standard deviations beyond which products stay constant: polynomials must not run away."""
 PENALTY = 1e-6
 DRAWS_PER_TERM = 4
 
@@ -53,12 +50,12 @@ class Warp:
     def forward(self, z: FloatArray) -> FloatArray:
         """Straightened coordinates of z (W, d)."""
         y = np.ascontiguousarray((z - self.centre) @ self.axes)
-        return (y - _kernels()[0](y, self.coefficients) - self.offsets) / self.scales
+        return (y - polynomials(y, self.coefficients) - self.offsets) / self.scales
 
     def inverse(self, x: FloatArray) -> FloatArray:
         """The z (W, d) of straightened coordinates x."""
         y = np.ascontiguousarray(x * self.scales + self.offsets)
-        return _kernels()[1](y, self.coefficients) @ self.inverse_axes + self.centre
+        return solve(y, self.coefficients) @ self.inverse_axes + self.centre
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it."""
@@ -68,14 +65,6 @@ class Warp:
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
         """Rebuild from `arrays()`."""
         return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
-
-
-@cache
-def _kernels() -> tuple[Kernel, Kernel]:
-    """The polynomials P (W, d) at y, and y from y - P; compiled when first needed."""
-    from deabayes.warp_kernels import polynomials, solve
-
-    return polynomials, solve
 
 
 def _terms(y: FloatArray, k: int) -> FloatArray:

@@ -6,7 +6,9 @@ import numpy as np
 from numba import njit
 
 from deabayes.experiment import FloatArray
-from deabayes.warp import LIMIT
+
+LIMIT = 4.0
+"""Standard deviations beyond which products stay constant: polynomials must not run away."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from deabayes.checkpoint import (
-    PARTIAL,
     Store,
     random_state_arrays,
     random_state_from,
@@ -27,7 +26,7 @@ def test_missing_damaged_and_partial_files_count_as_absent(tmp_path):
     for length in (0, 10, len(content) // 2, len(content) - 1):
         (tmp_path / "x.npz").write_bytes(content[:length])
         assert read_arrays(tmp_path / "x.npz") is None
-    (tmp_path / ("y.npz" + PARTIAL)).write_bytes(content)
+    (tmp_path / ".y.npz.123.tmp").write_bytes(content)
     assert read_arrays(tmp_path / "y.npz") is None
 
 

@@ -176,5 +176,5 @@ def test_opening_a_posterior_loads_no_sampler_and_no_compiler(results):
 def test_a_file_that_is_no_posterior_is_refused(tmp_path, results):
     with pytest.raises(UserError, match="no such file"):
         deabayes.open_posterior(tmp_path / "posterior.nc")
-    with pytest.raises(UserError, match="no posterior group"):
+    with pytest.raises(UserError, match="holds no posterior"):
         deabayes.open_posterior(results / "prepared" / "creep_1500V.nc")

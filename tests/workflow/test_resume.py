@@ -22,7 +22,9 @@ def log_likelihood(z):
     time.sleep(1e-4)
     return -0.5 * ((z[:, 1] - z[:, 0] ** 2) / 0.05) ** 2
 
-settings = Sampling(ensembles=2, walkers=32, max_steps=1500, particles=128)
+settings = Sampling(
+    ensembles=2, walkers=32, max_steps=1500, particles=128, autocorrelation_times=1000.0
+)
 folder = Path(sys.argv[1])
 seeds = [np.random.SeedSequence([3, index]) for index in range(3)]
 ensembles = [
@@ -93,7 +95,7 @@ def test_killed_while_a_chunk_is_being_written(tmp_path, uninterrupted):
     assert start(tmp_path).wait() == 0
     chain = tmp_path / "ensemble_1" / "chain"
     last = sorted(chain.glob("chunk_*.npz"))[-2]
-    (chain / (last.name + ".partial")).write_bytes(last.read_bytes()[:200])
+    (chain / f".{last.name}.123.tmp").write_bytes(last.read_bytes()[:200])
     last.write_bytes(last.read_bytes()[:1000])
     (tmp_path / "pool" / "refit_1" / "refitted_0.npz").unlink()
     assert start(tmp_path).wait() == 0

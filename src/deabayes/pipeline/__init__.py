@@ -1,0 +1,26 @@
+"""The line from raw records to a report, one function per stage.
+
+The command line and the workflow's rules call these; each reads files, calls
+the layers below and writes files, nothing else.
+"""
+
+from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
+from deabayes.pipeline.judge import compare_candidates, predict_candidate, score_candidate
+from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
+from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
+
+__all__ = [
+    "build_report",
+    "build_target",
+    "compare_candidates",
+    "draw_figures",
+    "export_posterior",
+    "fit_ensemble",
+    "pool_candidate",
+    "predict_candidate",
+    "prepare_study",
+    "read_experiments",
+    "score_candidate",
+    "seed_of",
+    "select_rows",
+]

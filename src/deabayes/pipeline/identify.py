@@ -1,0 +1,115 @@
+"""From prepared records to a posterior: ensembles, each its own job, then all together."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.pipeline.prepare import read_experiments
+from deabayes.study import Study, to_settings
+
+if TYPE_CHECKING:
+    from deabayes.posterior import LogPosterior
+    from deabayes.prior import PriorFromPosterior
+
+
+def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
+    """One explicit stream per (seed, study, candidate, stage, index)."""
+    words = [zlib.crc32(text.encode()) for text in (study.name, candidate, stage)]
+    return np.random.SeedSequence([study.sampling.seed, *words, index])
+
+
+def fit_ensemble(
+    study: Study, candidate: str, prepared: Path, ensemble: int, output: Path, progress: bool
+) -> None:
+    """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
+    from deabayes.sampling import run_ensemble
+
+    target = build_target(study, candidate, prepared)
+    result = run_ensemble(
+        target.log_likelihood_of_normal,
+        target.dimension,
+        study.sampling,
+        seed_of(study, candidate, "ensemble", ensemble),
+        chain_folder(study, candidate, prepared, output.parent.parent) / f"ensemble_{ensemble}",
+        progress,
+    )
+    result.write(output)
+
+
+def pool_candidate(
+    study: Study,
+    candidate: str,
+    prepared: Path,
+    ensembles: Sequence[Path],
+    output: Path,
+    summary: Path,
+    progress: bool,
+) -> None:
+    """Judge the ensembles together and sample on if a gate fails: posterior.nc, summary.csv.
+
+    The checkpoints are removed once both files are written.
+    """
+    from deabayes import sampling
+    from deabayes.ensemble import Ensemble
+    from deabayes.files import write_atomically
+    from deabayes.posterior_file import PosteriorContent, posterior_tree, quantities
+    from deabayes.storage import write_tree
+
+    target = build_target(study, candidate, prepared)
+    pooled = sampling.pool(
+        target.log_likelihood_of_normal,
+        [Ensemble.read(path) for path in ensembles],
+        study.sampling,
+        seed_of(study, candidate, "pool"),
+        chain_folder(study, candidate, prepared, output.parent) / "pool",
+        progress,
+        quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
+    )
+    content = PosteriorContent.of(
+        study, candidate, target, pooled, seed_of(study, candidate, "prior")
+    )
+    tree = posterior_tree(content)
+    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
+    write_tree(tree, output)
+    write_atomically(lambda path: table.to_csv(path), summary)
+    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
+
+
+def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
+    """The log-posterior of a candidate over a study's prepared records."""
+    from deabayes.posterior import build
+    from deabayes.reading.specimen import read_specimen
+
+    specimen = read_specimen(study.specimen)
+    return build(study, candidate, specimen, read_experiments(prepared), inherited_prior(study))
+
+
+def inherited_prior(study: Study) -> PriorFromPosterior | None:
+    """The posterior that `prior_from` names, as a prior."""
+    from deabayes.api import open_posterior
+
+    return None if study.prior_from is None else open_posterior(study.prior_from).as_prior()
+
+
+def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
+    """Where a candidate's checkpoints live.
+
+    Keyed by data, settings and code, so that stale ones are never resumed.
+    """
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(candidate.encode())
+    settings = json.dumps(to_settings(study), sort_keys=True, default=str)
+    digest.update(settings.encode())
+    above = {"figures", "report", "export"}
+    for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:
+        if path.parent.name not in above:
+            digest.update(path.read_bytes())
+    return results / ".chain" / digest.hexdigest()[:16]

@@ -1,0 +1,96 @@
+"""From posteriors to scores, predictions, errors and the comparison of candidates."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from deabayes.files import write_atomically, write_text_atomically
+from deabayes.pipeline.identify import build_target, seed_of
+from deabayes.pipeline.prepare import read_experiments
+
+PREDICTION_DRAWS = 1000
+ANNEALED_DRAWS = 512
+
+
+def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
+    """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
+    from deabayes import scoring
+    from deabayes.storage import read_tree
+    from deabayes.study import from_settings
+
+    tree = read_tree(posterior)
+    study = from_settings(json.loads(tree.attrs["study"]))
+    candidate = tree.attrs["candidate"]
+    target = build_target(study, candidate, prepared)
+    z = tree["unconstrained_posterior"]["z"].values
+    ess = float(tree["summary"]["ess_bulk"].min()) / z.shape[0]
+    evidence = scoring.bridge_evidence(
+        target, z, ess, seed_of(study, candidate, "evidence"), components=4
+    )
+    flat = z.reshape(-1, z.shape[2])
+    best = flat[np.argsort(tree["sample_stats"]["lp"].values.reshape(-1))[-3:]]
+    maximum = scoring.maximum_log_likelihood(target, best)
+    points = sum(r.experiment.coordinate.size for r in target.records)
+    thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
+    left_out = scoring.leave_one_experiment_out(
+        target, thinned, seed_of(study, candidate, "leave one experiment out")
+    )
+    content = {
+        "log_evidence": evidence.log_evidence,
+        "log_evidence_mcse": evidence.mcse,
+        "log_evidence_estimates": evidence.estimates,
+        "maximum_log_likelihood": maximum,
+        "bic": target.dimension * float(np.log(points)) - 2.0 * maximum,
+        "elpd_leave_one_experiment_out": sum(left_out.values()) if left_out else float("nan"),
+        "left_out": left_out,
+    }
+    write_text_atomically(json.dumps(content, indent=1), output)
+
+
+def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Path) -> None:
+    """Predict every record of the study; write predictions/{experiment}.nc and errors.csv."""
+    import pandas as pd
+
+    from deabayes.errors_table import error_row
+    from deabayes.fitted import Fitted
+    from deabayes.prediction import to_dataset
+    from deabayes.storage import read_tree, write_dataset
+
+    tree = read_tree(posterior)
+    fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
+    rows = []
+    for index, experiment in enumerate(read_experiments(prepared)):
+        rng = np.random.default_rng([1, index])
+        samples = fitted.sample(experiment, rng)
+        flags = fitted.extrapolation(experiment)
+        attributes = {
+            "extrapolation": flags,
+            "converged": int(fitted.converged),
+            "noise_group": fitted.noise_of(experiment)[0],
+            "candidate": fitted.candidate,
+        }
+        write_dataset(to_dataset(experiment, samples, attributes), output / f"{experiment.name}.nc")
+        rows.append(error_row(experiment, samples, flags))
+    table = pd.DataFrame(rows).sort_values(["role", "protocol", "experiment"])
+    write_atomically(lambda path: table.to_csv(path, index=False), errors)
+
+
+def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path) -> None:
+    """Rank the candidates of a study: comparison.csv."""
+    from deabayes.ranking import Ranked, comparison_table
+    from deabayes.storage import read_tree
+    from deabayes.study import from_settings
+
+    ranked = []
+    for posterior in posteriors:
+        tree = read_tree(posterior)
+        study = from_settings(json.loads(tree.attrs["study"]))
+        target = build_target(study, tree.attrs["candidate"], prepared)
+        scores = json.loads(posterior.with_name("scores.json").read_text())
+        ranked.append(Ranked(tree, target, scores))
+    table = comparison_table(ranked)
+    write_atomically(lambda path: table.to_csv(path, index=False), output)

@@ -1,0 +1,76 @@
+"""From raw records to prepared ones, with the roles a study gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from deabayes.experiment import Experiment
+from deabayes.faults import UserError, nearest
+from deabayes.reading.raw import ExperimentRow
+from deabayes.study import Study
+
+
+def prepare_study(study: Study, output: Path) -> list[Experiment]:
+    """Read, check and prepare every record of a study into `output/{experiment}.nc`."""
+    from deabayes.preparation import prepare
+    from deabayes.preparation.prepared import write_prepared
+    from deabayes.reading.folder import read_folder
+
+    folder = read_folder(study.specimen, study.data_root)
+    rows = select_rows(study, folder.table)
+    output.mkdir(parents=True, exist_ok=True)
+    experiments = []
+    for row in rows:
+        raw = folder.record(row)
+        experiment = prepare(row, raw, folder.specimen, study.preparation.get(row.protocol))
+        unseen = [w for w in folder.warnings(row) if w not in experiment.warnings]
+        experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
+        write_prepared(experiment, output / f"{experiment.name}.nc", raw)
+        experiments.append(experiment)
+    return experiments
+
+
+def read_experiments(prepared: Path) -> list[Experiment]:
+    """All prepared records of a study, by name."""
+    from deabayes.preparation.prepared import read_prepared
+
+    paths = sorted(Path(prepared).glob("*.nc"))
+    if not paths:
+        raise UserError(f"{prepared}: holds no prepared record; run `deabayes prepare` first")
+    return [read_prepared(path) for path in paths]
+
+
+def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
+    """The rows a study uses, with the roles the study gives them.
+
+    `calibrate` and `validate` of the study override the role column; `select`
+    keeps the rows whose metadata column has the wanted value.
+    """
+    kept = [
+        row
+        for row in rows
+        if all(str(row.metadata.get(column)) == value for column, value in study.select.items())
+    ]
+    known = [row.name for row in kept]
+    for key, names in (("calibrate", study.calibrate), ("validate", study.validate)):
+        for name in names or ():
+            if name not in known:
+                raise UserError(
+                    f"study {study.name}, {key}: {name!r} is no experiment of "
+                    f"{study.specimen}{nearest(name, known)}"
+                )
+    calibrate = study.calibrate or [row.name for row in kept if row.role == "calibrate"]
+    validate = study.validate or [row.name for row in kept if row.role == "validate"]
+    if not calibrate:
+        raise UserError(
+            f"study {study.name}: {study.specimen} has no record to calibrate on; give one the "
+            "role `calibrate` in experiments.csv, or list names under `calibrate:`"
+        )
+    chosen = [replace(row, role="calibrate") for row in kept if row.name in calibrate]
+    return chosen + [
+        replace(row, role="validate")
+        for row in kept
+        if row.name in validate and row.name not in calibrate
+    ]

@@ -1,0 +1,30 @@
+"""From results to what people look at: figures, the report, other programs' formats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def draw_figures(results: Path, output: Path) -> None:
+    """Draw every registered figure of a study."""
+    from deabayes.figures import save_all
+
+    save_all(results, output)
+
+
+def build_report(
+    folders: Sequence[Path], output: Path, tables: Path, left_out: Sequence[str]
+) -> None:
+    """Build the report page and its tables."""
+    from deabayes.report import build
+
+    build(folders, output, tables, left_out)
+
+
+def export_posterior(posterior: Path, to: str, output: Path) -> None:
+    """Write a posterior's draws in another program's format."""
+    from deabayes.export import export
+    from deabayes.storage import read_tree
+
+    export(read_tree(posterior), to, output)
