@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from deabayes.distributions import Distribution
 
@@ -20,8 +21,11 @@ class Parameter:
     source : where the default prior comes from.
     ordered : name of the group whose members ascend with a minimum ratio or
         distance (`tau_beta`); members of one group share one prior.
-    sign_of : name of a parameter whose sign this one takes (Ogden: mu_i alpha_i > 0);
-        the prior is then that of the absolute value.
+    ordered_from : the end that the data determine best, from which the group's sampling
+        coordinates are built; the prior is the same either way.
+    half_product_with : name of another parameter; the prior is then that of half the
+        product of the two, which is positive (Ogden: mu_i alpha_i / 2, the term's share
+        of the shear modulus).
     """
 
     name: str
@@ -31,4 +35,5 @@ class Parameter:
     prior: Distribution
     source: str
     ordered: str | None = None
-    sign_of: str | None = None
+    ordered_from: Literal["smallest", "largest"] = "smallest"
+    half_product_with: str | None = None

@@ -30,7 +30,7 @@ class Prior:
 
     Independent parameters take their quantile transform; members of an ordered
     group are order statistics with a minimum ratio (see `Ordered`); a parameter
-    with `sign_of` has its prior on its absolute value; parameters inherited from
+    with `half_product_with` has its prior on half that product; parameters inherited from
     another posterior are correlated (see `PosteriorBlock`).
 
     Parameters
@@ -65,7 +65,7 @@ class Prior:
         given = minimum_ratio if isinstance(minimum_ratio, Mapping) else {}
         default = MINIMUM_RATIO if isinstance(minimum_ratio, Mapping) else minimum_ratio
         self.minimum_ratios = {group: given.get(group, default) for group in self._members}
-        self._signs = self._sign_columns()
+        self._half_products = self._product_columns()
         self._blocks = self._build_blocks()
         self._inherited_columns = [[self._column[n] for n in b.names] for b in self.inherited]
 
@@ -144,8 +144,10 @@ class Prior:
     def log_density(self, theta: FloatArray) -> FloatArray:
         """log p(theta), (W,), normalised; -inf outside the support."""
         theta = np.asarray(theta, dtype=float)
-        magnitudes = self._without_signs(theta)
-        total = np.zeros(len(theta))
+        factors = self._products(theta)
+        magnitudes = theta * factors
+        with np.errstate(divide="ignore"):
+            total = np.sum(np.log(np.abs(factors)), axis=1)
         for block in self._blocks:
             total += block.log_density(magnitudes[:, block.columns])
         if self.inherited:
@@ -162,8 +164,8 @@ class Prior:
         """The prior of one parameter in words, for tables."""
         parameter = self.parameters[self._column[name]]
         text = parameter.prior.describe()
-        if parameter.sign_of is not None:
-            text = f"absolute value {text}, sign of {parameter.sign_of}"
+        if parameter.half_product_with is not None:
+            text = f"half of {name} {parameter.half_product_with}: {text}"
         if parameter.ordered is not None and len(self._members[parameter.ordered]) > 1:
             ratio = self.minimum_ratios[parameter.ordered]
             block = next(b for b in self._blocks if self._column[name] in b.columns)
@@ -184,7 +186,9 @@ class Prior:
             prior = self.parameters[members[0]].prior
             if any(self.parameters[k].prior != prior for k in members):
                 raise ValueError(f"the members of ordered group {group} must share one prior")
-            blocks.append(Ordered.of(group, tuple(members), prior, self.minimum_ratios[group]))
+            from_largest = self.parameters[members[0]].ordered_from == "largest"
+            ratio = self.minimum_ratios[group]
+            blocks.append(Ordered.of(group, tuple(members), prior, ratio, from_largest))
         free = [(k, p.prior) for k, p in enumerate(self.parameters) if p.ordered is None]
         normals = [(k, d) for k, d in free if isinstance(d, LogNormal)]
         if normals:
@@ -195,45 +199,44 @@ class Prior:
             blocks.append(Independent(*zip(*others, strict=True)))
         return tuple(blocks)
 
-    def _sign_columns(self) -> list[tuple[int, int]]:
-        """(parameter, parameter whose sign it takes), as columns."""
+    def _product_columns(self) -> list[tuple[int, int]]:
+        """(parameter, parameter whose half product with it has the prior), as columns."""
         columns = []
         for k, parameter in enumerate(self.parameters):
-            if parameter.sign_of is None:
+            other = parameter.half_product_with
+            if other is None:
                 continue
-            if parameter.sign_of not in self._column:
-                raise ValueError(f"{parameter.name}: sign_of {parameter.sign_of} is no parameter")
+            if other not in self._column:
+                raise ValueError(f"{parameter.name}: half_product_with {other} is no parameter")
             if parameter.prior.support[0] < 0.0:
                 raise UserError(
-                    f"prior of {parameter.name}: it is on the absolute value (the sign is that of "
-                    f"{parameter.sign_of}), so it must not reach below 0: "
-                    f"{parameter.prior.describe()}"
+                    f"prior of {parameter.name}: it is that of half of {parameter.name} {other}, "
+                    f"which is positive, so it must not reach below 0: {parameter.prior.describe()}"
                 )
-            columns.append((k, self._column[parameter.sign_of]))
+            columns.append((k, self._column[other]))
         return columns
 
     def _from_default(self, z: FloatArray) -> FloatArray:
         theta = np.empty_like(z, dtype=float)
         for block in self._blocks:
             theta[:, block.columns] = block.to_parameters(z[:, block.columns])
-        for k, source in self._signs:
-            theta[:, k] *= np.where(theta[:, source] < 0.0, -1.0, 1.0)
-        return theta
+        with np.errstate(divide="ignore"):
+            return theta / self._products(theta)
 
     def _to_default(self, theta: FloatArray) -> FloatArray:
-        theta = self._without_signs(np.asarray(theta, dtype=float))
+        theta = np.asarray(theta, dtype=float)
+        theta = theta * self._products(theta)
         z = np.empty_like(theta)
         for block in self._blocks:
             z[:, block.columns] = block.to_normal(theta[:, block.columns])
         return z
 
-    def _without_signs(self, theta: FloatArray) -> FloatArray:
-        if not self._signs:
-            return theta
-        theta = theta.copy()
-        for k, source in self._signs:
-            theta[:, k] *= np.where(theta[:, source] < 0.0, -1.0, 1.0)
-        return theta
+    def _products(self, theta: FloatArray) -> FloatArray:
+        """What theta (W, d) is multiplied by to carry the prior: half the other, or 1."""
+        factors = np.ones_like(theta)
+        for k, other in self._half_products:
+            factors[:, k] = 0.5 * theta[:, other]
+        return factors
 
     def _mixed(self, z: FloatArray, method: str) -> FloatArray:
         """z with `colour` or `whiten` applied to the inherited columns."""

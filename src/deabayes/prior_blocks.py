@@ -103,18 +103,26 @@ class Ordered:
     one the median is divided by ratio^{(n-1)/2}, which spreads the sorted draws
     about it. Other priors are ordered only (ratio 1).
 
-    Made from the smallest upwards, z_k depends on theta_1 .. theta_k only: the
+    Made so from the smallest upwards, z_k depends on theta_1 .. theta_k only: the
     slowest time constant, which a record of finite length determines least, does
-    not bend the coordinates of the others.
+    not bend the coordinates of the others. With `from_largest` the order
+    statistics are those of the reflected uniforms, and z_k depends on theta_k ..
+    theta_n: for exponents, of which the largest is determined best.
     """
 
     columns: tuple[int, ...]
     reduced: Distribution
     factors: FloatArray
+    from_largest: bool = False
 
     @classmethod
     def of(
-        cls, name: str, columns: tuple[int, ...], prior: Distribution, minimum_ratio: float
+        cls,
+        name: str,
+        columns: tuple[int, ...],
+        prior: Distribution,
+        minimum_ratio: float,
+        from_largest: bool = False,
     ) -> Ordered:
         """The block of group `name`.
 
@@ -137,8 +145,9 @@ class Ordered:
         elif isinstance(prior, LogNormal):
             reduced = replace(prior, median=prior.median / math.sqrt(span))
         else:
-            return cls(columns, prior, np.ones(size))
-        return cls(columns, reduced, np.asarray(minimum_ratio ** np.arange(size), dtype=np.float64))
+            return cls(columns, prior, np.ones(size), from_largest)
+        factors = np.asarray(minimum_ratio ** np.arange(size), dtype=np.float64)
+        return cls(columns, reduced, factors, from_largest)
 
     @property
     def _powers(self) -> FloatArray:
@@ -147,20 +156,24 @@ class Ordered:
     def to_parameters(self, z: FloatArray) -> FloatArray:
         from scipy.special import log_ndtr, ndtri_exp
 
-        log_survivals = np.cumsum(log_ndtr(-z) / self._powers, axis=1)
+        log_survivals = np.cumsum(log_ndtr(-self._reflected(z)) / self._powers, axis=1)
         scores = np.clip(-ndtri_exp(log_survivals), -LARGEST_SCORE, LARGEST_SCORE)
-        return self.factors * self.reduced.from_normal(scores)
+        return self.factors * self.reduced.from_normal(self._reflected(scores))
 
     def to_normal(self, theta: FloatArray) -> FloatArray:
         from scipy.special import log_ndtr, ndtri_exp
 
         values, ascending = self._sorted_values(theta)
-        log_survivals = log_ndtr(-self.reduced.to_normal(values))
+        log_survivals = log_ndtr(-self._reflected(self.reduced.to_normal(values)))
         before = np.concatenate([np.zeros((len(theta), 1)), log_survivals[:, :-1]], axis=1)
         log_steps = log_survivals - before
         tied = log_ndtr(UNRESOLVED_SCORE)
         z = -ndtri_exp(np.where(log_steps >= 0.0, tied, log_steps * self._powers))
-        return np.where(ascending[:, None], z, np.nan)
+        return np.where(ascending[:, None], self._reflected(z), np.nan)
+
+    def _reflected(self, scores: FloatArray) -> FloatArray:
+        """Scores (W, n) as they are, or mirrored end to end when built from the largest."""
+        return -scores[:, ::-1] if self.from_largest else scores
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         values, ascending = self._sorted_values(theta)

@@ -70,10 +70,11 @@ def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) ->
                 f"prior_from: it lacks {', '.join(missing)} of the ordered {parameter.ordered}; "
                 "take the posterior of a candidate of the same order"
             )
-        if parameter.name in names and parameter.sign_of and parameter.sign_of not in names:
+        other = parameter.half_product_with
+        if parameter.name in names and other and other not in names:
             raise UserError(
-                f"prior_from: it has {parameter.name} but not {parameter.sign_of}, whose sign it "
-                "takes; keep both"
+                f"prior_from: it has {parameter.name} but not {other}, with which it makes the "
+                "quantity that has the prior; keep both"
             )
 
 

@@ -16,14 +16,18 @@ def parameter(name, prior, unit="1", **kwargs):
     return Parameter(name, name, unit, "", prior, "test", **kwargs)
 
 
-def ordered(group, prior, size=3, unit="s"):
-    return tuple(parameter(f"{group}_{k}", prior, unit, ordered=group) for k in range(1, size + 1))
+def ordered(group, prior, size=3, unit="s", **kwargs):
+    numbers = range(1, size + 1)
+    return tuple(parameter(f"{group}_{k}", prior, unit, ordered=group, **kwargs) for k in numbers)
 
 
 TAU = ordered("tau", LogUniform(0.01, 1000.0))
-ALPHA = ordered("alpha", Uniform(-5.0, 10.0), unit="1")
+ALPHA = ordered("alpha", Uniform(-5.0, 10.0), unit="1", ordered_from="largest")
 RELAXATION = ordered("relaxation", LogNormal(10.0, 1.5), size=2)
-MU = tuple(parameter(f"mu_{k}", LogNormal(5e4, 1.0), "Pa", sign_of=f"alpha_{k}") for k in (1, 2, 3))
+MU = tuple(
+    parameter(f"mu_{k}", LogNormal(5e4, 1.0), "Pa", half_product_with=f"alpha_{k}")
+    for k in (1, 2, 3)
+)
 FREE = (
     parameter("thickness", TruncatedNormal(1e-4, 1e-5, 0.0), "m"),
     parameter("zeta_alpha", LogNormal(1e3, 2.0), "Pa s"),
@@ -154,7 +158,7 @@ def test_outside_the_support():
     assert np.all(np.isnan(prior.to_normal(wrong)).any(axis=1))
 
 
-def test_sign_follows_the_exponent():
+def test_half_product_is_positive_whatever_the_exponent():
     prior = Prior((*MU, *ALPHA))
     theta = prior.sample(np.random.default_rng(8), 500)
     assert np.all(theta[:, :3] * theta[:, 3:] > 0.0)
@@ -234,7 +238,7 @@ class TestOverrides:
         assert "minimum_ratio is for ordered groups" in text
         assert "priors.thickness: expected a mapping" in text
 
-    def test_a_prior_below_zero_cannot_take_a_sign(self):
+    def test_a_half_product_prior_cannot_reach_below_zero(self):
         settings = {"mu_1": {"distribution": "normal", "mean": 0, "sd": 1}}
         with pytest.raises(UserError, match="must not reach below 0"):
             Prior.from_parameters((*MU, *ALPHA), settings)
@@ -301,5 +305,5 @@ def test_described_in_words(prior):
     assert prior.describe("tau_1") == (
         "log-uniform, lower 0.01, upper 1000, ascending at least a factor 2 apart (tau)"
     )
-    assert "sign of alpha_1" in prior.describe("mu_1")
+    assert "half of mu_1 alpha_1" in prior.describe("mu_1")
     assert "factor" not in prior.describe("alpha_1")

@@ -16,10 +16,10 @@ from deabayes.springs.base import (
     column,
 )
 
-COEFFICIENT_SIGMA = 2.5
-COEFFICIENT_SOURCE = (
-    "wide: published terms span 1.2 kPa to 0.63 MPa (Ogden 1972 for Treloar's rubber: 630, 1.2, "
-    "-10 kPa) and 3.45 to 634 kPa (minimum-energy structure 2019, Table 3)"
+SHARE_SIGMA = 2.0
+SHARE_SOURCE = (
+    "prior of mu_i alpha_i / 2, the term's share of the shear modulus: 3 to 410 kPa in Ogden's "
+    "(1972) fit of Treloar's rubber, 6 to 105 kPa in the minimum-energy structure's (2019, Table 3)"
 )
 EXPONENT_BOUNDS = (-5.0, 10.0)
 EXPONENT_SOURCE = (
@@ -49,7 +49,7 @@ class Ogden(Spring):
     def parameters(
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
-        """`mu_1..N` [Pa] (sign of alpha_i), then `alpha_1..N`, ascending."""
+        """`mu_1..N` [Pa] (mu_i alpha_i > 0), then `alpha_1..N`, ascending."""
         numbers = range(1, terms + 1)
         coefficients = tuple(
             Parameter(
@@ -57,9 +57,9 @@ class Ogden(Spring):
                 symbol=rf"\mu_{i}",
                 unit="Pa",
                 description=f"coefficient of Ogden term {i}",
-                prior=LogNormal(modulus_median, COEFFICIENT_SIGMA),
-                source=COEFFICIENT_SOURCE,
-                sign_of=f"alpha_{i}",
+                prior=LogNormal(modulus_median, SHARE_SIGMA),
+                source=SHARE_SOURCE,
+                half_product_with=f"alpha_{i}",
             )
             for i in numbers
         )
@@ -72,6 +72,7 @@ class Ogden(Spring):
                 prior=Uniform(*EXPONENT_BOUNDS),
                 source=EXPONENT_SOURCE,
                 ordered="alpha",
+                ordered_from="largest",
             )
             for i in numbers
         )
@@ -85,7 +86,7 @@ class Ogden(Spring):
         stress = np.zeros(np.broadcast_shapes(column(draws["mu_1"]).shape, log_first.shape))
         for i in range(1, count_terms(draws) + 1):
             exponent = column(draws[f"alpha_{i}"])
-            powers = np.exp(exponent * log_first) - np.exp(exponent * log_third)
+            powers = np.expm1(exponent * log_first) - np.expm1(exponent * log_third)
             stress += column(draws[f"mu_{i}"]) * powers
         return stress
 
