@@ -30,8 +30,8 @@ VISCOSITY_SOURCE = (
 TIME = LogUniform(1.0, 5000.0)
 TIME_SOURCE = (
     "relaxation times 1.5 tau of 1.5 to 7500 s at pre-stretch 3, from the time of dashpot alpha "
-    "to creep that is all but straight over a 600 s record; Nguyen et al. 2021: 6/50/125 s (step) and 69/97.5/450 s "
-    "(alternating); VHB 4910 elsewhere 0.6-500 s"
+    "to creep that is all but straight over a 600 s record; Nguyen et al. 2021: 6/50/125 s "
+    "(step) and 69/97.5/450 s (alternating); VHB 4910 elsewhere 0.6-500 s"
 )
 
 
