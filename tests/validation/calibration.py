@@ -109,7 +109,7 @@ def replicate(task: tuple[str, int]) -> dict[str, object]:
     stream = np.random.SeedSequence([SEED, zlib.crc32(candidate.encode()), index])
     data_stream, fit_stream, pick_stream = stream.spawn(3)
     truth, conditioned = simulate(target, np.random.default_rng(data_stream))
-    settings = Sampling(ensembles=1, walkers=64, particles=512, max_steps=4000)
+    settings = Sampling(ensembles=1, walkers=32, particles=256, max_steps=4000)
     ensemble = run_ensemble(
         conditioned.log_likelihood_of_normal, target.dimension, settings, fit_stream
     )
