@@ -65,6 +65,7 @@ docs: $(READY)  ## the documentation, in site/
 validate: $(READY)  ## simulation-based calibration, long; figures go to docs/validation
 	@$(BIN)/python -m tests.validation.calibration voigt_kelvin_2 --replicates $(REPLICATES)
 	@$(BIN)/python -m tests.validation.calibration kv_gm_1 --replicates $(REPLICATES)
+	@$(BIN)/python -m tests.validation.summary
 
 data: $(READY)  ## download the public data sets, checked by SHA-256
 	@$(BIN)/deabayes data
