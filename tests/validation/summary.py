@@ -54,7 +54,13 @@ def draw(candidate: str, replicates: pd.DataFrame, path: Path) -> None:
     rows = -(-len(names) // columns)
     with style.applied():
         figure, axes = plt.subplots(
-            rows, columns, figsize=(7.2, 1.6 * rows + 0.7), sharex=True, sharey=True, squeeze=False
+            rows,
+            columns,
+            figsize=(7.2, 1.6 * rows + 0.9),
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
         )
         for axis in axes.flat[len(names) :]:
             axis.set_visible(False)
@@ -77,11 +83,12 @@ def draw(candidate: str, replicates: pd.DataFrame, path: Path) -> None:
             axis.set_title(name, fontsize=8)
         figure.supxlabel("rank / number of draws", fontsize=8)
         figure.supylabel("ECDF of ranks - uniform", fontsize=8)
+        figure.suptitle(f"{candidate}: {len(replicates)} simulated data sets", fontsize=9)
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=8, frameon=False)
-        figure.suptitle(f"{candidate}: {len(replicates)} simulated data sets", y=1.04, fontsize=9)
-        figure.tight_layout(rect=(0, 0, 1, 0.95))
-        figure.savefig(path, dpi=160, bbox_inches="tight")
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False
+        )
+        figure.savefig(path, dpi=160)
         plt.close(figure)
 
 
