@@ -127,7 +127,8 @@ def replicate(task: tuple[str, int]) -> dict[str, object]:
     picked = flat[rng.choice(len(flat), RANKS, replace=False)]
     narrow = flat.mean(0) + NARROW * (picked - flat.mean(0))
     low, high = np.quantile(flat, [0.05, 0.95], axis=0)
-    row: dict[str, object] = {"replicate": index, "steps": ensemble.steps, "enough": int(ensemble.enough)}
+    row: dict[str, object] = {"replicate": index, "steps": ensemble.steps}
+    row["enough"] = int(ensemble.enough)
     for column, name in enumerate(target.names):
         row[name] = int(np.sum(picked[:, column] < truth[column]))
         row[f"narrow:{name}"] = int(np.sum(narrow[:, column] < truth[column]))

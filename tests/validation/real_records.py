@@ -1,6 +1,6 @@
 """The table docs/validation/real_records.csv from the results of the studies on real records.
 
-    DEABAYES_DATA=... make && python -m tests.validation.real_records results
+DEABAYES_DATA=... make && python -m tests.validation.real_records results
 """
 
 from __future__ import annotations
