@@ -13,6 +13,7 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
+from deabayes.posterior import noise_coordinate
 from deabayes.prediction import Calibrated, Samples, sample_response
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
@@ -68,6 +69,7 @@ class Fitted:
     system: System
     noise: NoiseModel
     relative_noise: bool
+    noise_along: str
     draws: Mapping[str, FloatArray]
     records: tuple[CalibratedRecord, ...]
     converged: bool
@@ -76,6 +78,7 @@ class Fitted:
     def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
         """Rebuild from a posterior file; `size` draws are picked at random, all by default."""
         specimen = specimen_from_json(tree.attrs["specimen"])
+        settings = json.loads(tree.attrs["study"])
         group = tree["posterior"]
         names = [str(n) for n, v in group.data_vars.items() if v.attrs["kind"] != "derived"]
         draws = {name: stacked(group, name) for name in names}
@@ -89,7 +92,8 @@ class Fitted:
             specimen,
             build_system(specimen.system, tree.attrs["candidate"], specimen),
             NOISE_MODELS[tree.attrs["noise"]](),
-            json.loads(tree.attrs["study"]).get("noise_scale", "absolute") == "range",
+            settings.get("noise_scale", "absolute") == "range",
+            settings.get("noise_coordinate", "record"),
             draws,
             tuple(CalibratedRecord(**r) for r in json.loads(tree.attrs["experiments"])),
             json.loads(tree.attrs["convergence"])["converged"],
@@ -128,7 +132,14 @@ class Fitted:
         prefix = f"{group}."
         noise_draws = {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
         return sample_response(
-            self.system, self.noise, self.draws, noise_draws, experiment, scale, rng
+            self.system,
+            self.noise,
+            self.draws,
+            noise_draws,
+            experiment,
+            scale,
+            noise_coordinate(self.noise_along, experiment),
+            rng,
         )
 
     def extrapolation(self, experiment: Experiment) -> str:

@@ -7,14 +7,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.distributions import LogNormal
+from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.parameter import Parameter
 from deabayes.prior import Prior
+from deabayes.reading.instruments import instrument
 from deabayes.study import Study
 from deabayes.systems import build as build_system
 from deabayes.systems.base import Simulator, System
+
+SENSOR_NOISE_SIGMA = 0.4
+"""Of the logarithm: a stated sensor noise is known to a factor of about two."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,7 @@ class Record:
     simulate: Simulator
     group: str
     scale: float
+    noise_coordinate: FloatArray
 
     @property
     def weights(self) -> FloatArray:
@@ -126,7 +132,7 @@ class LogPosterior:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         experiment = record.experiment
         residuals = (experiment.response - record.simulate(draws)) / record.scale
-        return residuals, experiment.coordinate, record.weights
+        return residuals, record.noise_coordinate, record.weights
 
 
 def log_standard_normal(z: FloatArray) -> FloatArray:
@@ -139,15 +145,31 @@ def noise_group(study: Study, experiment: Experiment) -> str:
     return experiment.protocol if study.noise_groups == "protocol" else experiment.name
 
 
+def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
+    """Along what a record's noise is correlated, (N,).
+
+    The record's own coordinate, or the number of the point on the likelihood's grid:
+    where that grid is fine at first and coarse later, so is the error of a model with
+    a few relaxation times, and a correlation time in seconds suits neither end.
+    """
+    if along == "grid":
+        return np.arange(experiment.coordinate.size, dtype=float)
+    return experiment.coordinate
+
+
 def record_scale(study: Study, response_range: float) -> float:
     """What residuals are divided by: the response's range, or 1."""
     return response_range if study.noise_scale == "range" else 1.0
 
 
 def noise_parameters(
-    study: Study, noise: NoiseModel, experiments: Sequence[Experiment]
+    study: Study, noise: NoiseModel, experiments: Sequence[Experiment], specimen: Specimen
 ) -> tuple[Parameter, ...]:
-    """The noise parameters of every group, prefixed by the group's name."""
+    """The noise parameters of every group, prefixed by the group's name.
+
+    Where specimen.yaml states the sensor's noise, it is the median of the white
+    noise's prior, known to a factor of about two.
+    """
     groups: dict[str, list[Experiment]] = {}
     for experiment in experiments:
         groups.setdefault(noise_group(study, experiment), []).append(experiment)
@@ -156,12 +178,24 @@ def noise_parameters(
         relative = study.noise_scale == "range"
         unit = "1" if relative else members[0].response_unit
         scale = 1.0 if relative else float(np.mean([m.response_range for m in members]))
-        span = float(np.median([np.ptp(m.coordinate) for m in members]))
+        along = [noise_coordinate(study.noise_coordinate, m) for m in members]
+        span = float(np.median([np.ptp(coordinate) for coordinate in along]))
+        coordinate_unit = "1" if study.noise_coordinate == "grid" else members[0].coordinate_unit
+        sensor = instrument(specimen, "noise", members[0].response_name, members[0].response_unit)
+        ranges = float(np.mean([m.response_range for m in members])) if relative else 1.0
         parameters += [
-            replace(p, name=f"{group}.{p.name}")
-            for p in noise.parameters(unit, scale, span, members[0].coordinate_unit)
+            replace(_of_sensor(p, sensor, ranges), name=f"{group}.{p.name}")
+            for p in noise.parameters(unit, scale, span, coordinate_unit)
         ]
     return tuple(parameters)
+
+
+def _of_sensor(parameter: Parameter, sensor: Quantity | None, scale: float) -> Parameter:
+    """The white noise's parameter with the sensor's stated noise as its prior."""
+    if sensor is None or parameter.name != "sigma_white":
+        return parameter
+    prior = LogNormal(sensor.value / scale, SENSOR_NOISE_SIGMA)
+    return replace(parameter, prior=prior, source="noise of the sensor in specimen.yaml")
 
 
 def build(
@@ -188,10 +222,11 @@ def build(
             system.simulator(e.excitation, e.coordinate, e.response_name),
             noise_group(study, e),
             record_scale(study, e.response_range),
+            noise_coordinate(study.noise_coordinate, e),
         )
         for e in calibrate
     )
-    parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate))
+    parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, specimen))
     others = (
         parameter.name
         for other in study.candidates

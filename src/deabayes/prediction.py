@@ -80,6 +80,7 @@ def sample_response(
     noise_draws: Draws,
     experiment: Experiment,
     scale: float | None,
+    along: FloatArray,
     rng: np.random.Generator,
 ) -> Samples:
     """Sample what one record may read under the posterior.
@@ -90,6 +91,7 @@ def sample_response(
         taken to have, without prefix.
     scale : what the noise is relative to; None takes each draw's own predicted
         range, since a new record's range is not known beforehand.
+    along : (N,) the coordinate along which the noise is correlated.
     """
     mean = system.predict(
         experiment.excitation, experiment.coordinate, experiment.response_name, draws
@@ -99,11 +101,11 @@ def sample_response(
     noise_draws = {name: values[kept] for name, values in noise_draws.items()}
     scales = np.ptp(mean, axis=1) if scale is None else np.full(mean.shape[0], scale)
     weights = 1.0 / experiment.samples_averaged
-    discrepancy, white = noise.sample(rng, experiment.coordinate, weights, noise_draws)
+    discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     log_density = None
     if np.all(np.isfinite(experiment.response)):
         residuals = (experiment.response - mean) / scales[:, None]
-        log_density = noise.log_prob(residuals, experiment.coordinate, weights, noise_draws)
+        log_density = noise.log_prob(residuals, along, weights, noise_draws)
         log_density = log_density - mean.shape[1] * np.log(scales)
     with_discrepancy = mean + scales[:, None] * discrepancy
     return Samples(

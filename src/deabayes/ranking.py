@@ -70,7 +70,7 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
             for name in r.target.names
             if name.startswith(f"{record.group}.") and name.endswith(("tau_ou", "length", "tau"))
         ]
-        coordinate = record.experiment.coordinate
+        coordinate = record.noise_coordinate
         spacing = 3.0 * float(np.median(np.diff(coordinate)))
         length = CORRELATION_TIMES_PER_BLOCK * max(lengths) if lengths else spacing
         longest = float(np.ptp(coordinate)) / FEWEST_BLOCKS

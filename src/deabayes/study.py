@@ -41,6 +41,7 @@ class Study:
     noise: str = "ornstein_uhlenbeck"
     noise_scale: Literal["absolute", "range"] = "absolute"
     noise_groups: Literal["protocol", "experiment"] = "protocol"
+    noise_coordinate: Literal["record", "grid"] = "record"
     preparation: Mapping[str, Sequence[Mapping[str, Settings]]] = field(default_factory=dict)
     priors: Mapping[str, Settings] = field(default_factory=dict)
     prior_from: str | None = None

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
-from deabayes.posterior import LogPosterior, Record, build
+from deabayes.posterior import LogPosterior, build
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling, Settings, Study
 
@@ -106,9 +106,7 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
     )
     noisy = (response + record.scale * (correlated + white))[0]
     experiment = replace(record.experiment, response=noisy)
-    return z[0], replace(
-        target, records=(Record(experiment, record.simulate, record.group, record.scale),)
-    )
+    return z[0], replace(target, records=(replace(record, experiment=experiment),))
 
 
 def replicate(task: tuple[str, int]) -> dict[str, object]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
-from deabayes.distributions import LogNormal
+from deabayes.distributions import LogNormal, LogUniform
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 
 WHITE_FRACTION, WHITE_SIGMA = 0.003, 1.5
 CORRELATED_FRACTION, CORRELATED_SIGMA = 0.01, 1.2
-LENGTH_SIGMA, LENGTH_FRACTION = 1.2, 0.1
-QUANTILE_95 = 1.6448536269514722
+SHORTEST_LENGTH, LENGTH_FRACTION = 1e-4, 0.1
 
 
 def white_amplitude(unit: str, scale: float, name: str = "sigma_white") -> Parameter:
@@ -41,15 +40,20 @@ def correlated_amplitude(name: str, symbol: str, unit: str, scale: float) -> Par
 
 
 def correlation_length(name: str, symbol: str, coordinate_unit: str, span: float) -> Parameter:
-    """Correlation time (or length) with 95 % of its prior below a tenth of the record."""
+    """Correlation time (or length) with 95 % of its prior below a tenth of the record.
+
+    The bound is a hard one: under structural error the likelihood would rather have
+    noise that lasts as long as the record, and lift whole curves off their data.
+    """
     _check_positive("extent of the coordinate", span)
-    median = LENGTH_FRACTION * span * math.exp(-QUANTILE_95 * LENGTH_SIGMA)
+    shortest, tenth = SHORTEST_LENGTH * span, LENGTH_FRACTION * span
+    longest = shortest * (tenth / shortest) ** (1.0 / 0.95)
     return Parameter(
         name,
         symbol,
         coordinate_unit,
         "correlation length of the noise along the coordinate",
-        LogNormal(median, LENGTH_SIGMA),
+        LogUniform(shortest, longest),
         "95 % below a tenth of the record, lest noise take the model's slow processes",
     )
 
