@@ -89,7 +89,10 @@ def _prior_faults(
     from deabayes.prior import Prior
 
     calibrate = [each for each in experiments if each.role == "calibrate"]
-    noise = noise_parameters(study, NOISE[study.noise](), calibrate)
+    if not systems:
+        return []
+    specimen = next(iter(systems.values())).specimen
+    noise = noise_parameters(study, NOISE[study.noise](), calibrate, specimen)
     known = [p.name for system in systems.values() for p in system.parameters()]
     found: list[str] = []
     for system in systems.values():
