@@ -46,16 +46,21 @@ def row(posterior: Path) -> dict[str, object]:
     }
 
 
+def finished(posterior: Path) -> bool:
+    """Whether a candidate on measured records was predicted with and compared."""
+    comparison = posterior.parent.parent / "comparison.csv"
+    return (
+        posterior.with_name("errors.csv").exists()
+        and comparison.exists()
+        and posterior.parent.name in set(pd.read_csv(comparison)["candidate"])
+        and read_tree(posterior).attrs["provenance"] == "measured"
+    )
+
+
 def main() -> None:
     results = Path(sys.argv[1] if len(sys.argv) > 1 else "results")
     posteriors = sorted(results.glob("*/*/posterior.nc"))
-    rows = [
-        row(path)
-        for path in posteriors
-        if read_tree(path).attrs["provenance"] == "measured"
-        and (path.parent.parent / "comparison.csv").exists()
-        and path.with_name("errors.csv").exists()
-    ]
+    rows = [row(path) for path in posteriors if finished(path)]
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(rows).to_csv(OUTPUT, index=False)
     print(pd.DataFrame(rows).to_string(index=False))
