@@ -53,7 +53,7 @@ bench: $(READY)  ## time against other solvers and samplers
 lint: $(READY)  ## style, types, layers, workflow
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet .
-	@$(BIN)/snakefmt --check --quiet Snakefile workflow
+	@$(BIN)/snakefmt --check Snakefile workflow
 	@$(BIN)/snakemake --lint
 	@$(BIN)/lint-imports
 	@$(BIN)/mypy
