@@ -14,6 +14,10 @@ from deabayes.experiment import FloatArray
 RandomSource = np.random.Generator | np.random.RandomState
 
 DEGREES_OF_FREEDOM = 7.0
+SMALLEST_PART = 0.02
+SAMPLES_PER_COMPONENT = 500
+MOST_ITERATIONS = 60
+"""A proposal need not be at the optimum: fits took most of the time of cheap models."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +117,25 @@ def fit(
     if len(samples) < 2:
         raise ValueError(f"a mixture needs at least 2 finite samples; {len(samples)} given")
     centre, factor = samples.mean(axis=0), _factor(np.cov(samples, rowvar=False))
+    most = SAMPLES_PER_COMPONENT * components
+    if len(samples) > most:
+        samples = samples[rng.choice(len(samples), most, replace=False)]
     white = np.linalg.solve(factor, (samples - centre).T).T
     weights, means, covariances = _gaussian_mixture(white, components, rng)
     factors = np.stack([factor @ _factor(covariance) for covariance in covariances])
     return Mixture(weights, centre + means @ factor.T, factors, degrees_of_freedom)
+
+
+def two_clusters(samples: FloatArray, rng: np.random.Generator) -> list[FloatArray]:
+    """The samples (n, d) parted in two by a Gaussian mixture, or whole if one part is small."""
+    mixture = fit(samples, 2, rng)
+    if len(mixture.weights) < 2:
+        return [samples]
+    label = np.argmax(mixture.component_log_density(samples), axis=1)
+    parts = [samples[label == index] for index in (0, 1)]
+    if min(map(len, parts)) < SMALLEST_PART * len(samples):
+        return [samples]
+    return parts
 
 
 def _factor(covariance: FloatArray) -> FloatArray:
@@ -147,7 +166,11 @@ def _gaussian_mixture(
     distinct = len(np.unique(white, axis=0))
     components = max(1, min(components, distinct // (2 * (d + 1))))
     model = GaussianMixture(
-        components, reg_covar=1e-6, max_iter=200, random_state=int(rng.integers(2**31))
+        components,
+        reg_covar=1e-6,
+        max_iter=MOST_ITERATIONS,
+        init_params="k-means++",
+        random_state=int(rng.integers(2**31)),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

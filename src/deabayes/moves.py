@@ -16,7 +16,7 @@ from emcee.state import State
 
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.smc import LogDensity
+from deabayes.smc import Hop, LogDensity
 from deabayes.warp import Warp
 
 SHORT_STEP = 0.2
@@ -88,24 +88,40 @@ class StraightenedMove(DifferentialEvolutionMove):
         return self.warp.inverse(proposed), factors
 
 
-def recipe(frozen: Proposal) -> list[tuple[Any, float]]:
+class HopMove(MHMove):
+    """Metropolis-Hastings with proposals of a hop (see `unit_hop`), for all walkers at once."""
+
+    def __init__(self, hop: Hop) -> None:
+        super().__init__(hop)
+
+
+def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
     """Independence proposals, differential evolution, and jumps between modes.
 
     Where the proposal straightens ridges, differential evolution follows them, half of it
     in short steps that a tight ridge accepts: on the reference specimen's voigt_kelvin_3
     that took the autocorrelation time from 177 to 92 steps.
     """
-    jump = (DifferentialEvolutionMove(gamma0=1.0), 0.1)
-    warp = next((part.warp for part in frozen.parts if part.warp is not None), None)
-    if warp is None:
-        return [(IndependenceMove(frozen), 0.5), jump, (DifferentialEvolutionMove(), 0.4)]
-    along = [(StraightenedMove(warp), 0.25), (StraightenedMove(warp, SHORT_STEP), 0.25)]
-    return [(IndependenceMove(frozen), 0.4), jump, *along]
+    jumps: list[tuple[Any, float]] = [(DifferentialEvolutionMove(gamma0=1.0), 0.1)]
+    if hop is not None:
+        jumps.append((HopMove(hop), 0.1))
+    warps = [(part.warp, part.weight) for part in frozen.parts if part.warp is not None]
+    if not warps:
+        return [(IndependenceMove(frozen), 0.5), *jumps, (DifferentialEvolutionMove(), 0.4)]
+    total = sum(weight for _, weight in warps)
+    along = [
+        (StraightenedMove(warp, gamma), 0.25 * weight / total)
+        for warp, weight in warps
+        for gamma in (None, SHORT_STEP)
+    ]
+    return [(IndependenceMove(frozen), 0.4), *jumps, *along]
 
 
-def build_sampler(target: LogDensity, frozen: Proposal, shape: tuple[int, ...]) -> EnsembleSampler:
+def build_sampler(
+    target: LogDensity, frozen: Proposal, shape: tuple[int, ...], hop: Hop | None = None
+) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
-    return EnsembleSampler(*shape, target, moves=recipe(frozen), vectorize=True)
+    return EnsembleSampler(*shape, target, moves=recipe(frozen, hop), vectorize=True)
 
 
 def initial_state(

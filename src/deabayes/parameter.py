@@ -26,6 +26,8 @@ class Parameter:
     half_product_with : name of another parameter; the prior is then that of half the
         product of the two, which is positive (Ogden: mu_i alpha_i / 2, the term's share
         of the shear modulus).
+    belongs_to : name of the ordered parameter whose unit it is part of; it goes along when
+        units are numbered anew (E_1 belongs to tau_1).
     """
 
     name: str
@@ -37,3 +39,4 @@ class Parameter:
     ordered: str | None = None
     ordered_from: Literal["smallest", "largest"] = "smallest"
     half_product_with: str | None = None
+    belongs_to: str | None = None

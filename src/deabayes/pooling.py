@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal, fit
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
-from deabayes.smc import LogDensity
+from deabayes.smc import Hop, LogDensity
 from deabayes.study import Sampling
 
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
@@ -52,6 +52,7 @@ def pool(
     folder: Path | None = None,
     progress: bool = False,
     quantities: Quantities | None = None,
+    hop: Hop | None = None,
 ) -> PooledResult:
     """Judge ensembles together; when a gate fails, refit the proposals and sample on.
 
@@ -63,6 +64,7 @@ def pool(
     ----------
     quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and
         derived quantities; the coordinates of z when None.
+    hop : as the ensembles were sampled with.
     """
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
@@ -73,7 +75,8 @@ def pool(
         if not runs or (refits < MOST_REFITS and _hopeless(total, convergence, settings)):
             ensembles, total, refits = current, 0, refits + 1
             inside = store.sub(f"refit_{refits}")
-            runs = _runs(log_likelihood, ensembles, settings, stage_seed(seed, refits), inside)
+            target = Target(log_likelihood, hop)
+            runs = _runs(target, ensembles, settings, stage_seed(seed, refits), inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
@@ -87,7 +90,7 @@ def pool(
 
 
 def _runs(
-    log_likelihood: LogDensity,
+    target: Target,
     ensembles: Sequence[Ensemble],
     settings: Sampling,
     seed: np.random.SeedSequence,
@@ -96,7 +99,7 @@ def _runs(
     """Each ensemble, ready to go on from its last step with a refitted proposal."""
     return [
         Run(
-            Target(log_likelihood),
+            replace(target),
             _refit(store, ensembles, index, seed),
             (ensemble.chain[-1], ensemble.log_posterior[-1]),
             stage_seed(seed, CONTINUED, index),
@@ -117,10 +120,11 @@ def continue_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
+    hop: Hop | None = None,
 ) -> Ensemble:
     """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
     start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(Target(log_likelihood), proposal, start, seed, Store(folder), settings)
+    run = Run(Target(log_likelihood, hop), proposal, start, seed, Store(folder), settings)
     return _continue(run, ensemble, steps, settings, progress)
 
 
@@ -159,7 +163,8 @@ def _refit(
         density = np.concatenate([each.log_posterior[half].ravel() for each, half in pairs])
         rng = np.random.default_rng(stage_seed(seed, REFIT, index))
         chosen = rng.choice(len(draws), min(REFIT_SAMPLE, len(draws)), replace=False)
-        return fit(draws[chosen], REFITTED_COMPONENTS, rng, density[chosen]).arrays()
+        proposal = fit(draws[chosen], REFITTED_COMPONENTS, rng, density[chosen], may_split=True)
+        return proposal.arrays()
 
     return Proposal.from_arrays(store.once(f"refitted_{index}", compute))
 

@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture, RandomSource
+from deabayes.mixture import Mixture, RandomSource, two_clusters
 from deabayes.mixture import fit as fit_mixture
 from deabayes.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.75, 0.15, 0.1
+SPLIT_GAIN = 0.1
+"""Nats per held-out sample by which a split must describe them better."""
+TRIAL_COMPONENTS = 4
+MOST_TRIAL_SAMPLES = 5000
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,7 @@ def fit(
     components: int,
     rng: np.random.Generator,
     log_density: FloatArray | None = None,
+    may_split: bool = False,
 ) -> Proposal:
     """Fit a proposal to samples (n, d) and freeze it.
 
@@ -100,17 +105,14 @@ def fit(
         of the proposal is fitted to the samples that the rest covers badly, resampled by
         target over proposal: an independence sampler is slowed most by the few regions
         where that ratio is large.
+    may_split : samples of two modes, or of a bend too sharp for one map, may be parted,
+        each part with its own, where that describes held-out samples better.
     """
     finite = np.isfinite(samples).all(axis=1)
     samples = samples[finite]
-    plain = fit_mixture(samples, components, rng)
-    warp = fit_warp(samples)
-    if warp is None:
-        parts = [Part(1.0, plain)]
-    else:
-        straightened = fit_mixture(warp.forward(samples), components, rng)
-        weight = STRAIGHTENED / (STRAIGHTENED + PLAIN)
-        parts = [Part(weight, straightened, warp), Part(1 - weight, plain)]
+    parts = _parts(samples, components, rng)
+    if may_split and _better_split(samples, rng):
+        parts = _split_parts(samples, components, rng)
     if log_density is not None:
         excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
         weights = np.exp(np.clip(excess - np.median(excess), -10.0, 10.0))
@@ -119,3 +121,41 @@ def fit(
         kept = [Part((1 - COVERING) * part.weight, part.mixture, part.warp) for part in parts]
         parts = [*kept, Part(COVERING, missed)]
     return Proposal(tuple(parts))
+
+
+def _parts(
+    samples: FloatArray, components: int, rng: np.random.Generator, weight: float = 1.0
+) -> list[Part]:
+    """Parts of a total weight, fitted to samples (n, d): straightened and plain, or plain only."""
+    plain = fit_mixture(samples, components, rng)
+    warp = fit_warp(samples)
+    if warp is None:
+        return [Part(weight, plain)]
+    straightened = fit_mixture(warp.forward(samples), components, rng)
+    share = weight * STRAIGHTENED / (STRAIGHTENED + PLAIN)
+    return [Part(share, straightened, warp), Part(weight - share, plain)]
+
+
+def _split_parts(samples: FloatArray, components: int, rng: np.random.Generator) -> list[Part]:
+    """Parts of each half of a split by size, or of the whole where there is none."""
+    halves = two_clusters(samples, rng)
+    parts: list[Part] = []
+    for half in halves:
+        share = len(half) / len(samples)
+        own = max(1, round(components * max(share, 0.25)))
+        parts += _parts(half, own, rng, share)
+    return parts
+
+
+def _better_split(samples: FloatArray, rng: np.random.Generator) -> bool:
+    """Whether a split describes a held-out fifth of the samples better than none."""
+    order = rng.permutation(len(samples))
+    order = order[:MOST_TRIAL_SAMPLES]
+    held_out, train = np.split(samples[order], [len(order) // 5])
+    if len(two_clusters(train, rng)) < 2:
+        return False
+    scores = [
+        Proposal(tuple(trial(train, TRIAL_COMPONENTS, rng))).log_density(held_out).mean()
+        for trial in (_parts, _split_parts)
+    ]
+    return bool(scores[1] > scores[0] + SPLIT_GAIN)

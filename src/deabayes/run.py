@@ -14,7 +14,7 @@ from deabayes.diagnostics import TAU_TOLERANCE
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.smc import LogDensity, log_standard_normal
+from deabayes.smc import Hop, LogDensity, log_standard_normal
 from deabayes.study import Sampling
 
 MOST_STORED_STEPS = 4000
@@ -32,9 +32,13 @@ def stage_seed(seed: np.random.SeedSequence, *stage: int) -> np.random.SeedSeque
 
 @dataclass
 class Target:
-    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value."""
+    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value.
+
+    `hop` is a proposal of its prior's own for the sampler to make, if there is one.
+    """
 
     likelihood: LogDensity
+    hop: Hop | None = None
     evaluations: int = 0
     failures: int = 0
 
@@ -83,7 +87,7 @@ class Run:
 
         from deabayes.moves import build_sampler
 
-        sampler = build_sampler(self.target, self.proposal, self.start[0].shape)
+        sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.hop)
         goal = max(limit // self.thin, 1)
         with tqdm(
             total=goal * self.thin,

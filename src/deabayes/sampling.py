@@ -18,7 +18,7 @@ from deabayes.faults import UserError
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
 from deabayes.proposal import Proposal, fit
 from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
-from deabayes.smc import LogDensity, from_prior
+from deabayes.smc import Hop, LogDensity, from_prior
 from deabayes.study import Sampling
 
 __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
@@ -38,6 +38,7 @@ def run_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
+    hop: Hop | None = None,
 ) -> Ensemble:
     """Sample one ensemble until it is long enough by itself or its share of the budget is used.
 
@@ -45,13 +46,14 @@ def run_ensemble(
     ----------
     log_likelihood : z (W, d) -> (W,); NaN or -inf where the model fails.
     folder : checkpoints, to be keyed by data, settings and code by the caller.
+    hop : a proposal of the model's own between modes (see `unit_hop`).
 
     Raises
     ------
     UserError : too few walkers, or no draw of the prior has a finite likelihood.
     """
     _check(dimension, settings)
-    store, target = Store(folder), Target(log_likelihood)
+    store, target = Store(folder), Target(log_likelihood, hop)
     warm = store.once(
         "warm_up",
         lambda: target.counted(lambda: _warm_up(target, dimension, settings, seed, progress)),
@@ -101,7 +103,9 @@ def _warm_up(
             bar.update(int(100 * beta) - bar.n)
 
         rng = np.random.default_rng(stage_seed(seed, WARM_UP))
-        population = from_prior(target.log_likelihood, dimension, particles, rng, report=report)
+        population = from_prior(
+            target.log_likelihood, dimension, particles, rng, report=report, hop=target.hop
+        )
     return {
         "particles": population.particles,
         "broad": population.broad,
@@ -128,7 +132,7 @@ def _start(
     rounds: list[tuple[FloatArray, FloatArray]] = []
     progress: list[tuple[float, float, float]] = []
     for number in range(SETTLING_ROUNDS):
-        sampler = build_sampler(target, proposal, walkers.shape)
+        sampler = build_sampler(target, proposal, walkers.shape, target.hop)
         state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + number))
         state = sampler.run_mcmc(
             state, SETTLING_STEPS // 5, thin_by=5, skip_initial_state_check=True
@@ -177,7 +181,7 @@ def _first_walkers(
     lost = ~np.isfinite(target(walkers))
     walkers[lost] = warm["particles"][order[: settings.walkers]][lost]
     proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
-    sampler = build_sampler(target, proposal, walkers.shape)
+    sampler = build_sampler(target, proposal, walkers.shape, target.hop)
     state = initial_state(walkers, target(walkers), stage_seed(seed, START, 1))
     settled = sampler.run_mcmc(state, SETTLING_STEPS, store=False, skip_initial_state_check=True)
     low, middle = np.quantile(warm["log_posterior"], [0.01, 0.5])

@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
+from deabayes.mixture import RandomSource
 from deabayes.proposal import Proposal, fit
 
 LogDensity = Callable[[FloatArray], FloatArray]
 Report = Callable[[float, int], None]
+Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
+"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
 
 REFIT_ROUNDS = 5
 
@@ -78,10 +81,11 @@ def from_prior(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
+    hop: Hop | None = None,
 ) -> Population:
     """Carry a population from the prior N(0, I) to the posterior; see `anneal`."""
     start = rng.standard_normal((particles, dimension))
-    return anneal(start, log_standard_normal, log_likelihood, rng, schedule, report)
+    return anneal(start, log_standard_normal, log_likelihood, rng, schedule, report, hop)
 
 
 def anneal(
@@ -91,6 +95,7 @@ def anneal(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
+    hop: Hop | None = None,
 ) -> Population:
     """Carry particles (P, d), draws of base, to draws of base * increment.
 
@@ -102,13 +107,14 @@ def anneal(
     ----------
     log_base, log_increment : (W, d) -> (W,); NaN or -inf where a density is zero.
     report : called after every step with beta and the number of rounds so far.
+    hop : a further proposal, made in every round; base must hold the factor N(z; 0, I).
 
     Raises
     ------
     UserError : when the increment is zero at every particle.
     """
     schedule = schedule or Schedule()
-    cloud = _Cloud(particles.copy(), log_base, log_increment, rng)
+    cloud = _Cloud(particles.copy(), log_base, log_increment, rng, hop)
     betas, ratio, rounds = [0.0], 0.0, 0
     broad = cloud.z.copy()
     while betas[-1] < 1.0:
@@ -165,8 +171,9 @@ class _Cloud:
         log_base: LogDensity,
         log_increment: LogDensity,
         rng: np.random.Generator,
+        hop: Hop | None = None,
     ) -> None:
-        self.z, self.rng = z, rng
+        self.z, self.rng, self._hop = z, rng, hop
         self._log_base, self._log_increment = log_base, log_increment
         self.base, self.increment = self._densities(z)
 
@@ -194,6 +201,9 @@ class _Cloud:
                 proposal = fit(self.z, schedule.components, self.rng)
             self._differential_evolution(beta)
             self._independence(beta, proposal)
+            if self._hop is not None:
+                proposed, factor = self._hop(self.z, self.rng)
+                self._accept(np.arange(len(self.z)), proposed, factor, beta)
             if made >= fewest and _largest_correlation(start, self.z) < limit:
                 return made
         return most

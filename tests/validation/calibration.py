@@ -25,13 +25,15 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.posterior import LogPosterior, build
-from deabayes.sampling import run_ensemble
+from deabayes.sampling import PooledResult, pool, run_ensemble
 from deabayes.study import Sampling, Settings, Study
+from deabayes.unit_hop import UnitHop
 
 OUTPUT = Path("docs/validation")
 RANKS = 99
 NARROW = 0.7
 SEED = 20261121
+SAMPLING = Sampling(ensembles=2, walkers=32, particles=384, max_steps=16000)
 
 
 def tubular(candidate: str) -> LogPosterior:
@@ -109,6 +111,17 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
     return z[0], replace(target, records=(replace(record, experiment=experiment),))
 
 
+def posterior(target: LogPosterior, seed: np.random.SeedSequence) -> PooledResult:
+    """Sample as a study does, with half as many and smaller ensembles."""
+    hop = UnitHop.of(target.prior)
+    *streams, pool_stream = seed.spawn(SAMPLING.ensembles + 1)
+    density = target.log_likelihood_of_normal
+    ensembles = [
+        run_ensemble(density, target.dimension, SAMPLING, stream, hop=hop) for stream in streams
+    ]
+    return pool(density, ensembles, SAMPLING, pool_stream, hop=hop)
+
+
 def replicate(task: tuple[str, int]) -> dict[str, object]:
     """Ranks of the truth, from one simulated data set."""
     candidate, index = task
@@ -116,17 +129,15 @@ def replicate(task: tuple[str, int]) -> dict[str, object]:
     stream = np.random.SeedSequence([SEED, zlib.crc32(candidate.encode()), index])
     data_stream, fit_stream, pick_stream = stream.spawn(3)
     truth, conditioned = simulate(target, np.random.default_rng(data_stream))
-    settings = Sampling(ensembles=1, walkers=32, particles=256, max_steps=12000)
-    ensemble = run_ensemble(
-        conditioned.log_likelihood_of_normal, target.dimension, settings, fit_stream
-    )
+    pooled = posterior(conditioned, fit_stream)
+    ensembles = pooled.ensembles
     rng = np.random.default_rng(pick_stream)
-    flat = ensemble.chain.reshape(-1, target.dimension)
+    flat = pooled.chain.reshape(-1, target.dimension)
     picked = flat[rng.choice(len(flat), RANKS, replace=False)]
     narrow = flat.mean(0) + NARROW * (picked - flat.mean(0))
     low, high = np.quantile(flat, [0.05, 0.95], axis=0)
-    row: dict[str, object] = {"replicate": index, "steps": ensemble.steps}
-    row["enough"] = int(ensemble.enough)
+    row: dict[str, object] = {"replicate": index, "steps": max(e.steps for e in ensembles)}
+    row["enough"] = int(pooled.convergence.converged)
     for column, name in enumerate(target.names):
         row[name] = int(np.sum(picked[:, column] < truth[column]))
         row[f"narrow:{name}"] = int(np.sum(narrow[:, column] < truth[column]))

@@ -15,6 +15,7 @@ SAMPLING = modules(
     "smc.py",
     "mixture.py",
     "warp*.py",
+    "unit_hop.py",
     "proposal.py",
     "moves.py",
     "run.py",

@@ -31,6 +31,7 @@ def fit_ensemble(
 ) -> None:
     """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
     from deabayes.sampling import run_ensemble
+    from deabayes.unit_hop import UnitHop
 
     target = build_target(study, candidate, prepared)
     result = run_ensemble(
@@ -40,6 +41,7 @@ def fit_ensemble(
         seed_of(study, candidate, "ensemble", ensemble),
         chain_folder(study, candidate, prepared, output.parent.parent) / f"ensemble_{ensemble}",
         progress,
+        UnitHop.of(target.prior),
     )
     result.write(output)
 
@@ -62,6 +64,7 @@ def pool_candidate(
     from deabayes.files import write_atomically
     from deabayes.posterior_file import PosteriorContent, posterior_tree, quantities
     from deabayes.storage import write_tree
+    from deabayes.unit_hop import UnitHop
 
     target = build_target(study, candidate, prepared)
     pooled = sampling.pool(
@@ -72,6 +75,7 @@ def pool_candidate(
         chain_folder(study, candidate, prepared, output.parent) / "pool",
         progress,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
+        hop=UnitHop.of(target.prior),
     )
     content = PosteriorContent.of(
         study, candidate, target, pooled, seed_of(study, candidate, "prior")

@@ -73,7 +73,8 @@ class MembraneModel:
             limit_parameter("J_alpha", r"J_\alpha"),
             *(
                 Parameter(f"mu_beta_{i}", rf"\mu_{{\beta {i}}}", "Pa",
-                          f"shear modulus of Maxwell unit {i}", MODULUS, MODULUS_SOURCE)
+                          f"shear modulus of Maxwell unit {i}", MODULUS, MODULUS_SOURCE,
+                          belongs_to=f"tau_beta_{i}")
                 for i in self.numbers
             ),
             *(

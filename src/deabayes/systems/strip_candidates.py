@@ -104,7 +104,8 @@ class StripModel:
         beta = r"\beta " if self.kelvin else ""
         moduli = tuple(
             Parameter(f"mu_beta_{i}", rf"\mu_{{\beta {i}}}", "Pa",
-                      f"shear modulus of Maxwell unit {i}", prior, source)
+                      f"shear modulus of Maxwell unit {i}", prior, source,
+                      belongs_to=f"{self.time_group}_{i}")
             for i in numbers
         )  # fmt: skip
         times = tuple(

@@ -45,6 +45,7 @@ def _unit_modulus(n: int) -> Parameter:
         f"modulus of Kelvin unit {n}",
         UNIT_MODULUS,
         "wide: a unit that strains from a hundredth to all of the instantaneous strain",
+        belongs_to=f"tau_{n}",
     )
 
 

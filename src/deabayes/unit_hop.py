@@ -1,0 +1,92 @@
+r"""A proposal that takes one relaxation unit to another place in the order of units.
+
+Ordered time constants split a posterior: a record that shows one unit of two is explained
+as well with the other, invisible one faster (the visible one is then number 2) as slower
+(number 1), and between the two lies the visible unit's own time constant, which nothing
+that moves z a little can pass. Tempering chooses between such modes once, by chance.
+
+The hop draws the time constant tau_k of one unit anew from its prior q and numbers the
+units again, each keeping what belongs to it. Sorting is a bijection between n-sets of units
+and ordered theta, so with the prior's density p on ordered theta the proposal is accepted
+with min(1, L' p(theta') q(tau_k) / (L p(theta) q(tau_k'))) (Tierney 1994, Annals of Statistics
+22, 1701). It changes nothing but the order in which modes are visited.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.mixture import RandomSource
+from deabayes.prior import Prior
+
+Columns = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Units:
+    """An ordered group of n parameters and what belongs to each, as columns of theta.
+
+    Attributes
+    ----------
+    columns : (1 + companions, n), the ordered parameters first.
+    """
+
+    columns: Columns
+
+    @property
+    def count(self) -> int:
+        return self.columns.shape[1]
+
+
+@dataclass(frozen=True)
+class UnitHop:
+    """Proposals z -> z' of a prior with ordered units, with the factor of their acceptance."""
+
+    prior: Prior
+    groups: tuple[Units, ...]
+
+    @classmethod
+    def of(cls, prior: Prior) -> Self | None:
+        """The hop of a prior; None where no group has two units to number."""
+        names, groups = list(prior.names), []
+        for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
+            members = [p.name for p in prior.parameters if p.ordered == group]
+            owned = [
+                [p.name for p in prior.parameters if m in (p.belongs_to, p.half_product_with)]
+                for m in members
+            ]
+            if len(members) > 1 and len({len(each) for each in owned}) == 1:
+                rows = [members, *zip(*owned, strict=True)]
+                groups.append(Units(np.array([[names.index(n) for n in row] for row in rows])))
+        return cls(prior, tuple(groups)) if groups else None
+
+    def __call__(self, z: FloatArray, random: RandomSource) -> tuple[FloatArray, FloatArray]:
+        """Proposed z' (W, d), and the log of what L'N(z')/(L N(z)) is to be multiplied by, (W,).
+
+        A proposal outside the prior's support is z itself with factor -inf.
+        """
+        units = self.groups[random.choice(len(self.groups))]
+        walkers = np.arange(len(z))
+        theta = self.prior.to_parameters(z)
+        column = units.columns[0][random.choice(units.count, size=len(z))]
+        distribution = self.prior.parameters[units.columns[0, 0]].prior
+        old = theta[walkers, column]
+        new = distribution.from_normal(random.standard_normal(len(z)))
+        proposed = theta.copy()
+        proposed[walkers, column] = new
+        order = np.argsort(proposed[:, units.columns[0]], axis=1)
+        for row in units.columns:
+            proposed[:, row] = np.take_along_axis(proposed[:, row], order, axis=1)
+        moved = self.prior.to_normal(proposed)
+        usable = np.isfinite(moved).all(axis=1)
+        moved = np.where(usable[:, None], moved, z)
+        with np.errstate(invalid="ignore"):
+            factor = self.prior.log_density(proposed) - self.prior.log_density(theta)
+        factor += distribution.log_density(old) - distribution.log_density(new)
+        factor -= 0.5 * ((z**2).sum(axis=1) - (moved**2).sum(axis=1))
+        return moved, np.where(usable & np.isfinite(factor), factor, -np.inf)

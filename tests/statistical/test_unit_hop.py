@@ -1,0 +1,108 @@
+"""Hops between places in the order of units: the prior is kept, and far modes are found."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from deabayes.distributions import LogNormal, LogUniform
+from deabayes.parameter import Parameter
+from deabayes.prior import Prior
+from deabayes.sampling import run_ensemble
+from deabayes.springs.ogden import Ogden
+from deabayes.study import Sampling
+from deabayes.unit_hop import UnitHop
+
+
+def chain_prior(units, own_prior=False):
+    """Units of a modulus and a time constant; with priors of their own or one for all."""
+    moduli = [
+        Parameter(f"E_{i}", "E", "Pa", "", LogNormal(1e6 * (i if own_prior else 1), 0.8), "",
+                  belongs_to=f"tau_{i}")
+        for i in range(1, units + 1)
+    ]  # fmt: skip
+    times = [
+        Parameter(f"tau_{i}", "tau", "s", "", LogUniform(0.01, 10.0), "", ordered="tau")
+        for i in range(1, units + 1)
+    ]
+    return Prior.from_parameters([*moduli, *times])
+
+
+PRIORS = {
+    "two units": chain_prior(2),
+    "three units": chain_prior(3),
+    "moduli with priors of their own": chain_prior(2, own_prior=True),
+    "Ogden terms": Prior.from_parameters(Ogden().parameters(2)),
+}
+
+
+def hopped(prior, hop, steps=30, size=20000):
+    """Draws of N(0, I) after some accepted or refused hops, and the share accepted."""
+    rng = np.random.default_rng(3)
+    z = rng.standard_normal((size, len(prior.names)))
+    accepted = 0.0
+    for _ in range(steps):
+        proposed, factor = hop(z, rng)
+        ratio = factor + 0.5 * ((z**2).sum(axis=1) - (proposed**2).sum(axis=1))
+        moved = np.log(rng.random(size)) < ratio
+        z[moved] = proposed[moved]
+        accepted += moved.mean() / steps
+    return z, accepted
+
+
+@pytest.mark.parametrize("name", PRIORS)
+def test_a_hop_keeps_the_prior(name):
+    z, accepted = hopped(PRIORS[name], UnitHop.of(PRIORS[name]))
+    assert accepted > 0.1
+    p_values = [stats.kstest(column, "norm").pvalue for column in z.T]
+    assert min(p_values) > 1e-4
+    assert np.abs(np.corrcoef(z.T) - np.eye(z.shape[1])).max() < 0.035
+
+
+def test_a_hop_without_its_factor_would_be_seen():
+    prior = chain_prior(3)
+    hop = UnitHop.of(prior)
+    z, _ = hopped(prior, lambda z, rng: (hop(z, rng)[0], np.zeros(len(z))))
+    assert min(stats.kstest(column, "norm").pvalue for column in z.T) < 1e-4
+
+
+def test_what_belongs_to_a_unit_goes_along():
+    prior = chain_prior(2)
+    hop, rng = UnitHop.of(prior), np.random.default_rng(1)
+    z = rng.standard_normal((500, 4))
+    before, after = prior.to_parameters(z), prior.to_parameters(hop(z, rng)[0])
+    swapped = np.isclose(after[:, 0], before[:, 1]) & np.isclose(after[:, 1], before[:, 0])
+    kept = np.isclose(after[:, :2], before[:, :2]).all(axis=1)
+    assert (swapped | kept).all()
+    assert swapped.mean() > 0.1
+    assert (np.isclose(after[swapped, 2], before[swapped, 3])
+            | np.isclose(after[swapped, 3], before[swapped, 2])).all()  # fmt: skip
+
+
+def test_nothing_to_hop_with_one_unit():
+    assert UnitHop.of(chain_prior(1)) is None
+
+
+def test_both_numbers_of_the_only_visible_unit_are_found():
+    """One unit of 1e5 Pa at 0.3 s is seen; the other, stiffer than 3e6 Pa, is seen nowhere.
+
+    Of its prior on log tau from 0.01 to 10 s without the factor 2 about 0.3 s, the invisible
+    unit is slower with probability log(10 / 0.6) / (log(10 / 0.6) + log(0.15 / 0.01)).
+    """
+    prior = chain_prior(2)
+
+    def log_likelihood(z):
+        moduli, times = np.split(prior.to_parameters(z), 2, axis=1)
+        order = np.argsort(moduli, axis=1)
+        (soft, stiff), (time, _) = (
+            np.take_along_axis(values, order, axis=1).T for values in (moduli, times)
+        )
+        misfit = (np.log(soft / 2e5) / 0.02) ** 2 + (np.log(time / 0.3) / 0.02) ** 2
+        return -0.5 * misfit - 0.5 * np.maximum(np.log(1e6 / stiff) / 0.05, 0.0) ** 2
+
+    settings = Sampling(ensembles=1, walkers=32, particles=128, max_steps=3000)
+    ensemble = run_ensemble(
+        log_likelihood, 4, settings, np.random.SeedSequence(2), hop=UnitHop.of(prior)
+    )
+    theta = prior.to_parameters(ensemble.chain.reshape(-1, 4))
+    slower = np.log(10 / 0.6) / (np.log(10 / 0.6) + np.log(0.15 / 0.01))
+    assert (theta[:, 0] < theta[:, 1]).mean() == pytest.approx(slower, abs=0.05)
