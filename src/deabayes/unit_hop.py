@@ -83,7 +83,7 @@ class UnitHop:
         for row in units.columns:
             proposed[:, row] = np.take_along_axis(proposed[:, row], order, axis=1)
         moved = self.prior.to_normal(proposed)
-        usable = np.isfinite(moved).all(axis=1)
+        usable = np.asarray(np.isfinite(moved).all(axis=1))
         moved = np.where(usable[:, None], moved, z)
         with np.errstate(invalid="ignore"):
             factor = self.prior.log_density(proposed) - self.prior.log_density(theta)
