@@ -15,8 +15,8 @@ RandomSource = np.random.Generator | np.random.RandomState
 
 DEGREES_OF_FREEDOM = 7.0
 SMALLEST_PART = 0.02
-SAMPLES_PER_COMPONENT = 500
-MOST_ITERATIONS = 60
+SAMPLES_PER_COMPONENT = 250
+MOST_ITERATIONS = 20
 """A proposal need not be at the optimum: fits took most of the time of cheap models."""
 
 
