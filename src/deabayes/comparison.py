@@ -149,17 +149,21 @@ def decide(scores: Sequence[Score]) -> Decision:
     for candidate in ranked[1:]:
         if judge(candidate, chosen) == "larger":
             chosen = candidate
-    unresolved = tuple(
-        s.candidate for s in ranked if s is not chosen and _judge_pair(s, chosen) == "conflict"
-    )
+    unresolved = tuple(s.candidate for s in ranked if s is not chosen and not _favoured(chosen, s))
     for s in ranked:
         verdicts[s.candidate] = _verdict(s, chosen, unresolved)
     return Decision(chosen.candidate, unresolved, verdicts)
 
 
-def _judge_pair(one: Score, other: Score) -> str:
-    larger, smaller = (one, other) if one.n_parameters >= other.n_parameters else (other, one)
-    return judge(larger, smaller)
+def _favoured(chosen: Score, other: Score) -> bool:
+    """Whether the pair, judged by itself, speaks for the chosen one.
+
+    The walk need not have met this pair: a candidate passed over in a conflict with a
+    smaller one may hold its own against what was chosen later.
+    """
+    if chosen.n_parameters >= other.n_parameters:
+        return judge(chosen, other) == "larger"
+    return judge(other, chosen) == "smaller"
 
 
 def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:

@@ -47,6 +47,19 @@ def test_decision_walks_up_and_names_the_unresolved():
     assert decision.verdicts["n4"] == "not ranked: not converged"
 
 
+def test_a_candidate_passed_over_may_still_contest_the_choice():
+    """Orders 1 and 2 conflict, 3 beats 1 by both criteria, yet 2 beats 3 by both."""
+    scores = [
+        score("n1", 3, 0.0, ONES),
+        score("n2", 5, 9.0, ONES + 3.9 / 20),
+        score("n3", 7, 4.0, ONES + 4.2 / 20),
+    ]
+    decision = decide(scores)
+    assert decision.chosen == "n3"
+    assert decision.unresolved == ("n2",)
+    assert "not resolved" in decision.verdicts["n3"]
+
+
 def test_nothing_is_chosen_when_nothing_converged():
     decision = decide([score("a", 3, 0.0, ONES, converged=False)])
     assert decision.chosen is None
