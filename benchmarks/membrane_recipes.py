@@ -1,14 +1,15 @@
 """Samplers of a membrane's posterior: effective draws per CPU second, and R-hat over time.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes            # case A, 2000 steps
-    OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes --full     # A, B, P, 20000 steps
+    OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes            # case A, small
+    OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes --full     # cases A, B, P, full size
 
 Cases A, B and P of mixing.md (tests/validation/cases.py), three units, noise parameters per
-record (20 parameters). Four ensembles of 128 walkers each; all samplers start from the
-shipped warm-up's walkers, whose CPU seconds are in a column of their own. `shipped` is the
-whole recipe with pooling and refits, one row at its end; `without refit` its first pass gone
-on with; `DE mix` is 0.8 DE + 0.2 jumps, `stretch` emcee's default. The others have a row
-whenever their steps have doubled. The first fifth of the steps is dropped. Rows are appended to
+record (20 parameters). Small: two ensembles of 64 walkers, 2000 steps; full: the four of 128
+that a study runs, 20000 steps. All samplers start from the shipped warm-up's walkers, whose
+CPU seconds are in a column of their own. `shipped` is the whole recipe with pooling and refits,
+one row at its end, warm-up included; `without refit` its first pass gone on with; `DE mix` is
+0.8 DE + 0.2 jumps, `stretch` emcee's default. The others have a row whenever their steps have
+doubled. The first fifth of the steps is dropped. Rows are appended to
 docs/validation/membrane_recipes.csv; what is there is not run again.
 """
 
@@ -23,6 +24,8 @@ from typing import Any
 
 import emcee
 import numpy as np
+from tests.validation import rows
+from tests.validation.cases import case
 
 from deabayes import chains
 from deabayes.checkpoint import Arrays, Store
@@ -34,11 +37,11 @@ from deabayes.proposal import Proposal
 from deabayes.run import DROPPED_SHARE
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling
-from tests.validation import rows
-from tests.validation.cases import case
 
 OUTPUT = Path("docs/validation/membrane_recipes.csv")
 SEED = 20261126
+SMALL = Sampling(ensembles=2, walkers=64, particles=512, max_steps=2000)
+FULL = Sampling()
 FIRST_ROW = 250
 MOST_STORED = 1000
 """Steps per ensemble that diagnostics are computed from."""
@@ -69,7 +72,9 @@ def started(
     """Walkers and proposals that the shipped warm-up leaves, and its CPU seconds."""
     starts = []
     began = time.process_time()
-    brief = Sampling(settings.ensembles, settings.walkers, max_steps=1, particles=settings.particles)
+    brief = Sampling(
+        settings.ensembles, settings.walkers, max_steps=1, particles=settings.particles
+    )
     for seed in seeds:
         with TemporaryDirectory() as folder:
             likelihood = target.log_likelihood_of_normal
@@ -149,8 +154,10 @@ def run(names: Sequence[str], recipes: Sequence[str], settings: Sampling, output
     for name in names:
         target = case(name, "experiment")
         seed = np.random.SeedSequence([SEED, *name.encode()])
+        size = f"{settings.ensembles} x {settings.walkers}"
         tasks: list[rows.Task] = [
-            {"case": name, "recipe": r, "budget": settings.max_steps} for r in recipes
+            {"case": name, "recipe": r, "walkers": size, "budget": settings.max_steps}
+            for r in recipes
         ]
         waiting = rows.missing(output, tasks)
         if not waiting:
@@ -177,16 +184,14 @@ def run(names: Sequence[str], recipes: Sequence[str], settings: Sampling, output
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     everything = ["shipped", *MOVES]
-    parser.add_argument("--full", action="store_true", help="cases A, B, P, 20000 steps")
+    parser.add_argument("--full", action="store_true", help="cases A, B, P at full size")
     parser.add_argument("--cases", nargs="+", choices=["A", "B", "P"])
     parser.add_argument("--recipes", nargs="+", choices=everything, default=everything)
-    parser.add_argument("--steps", type=int)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
     names = options.cases or (["A", "B", "P"] if options.full else ["A"])
-    steps = options.steps or (20000 if options.full else 2000)
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    run(names, options.recipes, Sampling(max_steps=steps), options.output)
+    run(names, options.recipes, FULL if options.full else SMALL, options.output)
 
 
 if __name__ == "__main__":

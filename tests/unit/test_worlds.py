@@ -103,7 +103,9 @@ def test_failed_specimens_give_nan_records():
     truth = target.draws(theta) | {"mu_alpha": np.array([5e3])}
     noise = target.noise_draws(truth, "step")
     record = target.records[2].experiment
-    assert np.isnan(responded(target, truth, noise, record, np.random.default_rng(7)).response).all()
+    assert np.isnan(
+        responded(target, truth, noise, record, np.random.default_rng(7)).response
+    ).all()
 
 
 @pytest.mark.parametrize(("groups", "dimension"), [("protocol", 14), ("experiment", 20)])

@@ -66,8 +66,13 @@ def parameters(table: pd.DataFrame) -> list[str]:
     return [name.removeprefix("rank:") for name in table if name.startswith("rank:")]
 
 
+def material(table: pd.DataFrame) -> list[str]:
+    """The parameters but those of the noise, which a wrong noise model cannot recover."""
+    return [name for name in parameters(table) if "." not in name]
+
+
 def recovery_table(stored: dict[tuple[str, int], pd.DataFrame]) -> pd.DataFrame:
-    """One row per variant and order: coverage over all parameters, of all and of converged runs."""
+    """One row per variant and order: coverage of the material parameters and held-out records."""
     rows = []
     for (variant, order), table in stored.items():
         row: dict[str, object] = {
@@ -91,22 +96,22 @@ def recovery_table(stored: dict[tuple[str, int], pd.DataFrame]) -> pd.DataFrame:
 
 
 def _coverage(table: pd.DataFrame, level: int) -> str:
-    """Mean over parameters, and the lowest and highest parameter's."""
+    """Mean over the material parameters, and the lowest and highest of them."""
     if not len(table):
         return ""
-    shares = [table[f"in{level}:{name}"].mean() for name in parameters(table)]
+    shares = [table[f"in{level}:{name}"].mean() for name in material(table)]
     return f"{sum(shares) / len(shares):.3f} ({min(shares):.2f} to {max(shares):.2f})"
 
 
 def _widths(stored: dict[tuple[str, int], pd.DataFrame], variant: str, order: int) -> str:
     """Median ratio of posterior sds on independent noise, default over right noise model.
 
-    Only of the replicates and the material parameters that both fits have.
+    Only of the replicates that both fits have.
     """
     if variant != "iid" or ("iid_white", order) not in stored:
         return ""
     one, other = (stored[key, order].set_index("replicate") for key in ("iid", "iid_white"))
-    columns = [f"sd:{name}" for name in parameters(one) if "." not in name]
+    columns = [f"sd:{name}" for name in material(one)]
     ratios = (one[columns] / other[columns]).dropna()
     return f"{ratios.median().median():.2f}" if len(ratios) else ""
 

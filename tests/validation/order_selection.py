@@ -24,6 +24,7 @@ import argparse
 import json
 import zlib
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -140,8 +141,8 @@ def _verdict(scores: list[Score], right: str) -> rows.Row:
 
 def _specimen(truth: LogPosterior, data: Simulated) -> rows.Row:
     """How hard the specimen is to tell: its closest times, its noise over the records' range."""
-    times = [float(v[0]) for n, v in data.truth.items() if n.startswith(("tau_beta", "tau_"))]
-    ratios = [later / earlier for earlier, later in zip(times, times[1:], strict=False)]
+    times = [float(v[0]) for n, v in data.truth.items() if n.startswith("tau")]
+    ratios = [later / earlier for earlier, later in pairwise(times)]
     noise = truth.noise_draws(data.truth, truth.records[0].group)
     extent = max(record.response_range for record in data.records)
     size = float(np.hypot(noise["sigma_ou"][0], noise["sigma_white"][0]))

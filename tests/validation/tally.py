@@ -83,7 +83,9 @@ def _tallied(keys: tuple[str, str, int], group: pd.DataFrame) -> dict[str, objec
         "share right of all judged": share(counts["right"], judged),
         "share right of those decided": share(counts["right"], decided),
         **{
-            f"best {criterion} right": share(int((group[f"best_{criterion}"] == right).sum()), judged)
+            f"best {criterion} right": share(
+                int((group[f"best_{criterion}"] == right).sum()), judged
+            )
             for criterion in ("evidence", "bic", "elpd")
         },
         "unflagged conflicts": int(group["unflagged_conflict"].sum()),
