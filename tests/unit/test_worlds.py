@@ -38,16 +38,29 @@ def test_most_draws_of_the_membrane_prior_survive_the_highest_voltage(order):
     assert 0.9 < np.isfinite(responses).all(axis=1).mean() <= 1.0
 
 
-def test_simulated_records_are_the_truth_plus_noise_of_the_stated_size():
+def test_innovations_of_simulated_records_at_the_truth_are_standard_normal():
     world = membrane()
     target = world.target(2)
-    data = simulate(world, target, np.random.default_rng(2))
-    theta = np.array([[data.truth[name][0] for name in target.names]])
-    clean = target.responses(theta)
-    size = np.hypot(data.truth["step.sigma_ou"][0], data.truth["step.sigma_white"][0])
-    for record in data.records:
-        residual = record.response - clean[record.name][0]
-        assert 0.0 < np.sqrt(np.mean(residual**2)) < 4.0 * size
+    found = []
+    for seed in range(5):
+        data = simulate(world, target, np.random.default_rng(seed))
+        noise = target.noise_draws(data.truth, "step")
+        theta = np.array([[data.truth[name][0] for name in target.names]])
+        clean = target.responses(theta)
+        for record in data.records:
+            residuals = record.response - clean[record.name]
+            weights = 1.0 / record.samples_averaged
+            found.append(target.noise.innovations(residuals, record.coordinate, weights, noise))
+    innovations = np.concatenate(found, axis=None)
+    assert innovations.size == 5 * 3 * 155
+    assert innovations.mean() == pytest.approx(0.0, abs=4 / np.sqrt(innovations.size))
+    assert innovations.var() == pytest.approx(1.0, abs=4 * np.sqrt(2 / innovations.size))
+
+
+def test_records_are_held_out_beside_the_calibrated_ones():
+    world = membrane()
+    data = simulate(world, world.target(1), np.random.default_rng(2))
+    assert [e.name for e in data.records] == ["step_2kV", "step_3kV", "step_4kV"]
     assert [e.name for e in data.held_out] == ["step_3.5kV", "sine_2kV"]
     assert all(np.isfinite(e.response).all() for e in data.held_out)
 
