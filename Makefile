@@ -4,6 +4,9 @@
 PYTHON ?= python3
 CORES ?= 2
 REPLICATES ?= 200
+# Simulated membranes to recover, and specimens to tell the order of, per kind.
+MEMBRANES ?= 100
+ORDERS ?= 50
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -48,7 +51,7 @@ quick: $(READY)  ## a preview run of the tubular study, about two minutes, not c
 	@echo "Preview report (budget cut short, see its warnings): $(CURDIR)/$(QUICK_REPORT)"
 
 bench: $(READY)  ## time against other solvers and samplers
-	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python -m "benchmarks.$$(basename "$$script" .py)" || exit 1; done
 
 lint: $(READY)  ## style, types, layers, workflow
 	@$(BIN)/ruff check .
@@ -62,9 +65,21 @@ docs: $(READY)  ## the documentation, in site/
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "Documentation: $(CURDIR)/site/index.html"
 
-validate: $(READY)  ## simulation-based calibration, long; figures go to docs/validation
+validate: $(READY)  ## the long statistical checks, a day or two; tables and figures go to docs/validation
 	@$(BIN)/python -m tests.validation.calibration voigt_kelvin_2 --replicates $(REPLICATES)
 	@$(BIN)/python -m tests.validation.calibration kv_gm_1 --replicates $(REPLICATES)
+	@for units in 1 2 3; do \
+		$(BIN)/python -m tests.validation.membrane_recovery $$units --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
+	done
+	@for variant in white dense iid iid_white; do \
+		$(BIN)/python -m tests.validation.membrane_recovery 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
+	done
+	@for case in "voigt_kelvin closed 1" "voigt_kelvin closed 2" "voigt_kelvin discrepancy 1" "voigt_kelvin discrepancy 2" \
+		"kv_gm closed 1" "kv_gm closed 2" "kv_gm closed 3" "kv_gm discrepancy 1" "kv_gm discrepancy 2" "kv_gm one_more 4"; do \
+		$(BIN)/python -m tests.validation.order_selection $$case --replicates $(ORDERS) --processes $(CORES) || exit 1; \
+	done
+	@$(BIN)/python -m tests.validation.nested --case A
+	@$(BIN)/python -m benchmarks.membrane_recipes --full
 	@$(BIN)/python -m tests.validation.summary
 
 data: $(READY)  ## download the public data sets, checked by SHA-256

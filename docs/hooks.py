@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 TABLE = re.compile(r"<!-- table: (?P<path>\S+) -->")
+FIGURE = re.compile(r"<!-- figure: (?P<path>\S+) (?P<text>[^>]+?) -->")
 COMMANDS = "<!-- commands -->"
 NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
 
 
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Fill `<!-- table: file.csv -->` and `<!-- commands -->`."""
+    """Fill the places of tables, figures (`<!-- figure: file.png what it shows -->`), commands."""
     docs = Path(config["docs_dir"])
     markdown = TABLE.sub(lambda match: table(docs, match["path"]), markdown)
+    markdown = FIGURE.sub(lambda match: figure(docs, match["path"], match["text"]), markdown)
     return markdown.replace(COMMANDS, commands()) if COMMANDS in markdown else markdown
 
 
@@ -28,6 +30,13 @@ def table(docs: Path, name: str) -> str:
         header, *rows = csv.reader(stream)
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def figure(docs: Path, name: str, text: str) -> str:
+    """An image, or a note that what it shows was not measured."""
+    if not (docs / name).is_file():
+        return NOT_MEASURED.format(path=f"docs/{name}")
+    return f"![{text}]({name})"
 
 
 def commands() -> str:

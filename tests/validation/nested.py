@@ -1,0 +1,127 @@
+"""The pooled emcee posterior and its bridge evidence against nested sampling.
+
+Case A of mixing.md (`cases`) with three units, 14 parameters, in z: the prior of every
+coordinate is standard normal, so dynesty's prior transform is the normal quantile. emcee runs
+as in a study (four ensembles of 128 walkers). Written: nested_evidence.csv, one row per
+case and seed, and nested_parameters.csv, one row per case, seed and parameter, with the differences
+in posterior standard deviations.
+
+    python -m tests.validation.nested --case A --live 500
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from deabayes import scoring
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+from deabayes.study import Sampling
+from tests.validation import rows
+from tests.validation.batched import Batched
+from tests.validation.cases import RELAXATION_TIMES, case
+from tests.validation.sampled import Sampled, sample
+
+OUTPUT = Path("docs/validation")
+SEED = 20261125
+LIVE, CHAINS, REMAINING = 500, 32, 0.01
+"""Live points, chains that move at once, and the log evidence left when nested sampling ends."""
+SETTINGS = Sampling()
+EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
+
+
+def nested(target: LogPosterior, live: int, seed: np.random.SeedSequence) -> tuple[Any, float]:
+    """dynesty's results in z, and the CPU seconds they took."""
+    from dynesty import NestedSampler
+
+    began = time.process_time()
+    batched = Batched(target.log_likelihood_of_normal, min(CHAINS, live // 4))
+    sampler = NestedSampler(
+        batched, ndtri, target.dimension, nlive=live, sample="rslice",
+        rstate=np.random.default_rng(seed), pool=batched, queue_size=batched.size,
+        use_pool={"prior_transform": False, "update_bound": False},
+    )  # fmt: skip
+    sampler.run_nested(dlogz=REMAINING, print_progress=False)
+    return sampler.results, time.process_time() - began
+
+
+def evidence_row(sampled: Sampled, results: Any, seed: np.random.SeedSequence) -> rows.Row:
+    """Both estimates of the evidence, and how the two runs went."""
+    z = sampled.z
+    effective = float(sampled.pooled.convergence.table["ess_bulk"].min()) / len(z)
+    bridge = scoring.bridge_evidence(sampled.target, z, effective, seed)
+    return {
+        "bridge": f"{bridge.log_evidence:.3f}",
+        "bridge_mcse": f"{bridge.mcse:.3f}",
+        "nested": f"{results.logz[-1]:.3f}",
+        "nested_error": f"{results.logzerr[-1]:.3f}",
+        "difference": f"{bridge.log_evidence - results.logz[-1]:.3f}",
+        "nested_calls": int(np.sum(results.ncall)),
+        **sampled.row(),
+    }
+
+
+def parameter_rows(
+    names: tuple[str, ...], ours: FloatArray, theirs: FloatArray, size: float
+) -> list[rows.Row]:
+    """Differences, emcee minus nested, in nested posterior sds, of the logarithms.
+
+    Parameters
+    ----------
+    ours, theirs : draws (S, d), SI.
+    size : effective number of nested draws, for the error of their mean.
+    """
+    found = []
+    for name, one, other in zip(names, np.log(ours).T, np.log(theirs).T, strict=True):
+        spread = other.std()
+        low, high = (np.quantile(one, [0.05, 0.95]) - np.quantile(other, [0.05, 0.95])) / spread
+        found.append(
+            {
+                "parameter": name,
+                "mean_difference_sd": f"{(one.mean() - other.mean()) / spread:.4f}",
+                "standard_error_sd": f"{size**-0.5:.4f}",
+                "sd_ratio": f"{one.std() / spread:.4f}",
+                "q05_difference_sd": f"{low:.4f}",
+                "q95_difference_sd": f"{high:.4f}",
+            }
+        )
+    return found
+
+
+def compare(name: str, live: int, settings: Sampling, output: Path) -> None:
+    """Sample one case with both and append the rows of both tables."""
+    target = case(name)
+    emcee_seed, nested_seed, bridge_seed = np.random.SeedSequence([SEED, *name.encode()]).spawn(3)
+    results, cpu = nested(target, live, nested_seed)
+    weights = results.importance_weights()
+    size = 1.0 / float(np.sum(weights**2))
+    theirs = target.prior.to_parameters(results.samples_equal(np.random.default_rng(nested_seed)))
+    sampled = sample(target, emcee_seed, settings)
+    task: rows.Task = {"case": name, "live": live}
+    row = evidence_row(sampled, results, bridge_seed)
+    row |= {"nested_ess": f"{size:.0f}", "nested_cpu_seconds": f"{cpu:.1f}"}
+    found = parameter_rows(target.names, sampled.theta, theirs, size)
+    rows.write(output / EVIDENCE, {**task, **row, **rows.provenance(SEED)})
+    for each in found:
+        rows.write(output / PARAMETERS, {**task, **each, **rows.provenance(SEED)})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--case", choices=sorted(RELAXATION_TIMES), default="A")
+    parser.add_argument("--live", type=int, default=LIVE)
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    options = parser.parse_args()
+    task: rows.Task = {"case": options.case, "live": options.live}
+    if rows.missing(options.output / EVIDENCE, [task]):
+        compare(options.case, options.live, SETTINGS, options.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""Does the shipped rule pick the right model order, and does it say when it cannot?
+
+Specimens are drawn from the priors of `worlds` and every order from 1 to 3 is fitted and
+compared with the shipped rule (`comparison.decide`): bridge evidence, BIC, block-LOO. Worlds:
+
+- `closed`: the truth is one of the candidates.
+- `discrepancy`: the records carry in addition a smooth error of 1 % of their range, even in
+  the logarithm of time, that no candidate has; the right pick is still the true order.
+- `one_more`: the truth has four units; the right pick is three, the best there is.
+
+The truth's units are drawn as the prior has them, so a second or third unit may be too weak,
+or too close to another, to be seen in any data: `smallest_ratio` (of neighbouring times) and
+`noise_share` (of the records' range) are stored so that such specimens can be told.
+
+    python -m tests.validation.order_selection voigt_kelvin closed 2 --replicates 100
+    python -m tests.validation.order_selection kv_gm one_more 4
+
+Rows are appended as replicates finish, so a stopped run goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import zlib
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from deabayes import scoring
+from deabayes.comparison import Score, decide
+from deabayes.posterior import LogPosterior
+from deabayes.ranking import Ranked, score_all
+from tests.validation import rows
+from tests.validation.sampled import Sampled, sample
+from tests.validation.tally import outcome, single_picks, unflagged_conflict
+from tests.validation.worlds import (
+    Discrepancy,
+    Simulated,
+    World,
+    membrane,
+    simulate,
+    smooth_in_log_time,
+    tubular,
+)
+
+OUTPUT = Path("docs/validation")
+SEED = 20261123
+CANDIDATES = (1, 2, 3)
+STORED_DRAWS = 2000
+"""Per ensemble, about as many as a posterior file holds."""
+
+FAMILIES: Mapping[str, Callable[[], World]] = {"kv_gm": membrane, "voigt_kelvin": tubular}
+WORLDS: Mapping[str, Discrepancy | None] = {
+    "closed": None,
+    "discrepancy": smooth_in_log_time,
+    "one_more": None,
+}
+
+
+def path_of(family: str, output: Path = OUTPUT) -> Path:
+    """Where the replicates of a family are kept."""
+    return output / f"order_selection_{family}.csv"
+
+
+def replicate(task: rows.Task) -> rows.Row:
+    """Simulate a specimen, fit every candidate, let the shipped rule decide."""
+    family, world_name, order = str(task["family"]), str(task["world"]), int(task["truth"])
+    key = zlib.crc32(f"{family} {world_name}".encode())
+    stream = np.random.SeedSequence([SEED, key, order, int(task["replicate"])])
+    data_stream, *streams = stream.spawn(1 + len(CANDIDATES))
+    world = FAMILIES[family]()
+    truth = world.target(order)
+    data = simulate(world, truth, np.random.default_rng(data_stream), WORLDS[world_name])
+    fits = [
+        fitted(world.conditioned(candidate, data.records), seed)
+        for candidate, seed in zip(CANDIDATES, streams, strict=True)
+    ]
+    scores = score_all([ranked for ranked, _ in fits])
+    return {
+        **_verdict(scores, f"{family}_{min(order, max(CANDIDATES))}"),
+        **_specimen(truth, data),
+        **{name: value for score in scores for name, value in _score(score).items()},
+        "all_converged": int(all(s.converged for s in scores)),
+        "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
+    }
+
+
+def fitted(target: LogPosterior, seed: np.random.SeedSequence) -> tuple[Ranked, Sampled]:
+    """A candidate with its draws and its scores, as the commands `fit` and `score` leave it."""
+    fit_stream, evidence_stream = seed.spawn(2)
+    sampled = sample(target, fit_stream)
+    z = sampled.z
+    z = z[:, np.linspace(0, z.shape[1] - 1, min(STORED_DRAWS, z.shape[1])).astype(int)]
+    theta = target.prior.to_parameters(z.reshape(-1, z.shape[2])).reshape(z.shape)
+    tree = xr.DataTree.from_dict(
+        {"posterior": xr.Dataset(
+            {name: (("chain", "draw"), theta[:, :, k]) for k, name in enumerate(target.names)}
+        )}
+    )  # fmt: skip
+    converged = bool(sampled.pooled.convergence.converged)
+    tree.attrs.update(
+        candidate=target.system.candidate,
+        order=target.system.order,
+        convergence=json.dumps({"converged": converged}),
+    )
+    return Ranked(tree, target, _scores(sampled, evidence_stream)), sampled
+
+
+def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
+    """What `deabayes score` computes, without leave-one-experiment-out, which the rule ignores."""
+    target, z = sampled.target, sampled.z
+    z = z[:, np.linspace(0, z.shape[1] - 1, min(STORED_DRAWS, z.shape[1])).astype(int)]
+    effective = float(sampled.pooled.convergence.table["ess_bulk"].min()) / len(z)
+    evidence = scoring.bridge_evidence(target, z, effective, seed)
+    flat = z.reshape(-1, z.shape[2])
+    maximum = scoring.maximum_log_likelihood(target, flat[np.argsort(target(flat))[-3:]])
+    points = sum(record.experiment.coordinate.size for record in target.records)
+    return {
+        "log_evidence": evidence.log_evidence,
+        "log_evidence_mcse": evidence.mcse,
+        "bic": target.dimension * float(np.log(points)) - 2.0 * maximum,
+        "elpd_leave_one_experiment_out": float("nan"),
+    }
+
+
+def _verdict(scores: list[Score], right: str) -> rows.Row:
+    decision = decide(scores)
+    return {
+        "right": right,
+        "outcome": outcome(decision, right),
+        "chosen": decision.chosen or "",
+        "unresolved": " ".join(decision.unresolved),
+        "unflagged_conflict": int(unflagged_conflict(scores, decision)),
+        **{f"best_{criterion}": pick for criterion, pick in single_picks(scores).items()},
+    }
+
+
+def _specimen(truth: LogPosterior, data: Simulated) -> rows.Row:
+    """How hard the specimen is to tell: its closest times, its noise over the records' range."""
+    times = [float(v[0]) for n, v in data.truth.items() if n.startswith("tau")]
+    ratios = [later / earlier for earlier, later in pairwise(times)]
+    noise = truth.noise_draws(data.truth, truth.records[0].group)
+    extent = max(record.response_range for record in data.records)
+    size = float(np.hypot(noise["sigma_ou"][0], noise["sigma_white"][0]))
+    return {
+        "smallest_ratio": f"{min(ratios):.3f}" if ratios else "",
+        "noise_share": f"{size / extent:.5f}",
+    }
+
+
+def _score(score: Score) -> rows.Row:
+    loo = score.loo
+    return {
+        f"log_evidence:{score.order}": f"{score.log_evidence:.3f}",
+        f"mcse:{score.order}": f"{score.log_evidence_mcse:.3f}",
+        f"bic:{score.order}": f"{score.bic:.3f}",
+        f"elpd:{score.order}": f"{loo.elpd:.3f}" if loo else "",
+        f"elpd_se:{score.order}": f"{loo.se:.3f}" if loo else "",
+        f"k_hat:{score.order}": f"{loo.k_hat.max():.2f}" if loo else "",
+        f"converged:{score.order}": int(score.converged),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("family", choices=sorted(FAMILIES))
+    parser.add_argument("world", choices=list(WORLDS))
+    parser.add_argument("truth", type=int, help="units of the truth; 4 in the world one_more")
+    parser.add_argument("--replicates", type=int, default=100)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    options = parser.parse_args()
+    extra = options.truth > max(CANDIDATES)
+    if options.truth < 1 or extra != (options.world == "one_more"):
+        parser.error("truth is 1 to 3, and 4 in the world one_more")
+    todo = [
+        {"family": options.family, "world": options.world, "truth": options.truth, "replicate": i}
+        for i in range(options.replicates)
+    ]
+    path = path_of(options.family, options.output)
+    rows.append(path, todo, replicate, SEED, options.processes)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""How often the right model order was picked, and whether a conflict of criteria went unflagged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from deabayes.comparison import Decision, Score, judge
+
+OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
+
+
+def outcome(decision: Decision, right: str) -> str:
+    """What a decision is worth: one of `OUTCOMES`.
+
+    "Not resolved" is a pick with a flag, whichever it is; "no verdict" that too few
+    candidates converged.
+    """
+    if decision.chosen is None:
+        return "no verdict"
+    if decision.unresolved:
+        return "not resolved"
+    return "right" if decision.chosen == right else "wrong"
+
+
+def unflagged_conflict(scores: Sequence[Score], decision: Decision) -> bool:
+    """Whether a candidate was picked without a flag against the rule's own verdict on a pair.
+
+    The pick must win against every smaller candidate and no larger one may win, or even
+    conflict, against it.
+    """
+    if decision.chosen is None or decision.unresolved:
+        return False
+    ranked = {s.candidate: s for s in scores if s.loo is not None}
+    chosen = ranked.pop(decision.chosen)
+    return any(
+        judge(chosen, other) != "larger"
+        if chosen.n_parameters > other.n_parameters
+        else judge(other, chosen) != "smaller"
+        for other in ranked.values()
+    )
+
+
+def single_picks(scores: Sequence[Score]) -> Mapping[str, str]:
+    """The best candidate by each criterion alone, among those that converged."""
+    ranked = [s for s in scores if s.loo is not None]
+    if not ranked:
+        return dict.fromkeys(("evidence", "bic", "elpd"), "")
+    return {
+        "evidence": max(ranked, key=lambda s: s.log_evidence).candidate,
+        "bic": min(ranked, key=lambda s: s.bic).candidate,
+        "elpd": max(ranked, key=lambda s: s.loo.elpd if s.loo else float("-inf")).candidate,
+    }
+
+
+def tally(replicates: pd.DataFrame) -> pd.DataFrame:
+    """One row per family, world and truth: picks, share right, flags, conflicts.
+
+    Parameters
+    ----------
+    replicates : the rows that `order_selection` stores.
+    """
+    groups = replicates.groupby(["family", "world", "truth"], sort=True)
+    return pd.DataFrame([_tallied(keys, group) for keys, group in groups])
+
+
+def _tallied(keys: tuple[str, str, int], group: pd.DataFrame) -> dict[str, object]:
+    family, world, truth = keys
+    counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
+    judged = len(group) - counts["no verdict"]
+    decided = counts["right"] + counts["wrong"]
+    picks = group["chosen"].value_counts()
+    right = group["right"].iloc[0]
+    return {
+        "family": family,
+        "world": world,
+        "true units": truth,
+        "right pick": right,
+        "replicates": len(group),
+        **counts,
+        "picks": ", ".join(f"{name}: {count}" for name, count in sorted(picks.items())),
+        "share right of all judged": share(counts["right"], judged),
+        "share right of those decided": share(counts["right"], decided),
+        **{
+            f"best {criterion} right": share(
+                int((group[f"best_{criterion}"] == right).sum()), judged
+            )
+            for criterion in ("evidence", "bic", "elpd")
+        },
+        "unflagged conflicts": int(group["unflagged_conflict"].sum()),
+        "every candidate converged": int(group["all_converged"].sum()),
+    }
+
+
+def share(part: int, whole: int) -> str:
+    """A share with two digits; empty of nothing."""
+    return f"{part / whole:.2f}" if whole else ""
