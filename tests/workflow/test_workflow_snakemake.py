@@ -135,6 +135,7 @@ def test_the_line_from_records_to_report(tiny: Path) -> None:
         candidate / "posterior.nc",
         candidate / "predictions" / "creep_2500V.nc",
         results / "tiny" / "comparison.csv",
+        results / "tiny" / "analyses" / "index.json",
         results / "report" / "index.html",
     ):
         assert path.is_file(), path

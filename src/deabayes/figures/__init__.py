@@ -2,7 +2,8 @@
 
 A figure module has `SCOPE` (candidate | study), `TITLE`, `CAPTION` and
 `draw(results)`, which returns a Figure or a list of them (one per sheet) from a
-`CandidateResults` or a `StudyResults`.
+`CandidateResults` or a `StudyResults`. One that draws an analysis names it in `ANALYSIS`,
+and returns no figure where it was not computed.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ INDEX = "index.json"
 
 @dataclass(frozen=True)
 class SavedFigure:
-    """One sheet on disk; `candidate` is empty for a figure of the whole study."""
+    """One sheet on disk; `candidate` is empty for a figure of the whole study.
+
+    `analysis` is the one it draws, empty for none.
+    """
 
     name: str
     candidate: str
@@ -53,6 +57,7 @@ class SavedFigure:
     caption: str
     svg: Path
     png: Path
+    analysis: str = ""
 
 
 def module(name: str) -> ModuleType:
@@ -136,5 +141,7 @@ def _save(name: str, results: CandidateResults | StudyResults, out: Path) -> lis
         with style.applied():
             figure.savefig(svg, metadata={"Date": None})
             figure.savefig(png)
-        saved.append(SavedFigure(name, candidate, sheet, source.TITLE, source.CAPTION, svg, png))
+        labels = source.TITLE, source.CAPTION
+        analysis = getattr(source, "ANALYSIS", "")
+        saved.append(SavedFigure(name, candidate, sheet, *labels, svg, png, analysis))
     return saved

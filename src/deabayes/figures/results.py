@@ -70,6 +70,18 @@ class StudyResults:
         records = [read_prepared(path) for path in sorted(self.folder.glob("prepared/*.nc"))]
         return {e.name: e for e in sorted(records, key=lambda e: (e.role, e.protocol, e.name))}
 
+    @cached_property
+    def analyses(self) -> tuple[AnalysisResults, ...]:
+        """What the stage `analyse` wrote, in the report's order; empty where it did not run."""
+        folder = self.folder / "analyses"
+        index = folder / "index.json"
+        entries = json.loads(index.read_text(encoding="utf-8")) if index.is_file() else []
+        return tuple(AnalysisResults.of(folder, entry) for entry in entries)
+
+    def analysis(self, name: str) -> AnalysisResults | None:
+        """One analysis by name; None where it was not computed."""
+        return next((each for each in self.analyses if each.name == name), None)
+
     @property
     def provenance(self) -> str:
         return self.recommended.provenance
@@ -77,8 +89,43 @@ class StudyResults:
     @cached_property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that a figure may have been drawn from."""
-        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv")
+        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv",
+                    "analyses/index.json", "analyses/*/*")  # fmt: skip
         return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
+
+
+@dataclass(frozen=True)
+class AnalysisResults:
+    """`results/{study}/analyses/{name}`: its title and caption, tables and curves by name."""
+
+    folder: Path
+    title: str
+    caption: str
+    table_names: tuple[str, ...]
+    curve_names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, folder: Path, entry: Mapping[str, Any]) -> AnalysisResults:
+        """From an entry of index.json."""
+        names = (tuple(entry[kind]) for kind in ("tables", "curves"))
+        return cls(folder / entry["name"], entry["title"], entry["caption"], *names)
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @cached_property
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        import pandas as pd
+
+        return {name: pd.read_csv(self.folder / f"{name}.csv") for name in self.table_names}
+
+    @cached_property
+    def curves(self) -> Mapping[str, xr.Dataset]:
+        import xarray as xr
+
+        files = {name: self.folder / f"{name}.nc" for name in self.curve_names}
+        return {name: xr.load_dataset(file, engine="h5netcdf") for name, file in files.items()}
 
 
 @dataclass(frozen=True)
