@@ -31,12 +31,19 @@ LOST = "lost"
 class PriorModel:
     """A candidate's response to one record's excitation, as a function of its prior's z.
 
-    Parameters of the prior that the forward model does not know (noise) stay at z = 0.
+    The response is taken at `at`, by default where the record was. Parameters of the prior
+    that the forward model does not know (noise) stay at z = 0.
     """
 
     system: System
     prior: Prior
     experiment: Experiment
+    at: FloatArray | None = None
+
+    @property
+    def coordinate(self) -> FloatArray:
+        """(N,) where the response is taken."""
+        return self.experiment.coordinate if self.at is None else self.at
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,9 +62,9 @@ class PriorModel:
     def response(
         self, draws: Mapping[str, FloatArray], coordinate: FloatArray | None = None
     ) -> FloatArray:
-        """The response (W, N), at the record's own coordinate by default; failed rows all NaN."""
+        """The response (W, N), there or at another coordinate; failed rows all NaN."""
         record = self.experiment
-        at = record.coordinate if coordinate is None else coordinate
+        at = self.coordinate if coordinate is None else coordinate
         values = self.system.predict(record.excitation, at, record.response_name, draws)
         failed = ~np.all(np.isfinite(values), axis=1)
         return np.where(failed[:, None], np.nan, values)
@@ -198,9 +205,7 @@ def stage_sensitivity(
     return Sensitivity(region, failed.size, int(failed.sum()), by_stage)
 
 
-def failure_sensitivity(
-    model: PriorModel, groups: int, rng: np.random.Generator
-) -> Sensitivity:
+def failure_sensitivity(model: PriorModel, groups: int, rng: np.random.Generator) -> Sensitivity:
     """Which parameters decide whether a draw fails: indices of 1 (failed) or 0, whole prior."""
     from scipy.special import ndtri
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from deabayes.normal_scores import FloatArray
+from deabayes.experiment import FloatArray
 
 CONFIDENCE = 0.95
 RESAMPLES = 100
@@ -73,10 +72,11 @@ def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Ind
         conf_level=CONFIDENCE,
         seed=_seed(rng),
     )
-    columns: Sequence[FloatArray] = [
+    first, first_conf, total, total_conf = (
         np.asarray(found[name], dtype=float) for name in ("S1", "S1_conf", "ST", "ST_conf")
-    ]
-    return Indices(*columns, len(by_group), len(by_group) - len(kept))
+    )
+    left_out = len(by_group) - len(kept)
+    return Indices(first, first_conf, total, total_conf, len(by_group), left_out)
 
 
 def _problem(dimension: int) -> dict[str, Any]:

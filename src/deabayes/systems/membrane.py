@@ -210,6 +210,10 @@ class Membrane(System):
         """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
         return self._material(draws).derived(self.breakdown)
 
+    def why_failed(self, draws: Draws) -> NDArray[np.str_]:
+        """Pull-in, the breakdown stretch, or a Gent limit below the pre-stretch, (W,)."""
+        return self._material(draws).why_lost(self.breakdown)
+
     def _material(self, draws: Draws) -> Material:
         return Material.from_draws(self.model, self.specimen, draws)
 
