@@ -4,7 +4,12 @@ rule analyse:
         prepared="<results>/{study}/prepared",
         posteriors=posteriors_of,
         modules=modules(
-            "analyses/*.py", "pipeline/analyse.py", "fitted.py", "errors.py"
+            "analyses/*.py",
+            "pipeline/analyse.py",
+            "fitted.py",
+            "errors.py",
+            "influence.py",
+            "sensitivity.py",
         ),
     output:
         directory("<results>/{study}/analyses"),

@@ -20,7 +20,9 @@ from deabayes.faults import UserError, nearest
 if TYPE_CHECKING:
     from deabayes.analyses.base import Analysis, StudyContext
 
-REGISTRY: Mapping[str, str] = {}
+REGISTRY: Mapping[str, str] = {
+    "influence": "deabayes.analyses.influence",
+}
 """Analysis -> its module, in the report's order."""
 
 INDEX = "index.json"

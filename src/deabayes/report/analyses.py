@@ -17,12 +17,16 @@ UNITS = {"percent": "%", "um": "µm"} | {
 """Last word of a column's name -> the unit it stands for."""
 LOW, HIGH = "_q05", "_q95"
 HIDDEN = ("converged",)
+LONGEST = 60
+"""Rows of a table shown; longer ones are in the report's tables folder only."""
 
 
 def tables(study: StudyResults, names: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
     """Table -> header, rows and which of them are of unconverged candidates, by analysis."""
     return {
-        each.name: {name: readable(table) for name, table in each.tables.items()}
+        each.name: {
+            name: readable(table) for name, table in each.tables.items() if len(table) <= LONGEST
+        }
         for each in study.analyses
         if not names or each.name in names
     }
