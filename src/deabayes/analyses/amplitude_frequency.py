@@ -12,7 +12,7 @@ from deabayes.fitted import Fitted
 
 SYSTEMS = ("membrane",)
 TITLE = "Amplitude against frequency"
-LAST, PHASES, FREQUENCIES, KNOTS = 2, 48, 9, 100
+LAST, PHASES, FREQUENCIES, KNOTS = 2, 48, 15, 100
 DRAWS = 200
 SAME_AMPLITUDE = 0.02
 CAPTION = (

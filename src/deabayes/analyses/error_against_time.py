@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import since_step
+from deabayes.analyses.drive import amplitude, since_step
 from deabayes.analyses.summaries import band
 from deabayes.experiment import Experiment
 
@@ -45,5 +45,6 @@ def error_curves(context: StudyContext, experiment: Experiment) -> object:
             "time": ("time", since_step(experiment), {"units": "s"}),
         },
         attrs={"experiment": experiment.name, "role": experiment.role,
-               "protocol": experiment.protocol},
+               "protocol": experiment.protocol,
+               "amplitude_kV": amplitude(experiment.excitation) / 1e3},
     )  # fmt: skip
