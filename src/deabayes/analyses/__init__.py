@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from deabayes.analyses.base import Analysis, StudyContext
 
 REGISTRY: Mapping[str, str] = {
+    "membrane_table_1": "deabayes.analyses.membrane_table_1",
+    "error_against_time": "deabayes.analyses.error_against_time",
+    "membrane_table_2": "deabayes.analyses.membrane_table_2",
+    "response_stages": "deabayes.analyses.response_stages",
+    "hysteresis": "deabayes.analyses.hysteresis",
+    "amplitude_frequency": "deabayes.analyses.amplitude_frequency",
+    "pull_in": "deabayes.analyses.pull_in",
     "influence": "deabayes.analyses.influence",
 }
 """Analysis -> its module, in the report's order."""

@@ -29,7 +29,7 @@ CAPTION = (
 )
 HELD = ("step", "creep", "relaxation")
 DRAWS, SHOWN = 1000, 20
-POINTS = 120
+POINTS, EARLIEST = 120, 1e-4
 GROUPS = 4096
 FEWEST_FAILED_SHARE = 0.01
 """Indices of so rare an event as failure would be noise."""
@@ -111,9 +111,9 @@ def curve_times(record: Experiment) -> FloatArray:
     """After a step, even in log time, as the record is not that dense; else the record's own."""
     if record.protocol not in HELD:
         return record.coordinate
-    since = record.coordinate - influence.onset(record.excitation)
-    since = np.geomspace(since[since > 0].min(), since.max(), POINTS)
-    return influence.onset(record.excitation) + since
+    start = influence.onset(record.excitation)
+    span = float(record.coordinate.max()) - start
+    return start + np.geomspace(EARLIEST * span, span, POINTS)
 
 
 def _strength(experiment: Experiment) -> tuple[float, float]:

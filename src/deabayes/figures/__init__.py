@@ -40,6 +40,11 @@ REGISTRY: Mapping[str, str] = {
     "comparison": "deabayes.figures.comparison",
     "errors": "deabayes.figures.errors",
     "preparation": "deabayes.figures.preparation",
+    "error_against_time": "deabayes.figures.error_against_time",
+    "response_stages": "deabayes.figures.response_stages",
+    "hysteresis": "deabayes.figures.hysteresis",
+    "amplitude_frequency": "deabayes.figures.amplitude_frequency",
+    "pull_in": "deabayes.figures.pull_in",
 }
 """Figure -> its module, in the report's order."""
 

@@ -11,7 +11,7 @@ import pandas as pd
 from deabayes.figures.quantities import interval, plain, short
 from deabayes.figures.results import StudyResults
 
-UNITS = {"percent": "%", "um": "µm"} | {
+UNITS = {"percent": "%", "um": "µm", "kVmm": "kV·mm"} | {
     unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz".split()
 }
 """Last word of a column's name -> the unit it stands for."""
