@@ -17,6 +17,8 @@ OF_MEMBRANE = [
     name for name in figures.REGISTRY
     if getattr(figures.module(name), "ANALYSIS", "") in analyses.names_for("membrane")
 ]  # fmt: skip
+OF_POSTERIORS = [n for n in OF_MEMBRANE if figures.module(n).ANALYSIS != "influence"]
+"""Influence is that of the prior: tested in test_influence_analysis.py."""
 FAKE = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated")
 
 
@@ -31,7 +33,7 @@ def words(figure: object) -> list[str]:
     return [t.get_text() for t in figure.findobj(Text) if t.get_text()]  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", OF_MEMBRANE)
+@pytest.mark.parametrize("name", OF_POSTERIORS)
 def test_it_draws_marked_and_with_every_candidate(name: str, analysed: Path) -> None:
     drawn = figures.draw(name, StudyResults(analysed))
     assert drawn

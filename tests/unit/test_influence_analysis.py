@@ -19,8 +19,6 @@ def study(tmp_path_factory):
     fake = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated")
     folder = write_study(tmp_path_factory.mktemp("influence"), fake)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(influence, "GROUPS", 128)
-        patch.setattr(influence, "DRAWS", 200)
         patch.setattr(analyses, "REGISTRY", {"influence": "deabayes.analyses.influence"})
         analyses.run_all(context(), folder / "analyses")
     return StudyResults(folder)

@@ -29,7 +29,7 @@ CAPTION = (
 )
 HELD = ("step", "creep", "relaxation")
 DRAWS, SHOWN = 1000, 20
-POINTS, EARLIEST = 120, 1e-4
+POINTS, POINTS_IN_TIME, EARLIEST = 120, 601, 1e-4
 GROUPS = 4096
 FEWEST_FAILED_SHARE = 0.01
 """Indices of so rare an event as failure would be noise."""
@@ -108,12 +108,11 @@ def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def curve_times(record: Experiment) -> FloatArray:
-    """After a step, even in log time, as the record is not that dense; else the record's own."""
-    if record.protocol not in HELD:
-        return record.coordinate
-    start = influence.onset(record.excitation)
-    span = float(record.coordinate.max()) - start
-    return start + np.geomspace(EARLIEST * span, span, POINTS)
+    """Denser than the record: even in log time after a step, else even in time."""
+    start, end = influence.onset(record.excitation), float(record.coordinate.max())
+    if record.protocol in HELD:
+        return start + np.geomspace(EARLIEST * (end - start), end - start, POINTS)
+    return np.linspace(start, end, POINTS_IN_TIME)
 
 
 def _strength(experiment: Experiment) -> tuple[float, float]:

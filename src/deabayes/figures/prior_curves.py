@@ -47,7 +47,7 @@ def _sheet(candidates: Sequence[xr.Dataset]) -> Figure:
     unit, label = vertical(candidates[0], np.array([low, top]))
     for ax, curves in zip(axes, candidates, strict=True):
         _panel(ax, curves, unit.factor)
-        ax.set_ylim(low / unit.factor, top / unit.factor)
+        ax.set_ylim((low - 0.03 * (top - low)) / unit.factor, top / unit.factor)
     axes[0].set_ylabel(label)
     panels.legend_below(
         figure,
