@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -109,7 +109,8 @@ class Fitted:
         span: dict[str, float] = {}
         for r in self.records:
             low, high = excitation.get(r.excitation_name, (np.inf, -np.inf))
-            excitation[r.excitation_name] = (min(low, r.lowest), max(high, r.highest))
+            ends = self._folded(r.excitation_name, np.array([r.lowest, r.highest]))
+            excitation[r.excitation_name] = (min(low, ends.min()), max(high, ends.max()))
             span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
         return Calibrated(excitation, span)
 
@@ -179,9 +180,18 @@ class Fitted:
 
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""
+        driven = experiment.excitation
+        driven = replace(driven, values=self._folded(driven.name, driven.values))
         return self.calibrated().extrapolation(
-            experiment.excitation, experiment.coordinate_name, experiment.coordinate
+            driven, experiment.coordinate_name, experiment.coordinate
         )
+
+    def _folded(self, excitation: str, values: FloatArray) -> FloatArray:
+        """Magnitudes where the sign makes no difference; between two signs lies zero."""
+        if excitation not in self.system.even:
+            return values
+        crosses = values.min() < 0.0 < values.max()
+        return np.append(np.abs(values), 0.0) if crosses else np.abs(values)
 
     def experiment(
         self,

@@ -145,5 +145,5 @@ def test_tables_are_rounded_to_what_their_intervals_support():
     )  # fmt: skip
     found = readable(table)
     assert found["header"] == ["candidate", "e m (%)", "paper (%)", "stable", "frequency (Hz)"]
-    assert found["rows"] == [["kv_gm_1", "21.4 [20.1, 22.3]", "21.4", "yes", "–"]]
+    assert found["rows"] == [["kv_gm_1", "21.4 [20.1, 22.3]", "21.42", "yes", "–"]]
     assert found["number"] == [False, True, True, False, True]

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 from tests.unit.contexts import PAPER, experiment
-from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step
+from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step, voltage
 
 from deabayes.experiment import Quantity
 from deabayes.faults import UserError
@@ -125,3 +125,20 @@ def test_ranges_survive_the_file():
     kept = json.loads(records_to_json(list(fitted().records)))
     assert [CalibratedRecord(**each) for each in kept] == list(fitted().records)
     assert asdict(fitted().records[0])["response_range"] == record(4e3).response_range
+
+
+def test_the_sign_of_the_voltage_is_no_extrapolation():
+    risen = voltage([0.0, 0.1, 600.0], [-0.4, 4e3, 4e3])
+    found = fitted([experiment("risen", "step", risen, TIME, "displacement")])
+    driven = experiment("sine", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
+    assert found.extrapolation(driven) == ""
+    assert fitted([driven]).extrapolation(record(1e3)).startswith("599 s is more than")
+    higher = replace(driven, excitation=sine(0.05, amplitude=4500.0))
+    assert "4500 V lies outside the calibrated 0 to 4000" in found.extrapolation(higher)
+    assert "-2000" in replace(found, system=Odd()).extrapolation(driven)
+
+
+class Odd:
+    """A system for which the sign counts."""
+
+    even = ()

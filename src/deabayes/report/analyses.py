@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deabayes.figures.quantities import interval, plain, short
+from deabayes.figures.quantities import ROLES, interval, plain, short
 from deabayes.figures.results import StudyResults
 
 UNITS = {"percent": "%", "um": "µm", "kVmm": "kV·mm"} | {
@@ -16,6 +16,8 @@ UNITS = {"percent": "%", "um": "µm", "kVmm": "kV·mm"} | {
 }
 """Last word of a column's name -> the unit it stands for."""
 LOW, HIGH = "_q05", "_q95"
+DIGITS = 4
+"""Of a number without interval: as many as the papers print."""
 HIDDEN = ("converged",)
 LONGEST = 60
 """Rows of a table shown; longer ones are in the report's tables folder only."""
@@ -67,8 +69,8 @@ def _cells(table: pd.DataFrame, column: str, bounds: set[str]) -> list[str]:
 
 def _text(value: object) -> str:
     if isinstance(value, str):
-        return plain(value) if " " in value else value
+        return ROLES.get(value, value)
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     number = float(value)  # type: ignore[arg-type]
-    return short(number) if np.isfinite(number) else "–"
+    return short(number, DIGITS) if np.isfinite(number) else "–"

@@ -44,6 +44,8 @@ class System(ABC):
     protocols: ClassVar[tuple[str, ...]]
     excitations: ClassVar[Mapping[str, str]]
     """Excitation channel -> SI unit."""
+    even: ClassVar[tuple[str, ...]] = ()
+    """Excitation channels whose sign makes no difference to any response."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
     required_quantities: ClassVar[Mapping[str, str]]

@@ -72,6 +72,7 @@ class Membrane(System):
     name = "membrane"
     protocols = ("step", "creep", "sine")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
+    even = ("voltage",)
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",
