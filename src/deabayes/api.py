@@ -94,7 +94,8 @@ class Posterior:
             `median`, `mean` and the bands `parameter`, `discrepancy` and
             `predictive` (level, bound, coordinate). The attribute
             `extrapolation` is not empty where the excitation leaves the
-            calibrated region.
+            calibrated region, `noise_note` where no calibration record measured
+            this response and the noise is another one's.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction import to_dataset
@@ -108,7 +109,8 @@ class Posterior:
             {
                 "extrapolation": fitted.extrapolation(experiment),
                 "converged": int(fitted.converged),
-                "noise_group": fitted.noise_of(experiment)[0],
+                "noise_group": fitted.noise_of(experiment).group,
+                "noise_note": fitted.noise_of(experiment).note,
             },
         )
         return dataset.drop_vars("observed")

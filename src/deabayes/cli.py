@@ -201,6 +201,16 @@ def predict(
 
 @cli.command()
 @click.argument("results", type=EXISTING)
+@click.option("-o", "--output", type=TARGET, help="Folder; default: analyses/ in RESULTS.")
+def analyse(results: Path, output: Path | None) -> None:
+    """Compute what papers of the system report, from one study's results folder (results/NAME)."""
+    from deabayes.pipeline import analyse_study
+
+    analyse_study(results, output or results / "analyses")
+
+
+@cli.command()
+@click.argument("results", type=EXISTING)
 @click.option("-o", "--output", type=TARGET, required=True)
 def figures(results: Path, output: Path) -> None:
     """Draw every figure of one study's results folder (results/NAME)."""

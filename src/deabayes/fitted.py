@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,8 @@ from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.posterior import noise_coordinate
-from deabayes.prediction import Calibrated, Samples, sample_response
+from deabayes.prediction import Calibrated, NoiseOrigin, Samples, sample_response
+from deabayes.reading.instruments import instrument
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
 from deabayes.systems.base import System
@@ -34,6 +35,8 @@ class CalibratedRecord:
     excitation_name: str
     lowest: float
     highest: float
+    response_range: float = float("nan")
+    """NaN in files written before it was kept."""
 
     @classmethod
     def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
@@ -49,6 +52,7 @@ class CalibratedRecord:
             experiment.excitation.name,
             float(values.min()),
             float(values.max()),
+            experiment.response_range,
         )
 
 
@@ -105,31 +109,63 @@ class Fitted:
         span: dict[str, float] = {}
         for r in self.records:
             low, high = excitation.get(r.excitation_name, (np.inf, -np.inf))
-            excitation[r.excitation_name] = (min(low, r.lowest), max(high, r.highest))
+            ends = self._folded(r.excitation_name, np.array([r.lowest, r.highest]))
+            excitation[r.excitation_name] = (min(low, ends.min()), max(high, ends.max()))
             span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
         return Calibrated(excitation, span)
 
-    def noise_of(self, experiment: Experiment) -> tuple[str, float | None]:
-        """The noise group an experiment is taken to have, and its scale.
+    def noise_of(self, experiment: Experiment) -> NoiseOrigin:
+        """Whose noise an experiment is taken to have.
 
-        A calibrated record has its own. Another one takes the group of a
-        calibrated record of its protocol, else of its response, else the first;
-        relative noise then scales with each draw's predicted range.
+        A calibrated record has its own. Another one takes the group of a calibrated
+        record of its response's unit, of its protocol if there is one; relative noise then
+        scales with each draw's predicted range. Where none has that unit, noise is carried
+        over (see `NoiseOrigin`) from a record of its protocol, else from the first.
+
+        Raises
+        ------
+        UserError
+            If noise has to be carried over, and the posterior file is too old for it.
         """
         for record in self.records:
             if record.name == experiment.name:
-                return record.group, record.scale
-        matches = (
-            [r for r in self.records if r.protocol == experiment.protocol]
-            or [r for r in self.records if r.response_name == experiment.response_name]
-            or list(self.records)
+                return NoiseOrigin(record.group, record.scale)
+        alike = [r for r in self.records if self._unit(r) == experiment.response_unit]
+        matches = alike or self.records
+        first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
+        if alike:
+            return NoiseOrigin(first.group, None if self.relative_noise else 1.0)
+        return self._carried_over(experiment, first)
+
+    def _carried_over(self, experiment: Experiment, source: CalibratedRecord) -> NoiseOrigin:
+        """The noise of a record that measured something else."""
+        group = [r for r in self.records if r.group == source.group]
+        calibrated = 1.0 if self.relative_noise else np.mean([r.response_range for r in group])
+        if not np.isfinite(calibrated):
+            raise UserError(
+                f"{self.candidate}: no calibrated record measured {experiment.response_name}, and "
+                "this posterior does not keep the ranges that its noise would be carried over "
+                "by; fit again"
+            )
+        unit = experiment.response_unit
+        sensor = instrument(self.specimen, "noise", experiment.response_name, unit)
+        return NoiseOrigin(
+            source.group,
+            scale=None,
+            calibrated_range=float(calibrated),
+            white=None if sensor is None else sensor.value,
+            note=f"no calibrated record measured {experiment.response_name}: its noise is that of "
+            f"{source.response_name}, in proportion to the response's range"
+            + ("" if sensor is None else "; white noise as specimen.yaml states it"),
         )
-        return matches[0].group, None if self.relative_noise else 1.0
+
+    def _unit(self, record: CalibratedRecord) -> str:
+        return self.system.responses[record.response_name]
 
     def sample(self, experiment: Experiment, rng: np.random.Generator) -> Samples:
         """Sample the response to an experiment (see `sample_response`)."""
-        group, scale = self.noise_of(experiment)
-        prefix = f"{group}."
+        origin = self.noise_of(experiment)
+        prefix = f"{origin.group}."
         noise_draws = {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
         return sample_response(
             self.system,
@@ -137,16 +173,25 @@ class Fitted:
             self.draws,
             noise_draws,
             experiment,
-            scale,
+            origin,
             noise_coordinate(self.noise_along, experiment),
             rng,
         )
 
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""
+        driven = experiment.excitation
+        driven = replace(driven, values=self._folded(driven.name, driven.values))
         return self.calibrated().extrapolation(
-            experiment.excitation, experiment.coordinate_name, experiment.coordinate
+            driven, experiment.coordinate_name, experiment.coordinate
         )
+
+    def _folded(self, excitation: str, values: FloatArray) -> FloatArray:
+        """Magnitudes where the sign makes no difference; between two signs lies zero."""
+        if excitation not in self.system.even:
+            return values
+        crosses = values.min() < 0.0 < values.max()
+        return np.append(np.abs(values), 0.0) if crosses else np.abs(values)
 
     def experiment(
         self,

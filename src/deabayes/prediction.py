@@ -73,13 +73,48 @@ class Samples:
         return np.stack([np.quantile(samples, pair, axis=0) for pair in tails])
 
 
+@dataclass(frozen=True)
+class NoiseOrigin:
+    """Whose noise a record is taken to have, and what its residuals are divided by.
+
+    Attributes
+    ----------
+    group : of calibrated records, whose noise parameters are taken.
+    scale : what the noise is relative to; None takes each draw's own predicted range over
+        `calibrated_range`, since a new record's range is not known beforehand.
+    calibrated_range : range of the group's records, where noise in their response's unit is
+        carried over to another response.
+    white : standard deviation of the white noise of one raw sample, in the response's unit,
+        where the sensor's own noise takes the place of the group's.
+    note : what a reader must know; empty where nothing was carried over.
+    """
+
+    group: str
+    scale: float | None = 1.0
+    calibrated_range: float = 1.0
+    white: float | None = None
+    note: str = ""
+
+    def scales(self, mean: FloatArray) -> FloatArray:
+        """What each draw's residuals (W, N) are divided by, (W,)."""
+        if self.scale is None:
+            return np.ptp(mean, axis=1) / self.calibrated_range
+        return np.full(mean.shape[0], self.scale)
+
+    def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
+        """The group's noise parameters, the sensor's own white noise in place of theirs."""
+        if self.white is None or "sigma_white" not in noise_draws:
+            return noise_draws
+        return {**noise_draws, "sigma_white": self.white / scales}
+
+
 def sample_response(
     system: System,
     noise: NoiseModel,
     draws: Draws,
     noise_draws: Draws,
     experiment: Experiment,
-    scale: float | None,
+    origin: NoiseOrigin,
     along: FloatArray,
     rng: np.random.Generator,
 ) -> Samples:
@@ -89,8 +124,7 @@ def sample_response(
     ----------
     noise_draws : the noise parameters of the group whose noise this record is
         taken to have, without prefix.
-    scale : what the noise is relative to; None takes each draw's own predicted
-        range, since a new record's range is not known beforehand.
+    origin : whose noise that is, and what it is relative to.
     along : (N,) the coordinate along which the noise is correlated.
     """
     mean = system.predict(
@@ -98,8 +132,8 @@ def sample_response(
     )
     kept = np.all(np.isfinite(mean), axis=1)
     mean = mean[kept]
-    noise_draws = {name: values[kept] for name, values in noise_draws.items()}
-    scales = np.ptp(mean, axis=1) if scale is None else np.full(mean.shape[0], scale)
+    scales = origin.scales(mean)
+    noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     log_density = None

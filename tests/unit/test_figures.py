@@ -23,6 +23,11 @@ from deabayes.figures.quantities import (
 )
 from deabayes.figures.results import StudyResults
 
+OF_CANDIDATES = [
+    n for n in figures.names("candidate") if not hasattr(figures.module(n), "ANALYSIS")
+]
+"""Those that need no analysis, which these studies do not have."""
+
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> StudyResults:
@@ -49,7 +54,7 @@ def texts(figure: object) -> list[str]:
     return [t.get_text() for t in figure.findobj(Text) if t.get_text()]  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", figures.names("candidate"))
+@pytest.mark.parametrize("name", OF_CANDIDATES)
 def test_every_candidate_figure_draws(name: str, measured: StudyResults) -> None:
     drawn = figures.draw(name, measured.recommended)
     assert drawn
@@ -60,7 +65,7 @@ def test_every_candidate_figure_draws(name: str, measured: StudyResults) -> None
         assert "simulated data" not in words
 
 
-@pytest.mark.parametrize("name", figures.names("candidate"))
+@pytest.mark.parametrize("name", OF_CANDIDATES)
 def test_unconverged_and_simulated_are_marked(name: str, unconverged: StudyResults) -> None:
     for figure in figures.draw(name, unconverged.recommended):
         assert "NOT CONVERGED" in texts(figure)
@@ -94,7 +99,7 @@ def test_three_bands_are_labelled_and_only_one_is_predictive(measured: StudyResu
 
 
 def test_legends_lie_outside_the_data(measured: StudyResults) -> None:
-    for name in figures.names("candidate"):
+    for name in OF_CANDIDATES:
         for figure in figures.draw(name, measured.recommended):
             assert all(ax.get_legend() is None for ax in figure.axes)
 

@@ -38,7 +38,17 @@ def test_version_and_help() -> None:
     assert version("deabayes") in deabayes("--version").stdout
     overview = deabayes("--help")
     assert overview.returncode == 0
-    for command in ("new", "check", "fit", "compare", "predict", "report", "simulate", "export"):
+    for command in (
+        "new",
+        "check",
+        "fit",
+        "compare",
+        "predict",
+        "analyse",
+        "report",
+        "simulate",
+        "export",
+    ):
         assert f"  {command} " in overview.stdout
 
 

@@ -81,7 +81,9 @@ def test_public_data_at_hand_are_planned(shipped: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert "left out" not in run.stderr
     assert "results/vhb4910/kv_gm_4/posterior.nc" in run.stdout
-    assert run.stdout.count("rule prepare:") == 11  # tubular, vhb4910, treloar, eight silicones
+    assert (
+        run.stdout.count("rule prepare:") == 13
+    )  # tubular, membrane twice, vhb4910, treloar, eight silicones
 
 
 @pytest.mark.parametrize(
@@ -135,6 +137,7 @@ def test_the_line_from_records_to_report(tiny: Path) -> None:
         candidate / "posterior.nc",
         candidate / "predictions" / "creep_2500V.nc",
         results / "tiny" / "comparison.csv",
+        results / "tiny" / "analyses" / "index.json",
         results / "report" / "index.html",
     ):
         assert path.is_file(), path

@@ -2,6 +2,7 @@ rule figures:
     input:
         comparison="<results>/{study}/comparison.csv",
         errors=errors_of,
+        analyses="<results>/{study}/analyses",
         modules=modules("figures/*.py"),
     output:
         directory("<results>/{study}/figures"),

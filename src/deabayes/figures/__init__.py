@@ -2,7 +2,8 @@
 
 A figure module has `SCOPE` (candidate | study), `TITLE`, `CAPTION` and
 `draw(results)`, which returns a Figure or a list of them (one per sheet) from a
-`CandidateResults` or a `StudyResults`.
+`CandidateResults` or a `StudyResults`. One that draws an analysis names it in `ANALYSIS`,
+and returns no figure where it was not computed.
 """
 
 from __future__ import annotations
@@ -33,9 +34,17 @@ REGISTRY: Mapping[str, str] = {
     "coverage": "deabayes.figures.coverage",
     "noise_share": "deabayes.figures.noise_share",
     "prior_predictive": "deabayes.figures.prior_predictive",
+    "prior_curves": "deabayes.figures.prior_curves",
+    "one_at_a_time": "deabayes.figures.one_at_a_time",
+    "sobol_indices": "deabayes.figures.sobol_indices",
     "comparison": "deabayes.figures.comparison",
     "errors": "deabayes.figures.errors",
     "preparation": "deabayes.figures.preparation",
+    "error_against_time": "deabayes.figures.error_against_time",
+    "response_stages": "deabayes.figures.response_stages",
+    "hysteresis": "deabayes.figures.hysteresis",
+    "amplitude_frequency": "deabayes.figures.amplitude_frequency",
+    "pull_in": "deabayes.figures.pull_in",
 }
 """Figure -> its module, in the report's order."""
 
@@ -44,7 +53,10 @@ INDEX = "index.json"
 
 @dataclass(frozen=True)
 class SavedFigure:
-    """One sheet on disk; `candidate` is empty for a figure of the whole study."""
+    """One sheet on disk; `candidate` is empty for a figure of the whole study.
+
+    `analysis` is the one it draws, empty for none.
+    """
 
     name: str
     candidate: str
@@ -53,6 +65,7 @@ class SavedFigure:
     caption: str
     svg: Path
     png: Path
+    analysis: str = ""
 
 
 def module(name: str) -> ModuleType:
@@ -136,5 +149,7 @@ def _save(name: str, results: CandidateResults | StudyResults, out: Path) -> lis
         with style.applied():
             figure.savefig(svg, metadata={"Date": None})
             figure.savefig(png)
-        saved.append(SavedFigure(name, candidate, sheet, source.TITLE, source.CAPTION, svg, png))
+        labels = source.TITLE, source.CAPTION
+        analysis = getattr(source, "ANALYSIS", "")
+        saved.append(SavedFigure(name, candidate, sheet, *labels, svg, png, analysis))
     return saved

@@ -115,7 +115,7 @@ class Record:
     @property
     def shown(self) -> slice:
         time = self.prediction["coordinate"].values
-        crossings = _upward_crossings(self.prediction["excitation"].values)
+        crossings = upward_crossings(self.prediction["excitation"].values)
         if self.protocol != "sine" or len(crossings) <= CYCLES_SHOWN + 2:
             return slice(None)
         period = np.median(np.diff(time[crossings]))
@@ -154,7 +154,8 @@ def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -
     return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
 
 
-def _upward_crossings(values: FloatArray) -> NDArray[np.intp]:
+def upward_crossings(values: FloatArray) -> NDArray[np.intp]:
+    """Where `values` pass the middle of their range upwards, as indices."""
     level = (values.max() + values.min()) / 2
     return np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
 

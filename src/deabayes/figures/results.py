@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deabayes.faults import UserError
+from deabayes.figures.analysis_results import AnalysisResults
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,6 +71,18 @@ class StudyResults:
         records = [read_prepared(path) for path in sorted(self.folder.glob("prepared/*.nc"))]
         return {e.name: e for e in sorted(records, key=lambda e: (e.role, e.protocol, e.name))}
 
+    @cached_property
+    def analyses(self) -> tuple[AnalysisResults, ...]:
+        """What the stage `analyse` wrote, in the report's order; empty where it did not run."""
+        folder = self.folder / "analyses"
+        index = folder / "index.json"
+        entries = json.loads(index.read_text(encoding="utf-8")) if index.is_file() else []
+        return tuple(AnalysisResults.of(folder, entry) for entry in entries)
+
+    def analysis(self, name: str) -> AnalysisResults | None:
+        """One analysis by name; None where it was not computed."""
+        return next((each for each in self.analyses if each.name == name), None)
+
     @property
     def provenance(self) -> str:
         return self.recommended.provenance
@@ -77,7 +90,8 @@ class StudyResults:
     @cached_property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that a figure may have been drawn from."""
-        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv")
+        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv",
+                    "analyses/index.json", "analyses/*/*")  # fmt: skip
         return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
 
 

@@ -4,12 +4,14 @@ The command line and the workflow's rules call these; each reads files, calls
 the layers below and writes files, nothing else.
 """
 
+from deabayes.pipeline.analyse import analyse_study
 from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
 from deabayes.pipeline.judge import compare_candidates, predict_candidate, score_candidate
 from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
 from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
 
 __all__ = [
+    "analyse_study",
     "build_report",
     "build_target",
     "compare_candidates",

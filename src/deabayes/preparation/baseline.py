@@ -16,8 +16,12 @@ def baseline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
     Settings
     --------
     until : end of the stretch that is averaged; default where the excitation starts.
+    response : the only channel this is for, where records of one protocol read several: at
+        rest a displacement is zero, an area or a stretch is not.
     """
-    read = Settings("baseline", settings, record, ("until",))
+    read = Settings("baseline", settings, record, ("until", "response"))
+    if read.has("response") and settings["response"] != record.row.response:
+        return record
     until = read.quantity("until", record.coordinate_unit, record.excitation_start())
     rest = record.used & (record.coordinate <= until)
     if rest.sum() < 2:

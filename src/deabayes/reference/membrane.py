@@ -177,7 +177,8 @@ def write(folder: Path) -> None:
     """Write records, experiments.csv, specimen.yaml and truth.yaml."""
     for seed, settings in enumerate(RECORDS):
         write_record(folder / "records" / f"{settings.name}.csv", record(settings, seed))
-    write_table(folder / "experiments.csv", [_row(settings) for settings in RECORDS])
+    areas = [_area_row(settings) for settings in reversed(RECORDS) if settings.protocol == "step"]
+    write_table(folder / "experiments.csv", [*(_row(settings) for settings in RECORDS), *areas])
     write_yaml(folder / "specimen.yaml", SPECIMEN, COMMENT)
     write_yaml(folder / "truth.yaml", truth_for_scoring(), COMMENT)
 
@@ -195,6 +196,12 @@ def _row(settings: Record) -> dict[str, object]:
         "voltage_kV": settings.amplitude / 1e3,
         "frequency_Hz": "" if step else settings.frequency,
     }
+
+
+def _area_row(settings: Record) -> dict[str, object]:
+    """The area that the camera read during a step: held out, whatever the step's own role."""
+    name = settings.name.replace("step", "area")
+    return _row(settings) | {"name": name, "role": "validate", "response": "area"}
 
 
 def truth_for_scoring() -> dict[str, object]:

@@ -42,5 +42,10 @@ SPECIMEN: dict[str, object] = {
         "resolution": {"value": 0.1526, "unit": "um"},
         "noise": {"value": 2, "unit": "um"},
         "current_limit": {"value": 5, "unit": "uA"},
+        "area": {
+            "delay": {"value": 0, "unit": "ms"},
+            "resolution": {"value": 0.1, "unit": "mm^2"},
+            "noise": {"value": 1.5, "unit": "mm^2"},
+        },
     },
 }

@@ -28,7 +28,7 @@ def build(
         Figures that `deabayes.figures.save_all` left in `{study}/figures` are used
         if they are newer than the results; else they are drawn there first.
     output : the page, one HTML file that refers to nothing outside itself.
-    tables_folder : where `{study}_{errors,summary,comparison}.csv` go.
+    tables_folder : where `{study}_{errors,summary,comparison}.csv` and analyses' tables go.
     left_out : one sentence per study that was not run, and how to get its data.
 
     Returns

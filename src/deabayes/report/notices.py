@@ -106,6 +106,17 @@ def set_by_prior(results: CandidateResults) -> Iterator[Notice]:
         yield _notice(results, "Set by the prior, not by the data", [text])
 
 
+def carried_over_noise(results: CandidateResults) -> Iterator[Notice]:
+    """Records of a response that no calibration record measured, records alike together."""
+    by_note: dict[str, list[str]] = defaultdict(list)
+    for name, prediction in results.predictions.items():
+        if note := str(prediction.attrs.get("noise_note", "")):
+            by_note[note].append(name)
+    details = [f"{_listed(names)}: {note}" for note, names in by_note.items()]
+    if details:
+        yield _notice(results, "Noise carried over from another response", details)
+
+
 def failures(results: CandidateResults) -> Iterator[Notice]:
     """Model evaluations that failed, and posterior draws that could not be predicted."""
     counted = results.convergence.get("failures") or {}
@@ -163,6 +174,7 @@ CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
     noise_took_physics,
     noise_diagnostic_only,
     set_by_prior,
+    carried_over_noise,
     failures,
     narrow_bands,
     stored,

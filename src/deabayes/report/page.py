@@ -10,7 +10,7 @@ from typing import Any
 
 from deabayes.figures import SavedFigure
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.report import notices, tables
+from deabayes.report import analyses, notices, tables
 from deabayes.report.images import Image, embed
 
 PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
@@ -70,10 +70,27 @@ def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str,
         "comparison": tables.comparison(study),
         "comparison_figures": _embedded(of_study, ("comparison",), quality),
         "errors_figures": _embedded(of_study, ("errors",), quality),
+        "analyses": _analyses(study, figures, quality),
         "preparation_figures": _embedded(figures, ("preparation",), quality),
         "best": _candidate(best, figures, quality),
         "others": [_other(c, figures, quality) for c in study.candidates if c is not best],
     }
+
+
+def _analyses(study: StudyResults, figures: Figures, quality: Quality) -> list[dict[str, Any]]:
+    """What the paper of the system reports: each analysis with its figures and tables."""
+    shown = {"", study.recommended.name}
+    readable = analyses.tables(study)
+    return [
+        {
+            "title": each.title,
+            "caption": each.caption,
+            "figures": _embedded(own, list(dict.fromkeys(figure.name for figure in own)), quality),
+            "tables": readable[each.name],
+        }
+        for each in study.analyses
+        for own in [[f for f in figures if f.analysis == each.name and f.candidate in shown]]
+    ]
 
 
 def verdict(study: StudyResults) -> str:

@@ -31,7 +31,10 @@ KINDS = {
 
 
 def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
-    """`{study}_{errors,summary,comparison}.csv`: all candidates of a study, full precision, SI."""
+    """`{study}_{errors,summary,comparison}.csv`: all candidates of a study, full precision, SI.
+
+    And `{study}_{table}.csv` for every table of the study's analyses.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for study in studies:
@@ -43,6 +46,8 @@ def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
             ),
             "comparison": None if study.comparison is None else study.comparison.reset_index(),
         }  # fmt: skip
+        for analysis in study.analyses:
+            tables |= analysis.tables
         for kind, table in tables.items():
             if table is not None:
                 path = folder / f"{study.name}_{kind}.csv"

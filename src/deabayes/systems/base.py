@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
@@ -41,6 +44,8 @@ class System(ABC):
     protocols: ClassVar[tuple[str, ...]]
     excitations: ClassVar[Mapping[str, str]]
     """Excitation channel -> SI unit."""
+    even: ClassVar[tuple[str, ...]] = ()
+    """Excitation channels whose sign makes no difference to any response."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
     required_quantities: ClassVar[Mapping[str, str]]
@@ -82,6 +87,10 @@ class System(ABC):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Quantities in the papers' terms, computed from draws."""
         return {}
+
+    def why_failed(self, draws: Draws) -> NDArray[np.str_]:
+        """In a few words, why each of these draws (W,), which failed, has no response."""
+        return np.full(next(iter(draws.values())).shape, "no finite response")
 
     def predict(
         self, excitation: Excitation, coordinate: FloatArray, response: str, draws: Draws

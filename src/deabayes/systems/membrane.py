@@ -72,6 +72,7 @@ class Membrane(System):
     name = "membrane"
     protocols = ("step", "creep", "sine")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
+    even = ("voltage",)
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",
@@ -209,6 +210,10 @@ class Membrane(System):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
         return self._material(draws).derived(self.breakdown)
+
+    def why_failed(self, draws: Draws) -> NDArray[np.str_]:
+        """Pull-in, the breakdown stretch, or a Gent limit below the pre-stretch, (W,)."""
+        return self._material(draws).why_lost(self.breakdown)
 
     def _material(self, draws: Draws) -> Material:
         return Material.from_draws(self.model, self.specimen, draws)

@@ -116,6 +116,13 @@ class Material:
         )
         return PullIn(np.sqrt(scaled * self.modulus / self.gain), stretch, fold > 0.0)
 
+    def why_lost(self, breakdown: float) -> NDArray[np.str_]:
+        """What ends the near branch of each draw (W,), in words."""
+        locked = np.isnan(gent_stress(self.prestretch, self.inverse_limit)[0])
+        fold = self.pull_in(breakdown).fold
+        words = np.where(fold, "pull-in", "beyond the breakdown stretch")
+        return np.where(locked, "Gent limit below the pre-stretch", words)
+
     def steady_stretch(self, voltage: float, end: FloatArray) -> FloatArray:
         """Stretch (W,) of the near equilibrium, whose branch ends at `end`; NaN beyond."""
         from deabayes.systems.membrane_static import near_equilibrium

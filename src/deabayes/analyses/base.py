@@ -1,0 +1,99 @@
+"""What an analysis is given and what it gives."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.fitted import Fitted
+from deabayes.prior import Prior, PriorFromPosterior
+from deabayes.study import Study
+from deabayes.systems.base import System
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Tables and curves by name; columns and variables carry their units.
+
+    A table's name is unique among all analyses of a study: the report keeps it as
+    `{study}_{table}.csv`.
+    """
+
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    curves: Mapping[str, xr.Dataset] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        """Write `{table}.csv` and `{curve}.nc` into a folder."""
+        from deabayes.files import write_atomically
+        from deabayes.storage import write_dataset
+
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, table in self.tables.items():
+            write_atomically(partial(table.to_csv, index=False), folder / f"{name}.csv")
+        for name, curve in self.curves.items():
+            write_dataset(curve, folder / f"{name}.nc")
+
+
+@dataclass(frozen=True)
+class StudyContext:
+    """A study after its fits: what analyses compute from.
+
+    Attributes
+    ----------
+    experiments : the prepared records, with the roles the study gives them.
+    candidates : fitted candidates by name, in the study's order, with a few hundred draws.
+    inherited : the prior that the study takes over from another's posterior.
+    """
+
+    study: Study
+    specimen: Specimen
+    experiments: list[Experiment]
+    candidates: Mapping[str, Fitted]
+    inherited: PriorFromPosterior | None = None
+    _responses: dict[tuple[str, str], FloatArray] = field(default_factory=dict, repr=False)
+
+    def system_of(self, candidate: str) -> System:
+        """The forward model of a candidate."""
+        return self.candidates[candidate].system
+
+    def prior_of(self, candidate: str) -> Prior:
+        """The prior a candidate was fitted under, noise parameters included."""
+        from deabayes.posterior import build
+
+        target = build(self.study, candidate, self.specimen, self.experiments, self.inherited)
+        return target.prior
+
+    def rng(self, name: str) -> np.random.Generator:
+        """One explicit stream per (seed, study, analysis)."""
+        words = [zlib.crc32(text.encode()) for text in (self.study.name, "analysis", name)]
+        return np.random.default_rng([self.study.sampling.seed, *words])
+
+    def responses(self, candidate: str, experiment: Experiment) -> FloatArray:
+        """The model's response to a record (S, N), one row per draw with a finite one."""
+        key = candidate, experiment.name
+        if key not in self._responses:
+            fitted = self.candidates[candidate]
+            curves = fitted.system.predict(
+                experiment.excitation, experiment.coordinate, experiment.response_name, fitted.draws
+            )
+            self._responses[key] = curves[np.all(np.isfinite(curves), axis=1)]
+        return self._responses[key]
+
+    def records(self, protocol: str, response: str | None = None) -> list[Experiment]:
+        """The records of a protocol, of one response if given."""
+        return [
+            each
+            for each in self.experiments
+            if each.protocol == protocol and response in (None, each.response_name)
+        ]

@@ -1,0 +1,128 @@
+"""Displacement against voltage, cycle by cycle: the loop's area, its creep, when it is stable."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.analyses.base import Analysis, StudyContext
+from deabayes.analyses.drive import Cycles, resampled
+from deabayes.analyses.summaries import band, interval, labels
+from deabayes.experiment import Experiment, FloatArray
+
+SYSTEMS = ("membrane",)
+TITLE = "Hysteresis under alternating voltage"
+PHASES = 96
+STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
+CAPTION = (
+    "Loop area of a cycle: −∮ u d|Φ| over both polarities (the displacement moves at twice the "
+    "voltage's frequency, so the loop is a butterfly), positive where the displacement lags. Mean: "
+    "of the displacement over the cycle; its change from cycle to cycle is the creep drift. A loop "
+    "counts as stable from the first cycle after which its area changes by less than 10 % and its "
+    "mean by less than 2 % of the cycle's peak-to-peak displacement, per cycle, to the end."
+)
+
+
+def compute(context: StudyContext) -> Analysis:
+    """Tables per cycle and per record; one data set of loops per displacement sine."""
+    import pandas as pd
+
+    cycles, stability, loops = [], [], {}
+    for each in context.records("sine", "displacement"):
+        found = Cycles.of(each)
+        if found.starts.size == 0:
+            continue
+        measured = Loops.of(each, each.response, found)
+        record = {"experiment": each.name, "frequency_Hz": found.frequency}
+        bands = []
+        for name, fitted in context.candidates.items():
+            predicted = Loops.of(each, context.responses(name, each), found)
+            middle = Loops.of(each, np.median(context.responses(name, each), axis=0), found)
+            row = labels(name, fitted) | record
+            cycles += [row | of_cycle(measured, predicted, k) for k in range(found.starts.size)]
+            stability.append(row | {"measured_stable_from": measured.stable_from(),
+                                    "predicted_stable_from": middle.stable_from()})  # fmt: skip
+            bands.append(band(predicted.displacement))
+        loops[each.name] = loop_curves(context, each, measured, np.array(bands))
+    tables = {"hysteresis_cycles": cycles, "hysteresis_stability": stability}
+    return Analysis({name: pd.DataFrame(rows) for name, rows in tables.items() if rows}, loops)
+
+
+class Loops:
+    """Displacement (..., C, P + 1) and voltage (C, P + 1) at even phases of each cycle."""
+
+    def __init__(self, displacement: FloatArray, voltage: FloatArray) -> None:
+        self.displacement = displacement
+        self.voltage = voltage
+
+    @classmethod
+    def of(cls, experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Loops:
+        """Of a record's curves (..., N)."""
+        times = cycles.times(PHASES)
+        return cls(resampled(experiment.coordinate, curves, times), experiment.excitation.at(times))
+
+    @property
+    def area(self) -> FloatArray:
+        """-∮ u d|Phi| of each cycle (..., C) [V m]."""
+        u, volts = self.displacement, np.abs(self.voltage)
+        return np.asarray(-np.sum(0.5 * (u[..., 1:] + u[..., :-1]) * np.diff(volts), axis=-1))
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean displacement of each cycle (..., C) [m]."""
+        return np.asarray(np.mean(self.displacement[..., :-1], axis=-1))
+
+    @property
+    def peak_to_peak(self) -> FloatArray:
+        """Largest minus smallest displacement of each cycle (..., C) [m]."""
+        return np.asarray(np.ptp(self.displacement, axis=-1))
+
+    def stable_from(self) -> float:
+        """Number of the first cycle (from 1) after which nothing changes much; NaN if none.
+
+        The last cycle alone proves nothing, so it does not count.
+        """
+        area, mean = self.area, self.mean
+        steady = np.abs(np.diff(area)) < STABLE_AREA * np.abs(area[1:])
+        steady &= np.abs(np.diff(mean)) < STABLE_DRIFT * self.peak_to_peak[1:]
+        unsteady = np.flatnonzero(~steady)
+        first = int(unsteady[-1]) + 2 if unsteady.size else 1
+        return float(first) if first < area.size else float("nan")
+
+
+def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:
+    """One cycle's row: measured beside predicted, with the draws' interval."""
+    row: dict[str, object] = {"cycle": k + 1}
+    kinds = (("area", "kVmm", 1.0), ("mean", "mm", 1e-3), ("peak_to_peak", "mm", 1e-3))
+    for name, unit, scale in kinds:
+        row[f"measured_{name}_{unit}"] = float(getattr(measured, name)[k]) / scale
+        row |= interval(f"predicted_{name}", unit, getattr(predicted, name)[:, k] / scale)
+    drift = np.diff(measured.mean, prepend=np.nan)[k] / 1e-6
+    of_draws = np.diff(predicted.mean, axis=1, prepend=np.nan)[:, k] / 1e-6
+    row["measured_drift_um"] = float(drift)
+    return row | interval("predicted_drift", "um", of_draws)
+
+
+def loop_curves(
+    context: StudyContext, experiment: Experiment, measured: Loops, bands: FloatArray
+) -> object:
+    """Measured and predicted loops, bands (candidate, bound, cycle, phase)."""
+    import xarray as xr
+
+    names = list(context.candidates)
+    loop = ("cycle", "phase")
+    return xr.Dataset(
+        {
+            "voltage": (loop, measured.voltage, {"units": "V"}),
+            "measured": (loop, measured.displacement, {"units": "m"}),
+            "predicted": (("candidate", "bound", *loop), bands, {"units": "m"}),
+        },
+        coords={
+            "candidate": names,
+            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
+            "bound": ["lower", "median", "upper"],
+            "cycle": np.arange(1, measured.voltage.shape[0] + 1),
+            "phase": np.linspace(0.0, 1.0, PHASES + 1),
+        },
+        attrs={"experiment": experiment.name, "role": experiment.role,
+               "frequency_Hz": Cycles.of(experiment).frequency},
+    )  # fmt: skip

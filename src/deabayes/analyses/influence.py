@@ -1,0 +1,239 @@
+"""What each parameter does to the response before any data (Nguyen et al. 2021, Figs. 7, 8, 10)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from deabayes import influence
+from deabayes.analyses.base import Analysis, StudyContext
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.influence import Curves, PriorModel, Sensitivity
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SYSTEMS = ("membrane",)
+TITLE = "What the parameters do to the response"
+CAPTION = (
+    "From the prior alone, no data used. Draws that fail have no response: they are counted, and "
+    "bands and indices are of the others. Sobol' indices are over a central region of the prior in "
+    "which at most 1 % of the groups of model runs fail, so the regions of records differ; they, "
+    "with 95 % intervals, are in the report's tables folder (sobol). Of ordered time constants, "
+    "those of a later member are what it adds once the earlier ones are known. "
+    "Share lower: probability that the parameter of a failed draw lies below that of a draw that "
+    "has a response; 50 % where the parameter has no say."
+)
+HELD = ("step", "creep", "relaxation")
+DRAWS, SHOWN = 1000, 20
+POINTS, POINTS_IN_TIME, EARLIEST = 120, 601, 1e-4
+GROUPS = 4096
+FEWEST_FAILED_SHARE = 0.01
+"""Indices of so rare an event as failure would be noise."""
+BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
+Row = dict[str, Any]
+
+
+def compute(context: StudyContext) -> Analysis:
+    """Curves of the strongest record of each protocol; indices of the extreme held records."""
+    import pandas as pd
+
+    rng = context.rng("influence")
+    records = of_calibrated_response(context.experiments)
+    curves: dict[str, xr.Dataset] = {}
+    rows: dict[str, list[Row]] = {"failed_draws": [], "failed_parameters": [], "sobol": []}
+    for candidate in context.candidates:
+        system, prior = context.system_of(candidate), context.prior_of(candidate)
+        for record in strongest(records):
+            _draw_curves(PriorModel(system, prior, record, curve_times(record)), rng, curves, rows)
+        for record in extremes(records):
+            _ask_who_decides(PriorModel(system, prior, record), rng, rows)
+    tables = {name: pd.DataFrame(found) for name, found in rows.items() if found}
+    return Analysis(tables, curves)
+
+
+def _draw_curves(
+    model: PriorModel,
+    rng: np.random.Generator,
+    curves: dict[str, xr.Dataset],
+    rows: dict[str, list[Row]],
+) -> None:
+    which = f"{model.system.candidate}_{model.experiment.name}"
+    drawn = influence.prior_curves(model, DRAWS, rng)
+    curves[f"prior_{which}"] = prior_dataset(model, drawn)
+    curves[f"one_at_a_time_{which}"] = moved_dataset(model, influence.one_at_a_time(model))
+    rows["failed_draws"].append(_failed_row(model, "prior", drawn.failed.size, _why(model, drawn)))
+    rows["failed_parameters"] += failed_parameters(model, drawn)
+
+
+def _ask_who_decides(
+    model: PriorModel, rng: np.random.Generator, rows: dict[str, list[Row]]
+) -> None:
+    """Indices of the stages, and of the failure where it is not too rare."""
+    times = influence.stage_times(model.experiment)
+    for found in (
+        influence.stage_sensitivity(model, times, GROUPS, rng),
+        influence.failure_sensitivity(model, GROUPS, rng),
+    ):
+        region = "whole prior" if found.region == 1.0 else f"central {100 * found.region:.0f} %"
+        where = f"Sobol' points, {region}"
+        rows["failed_draws"].append(_failed_row(model, where, found.runs, {"": found.failed}))
+        if found.region < 1.0 or found.failed >= FEWEST_FAILED_SHARE * found.runs:
+            rows["sobol"] += sobol_rows(model, found)
+
+
+def of_calibrated_response(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The records of the response that was calibrated first; all where none was."""
+    first = next((e.response_name for e in experiments if e.role == "calibrate"), None)
+    return [e for e in experiments if first in (None, e.response_name)]
+
+
+def strongest(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """Per protocol, the record with the largest peak excitation, of these the shortest."""
+    best: dict[str, Experiment] = {}
+    for each in experiments:
+        kept = best.get(each.protocol)
+        if kept is None or _strength(each) > _strength(kept):
+            best[each.protocol] = each
+    return list(best.values())
+
+
+def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """Of the records that hold their excitation, the weakest and the strongest."""
+    held = sorted((e for e in experiments if e.protocol in HELD), key=_strength)
+    return [held[0], held[-1]] if len(held) > 1 else held
+
+
+def curve_times(record: Experiment) -> FloatArray:
+    """Denser than the record: even in log time after a step, else even in time."""
+    start, end = influence.onset(record.excitation), float(record.coordinate.max())
+    if record.protocol in HELD:
+        return start + np.geomspace(EARLIEST * (end - start), end - start, POINTS)
+    return np.linspace(start, end, POINTS_IN_TIME)
+
+
+def _strength(experiment: Experiment) -> tuple[float, float]:
+    """The peak, to the two digits that a noisy monitor leaves the same, and the brevity."""
+    peak = float(f"{np.abs(experiment.excitation.values).max():.2g}")
+    return peak, -float(np.ptp(experiment.coordinate))
+
+
+def sobol_rows(model: PriorModel, found: Sensitivity) -> list[Row]:
+    """One row per stage and parameter."""
+    symbols = {p.name: p.symbol for p in model.system.parameters()}
+    return [
+        {
+            "candidate": model.system.candidate,
+            "record": model.experiment.name,
+            "stage": stage,
+            "parameter": name,
+            "symbol": symbols[name],
+            "first_order": indices.first_order[k],
+            "first_order_conf": indices.first_order_conf[k],
+            "total": indices.total[k],
+            "total_conf": indices.total_conf[k],
+            "region_percent": 100 * found.region,
+            "groups": indices.groups,
+            "groups_left_out": indices.left_out,
+        }
+        for stage, indices in found.by_stage.items()
+        for k, name in enumerate(model.names)
+    ]
+
+
+def _why(model: PriorModel, drawn: Curves) -> Counter[str]:
+    lost = {name: values[drawn.failed] for name, values in drawn.draws.items()}
+    return Counter(str(word) for word in model.system.why_failed(lost))
+
+
+def _failed_row(model: PriorModel, where: str, draws: int, why: Mapping[str, int]) -> Row:
+    total = sum(why.values())
+    words = [f"{word} {count}" for word, count in why.items() if word]
+    return {
+        "candidate": model.system.candidate,
+        "record": model.experiment.name,
+        "drawn_from": where,
+        "draws": draws,
+        "failed": total,
+        "share_percent": 100 * total / draws,
+        "what_failed": ", ".join(words) or "–",
+    }
+
+
+def failed_parameters(model: PriorModel, drawn: Curves) -> list[Row]:
+    """Which draws fail: each parameter's quantiles in failed and other draws, in SI."""
+    lost = drawn.failed
+    if lost.sum() < FEWEST_FAILED_SHARE * lost.size or lost.all():
+        return []
+    rows = []
+    for parameter in model.system.parameters():
+        values = drawn.draws[parameter.name]
+        row: Row = {
+            "candidate": model.system.candidate,
+            "record": model.experiment.name,
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+        }
+        for name, part in (("failed", lost), ("others", ~lost)):
+            low, median, high = np.quantile(values[part], [0.05, 0.5, 0.95])
+            row |= {name: median, f"{name}_q05": low, f"{name}_q95": high}
+        below = np.mean(values[lost][:, None] < values[~lost])
+        rows.append(row | {"share_lower_percent": 100 * below})
+    return rows
+
+
+def prior_dataset(model: PriorModel, drawn: Curves) -> xr.Dataset:
+    """The first draws' curves, quantiles of all that have one, and every draw's parameters."""
+    kept = drawn.response[~drawn.failed]
+    band = np.quantile(kept, BAND, axis=0) if len(kept) else np.full((5, kept.shape[1]), np.nan)
+    names = list(model.names)
+    return _dataset(model).assign(
+        curve=(("shown", "coordinate"), drawn.response[:SHOWN]),
+        band=(("quantile", "coordinate"), band),
+        failed=("draw", drawn.failed),
+        parameters=(("draw", "parameter"), np.stack([drawn.draws[n] for n in names], axis=1)),
+    ).assign_coords(quantile=list(BAND), parameter=names)  # fmt: skip
+
+
+def moved_dataset(model: PriorModel, moved: dict[str, Curves]) -> xr.Dataset:
+    """A curve per parameter and quantile, NaN where it failed, and the values moved to."""
+    names = list(moved)
+    known = {p.name: p for p in model.system.parameters()}
+    responses = np.stack([moved[name].response for name in names])
+    return _dataset(model).assign(
+        curve=(("parameter", "quantile", "coordinate"), responses),
+        value=(("parameter", "quantile"), np.stack([moved[n].draws[n] for n in names])),
+    ).assign_coords(
+        quantile=list(influence.QUANTILES),
+        parameter=names,
+        symbol=("parameter", [known[n].symbol for n in names]),
+        unit=("parameter", [known[n].unit for n in names]),
+    )  # fmt: skip
+
+
+def _dataset(model: PriorModel) -> xr.Dataset:
+    """What a figure needs to know of the record and of the parameters."""
+    import xarray as xr
+
+    record = model.experiment
+    return xr.Dataset(
+        {
+            "observed": ("time", record.response),
+            "excitation": ("coordinate", record.excitation.at(model.coordinate)),
+        },
+        {"coordinate": model.coordinate, "time": record.coordinate},
+        {
+            "candidate": model.system.candidate,
+            "experiment": record.name,
+            "protocol": record.protocol,
+            "held": int(record.protocol in HELD),
+            "onset": influence.onset(record.excitation),
+            "response_name": record.response_name,
+            "response_unit": record.response_unit,
+            "excitation_name": record.excitation.name,
+            "excitation_unit": record.excitation.unit,
+        },
+    )

@@ -1,0 +1,78 @@
+"""Relative error of every candidate over time, whole records and their first 50 s."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deabayes.figures import curves, panels, style
+from deabayes.figures.quantities import ROLES
+from deabayes.figures.results import StudyResults
+
+SCOPE = "study"
+ANALYSIS = "error_against_time"
+TITLE = "Error against time"
+FIRST = 50.0
+OVERSHOOT = 5.0
+CAPTION = (
+    "Measured minus predicted displacement in per cent of its range from rest: posterior median "
+    "and the interval of the draws. Steps: whole record and first 50 s; grey: the first 5 s, which "
+    "the paper's error of the step leaves out."
+)
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """A sheet of steps and a sheet of sines, one row per record."""
+    found = results.analysis(ANALYSIS)
+    if found is None:
+        return []
+    records = sorted(found.curves.values(), key=_name)
+    records = curves.by_size(records, "amplitude_kV")
+    steps = [each for each in records if each.attrs["protocol"] != "sine"]
+    sines = [each for each in records if each.attrs["protocol"] == "sine"]
+    sheets = [_sheet(steps, first=True)] if steps else []
+    return sheets + ([_sheet(sines, first=False)] if sines else [])
+
+
+def _sheet(records: Sequence[xr.Dataset], first: bool) -> Figure:
+    height = 1.25 * len(records) + 0.6 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    ratios = (3, 2) if first else (1,)
+    axes = figure.subplots(
+        len(records), len(ratios), squeeze=False, width_ratios=ratios, sharey="row"
+    )
+    for row, record in zip(axes, records, strict=True):
+        _panel(row[0], record, np.inf)
+        row[0].set_ylabel("error (% of range)")
+        row[0].set_title(_title(record), loc="left")
+        if first:
+            _panel(row[1], record, FIRST)
+            row[1].set_title("first 50 s", loc="left", color=style.GREY)
+    for ax in axes[-1]:
+        ax.set_xlabel("time since the step (s)" if first else "time since the sine's start (s)")
+    panels.legend_below(figure, curves.handles(records[0], measured=False), 4)
+    return figure
+
+
+def _panel(ax: Axes, record: xr.Dataset, until: float) -> None:
+    time = record["time"].values
+    shown = (time >= 0.0) & (time <= until)
+    for k in range(record["candidate"].size):
+        curves.draw_candidate(ax, time[shown], record["error"].values[k][:, shown], k)
+    ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
+    if record.attrs["protocol"] != "sine":
+        ax.axvspan(0.0, OVERSHOOT, color="#ececec", zorder=0, linewidth=0)
+    ax.set_xlim(0.0, min(until, float(time[-1])))
+
+
+def _name(record: xr.Dataset) -> str:
+    return str(record.attrs["experiment"])
+
+
+def _title(record: xr.Dataset) -> str:
+    role = str(record.attrs["role"])
+    return f"{_name(record)}, {ROLES.get(role, role)}"

@@ -1,0 +1,217 @@
+"""How a candidate's parameters shape its response, before any data: prior and model only.
+
+What Nguyen et al. (2021, Figs. 7, 8 and 10) show by hand for one Maxwell unit, for any
+system: curves drawn from the prior, one parameter moved at a time, Sobol' indices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.prior import Prior
+from deabayes.sensitivity import Indices, design, indices
+from deabayes.systems.base import System
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILE_POINTS = 14
+"""Of two: points from which marginal quantiles of the prior are read."""
+REGIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+MOST_LEFT_OUT = 0.01
+STAGES = 4
+HELD_STILL = 0.02
+LOST = "lost"
+
+
+@dataclass(frozen=True)
+class PriorModel:
+    """A candidate's response to one record's excitation, as a function of its prior's z.
+
+    The response is taken at `at`, by default where the record was. Parameters of the prior
+    that the forward model does not know (noise) stay at z = 0.
+    """
+
+    system: System
+    prior: Prior
+    experiment: Experiment
+    at: FloatArray | None = None
+
+    @property
+    def coordinate(self) -> FloatArray:
+        """(N,) where the response is taken."""
+        return self.experiment.coordinate if self.at is None else self.at
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The forward model's parameters, in the prior's order."""
+        known = {p.name for p in self.system.parameters()}
+        return tuple(name for name in self.prior.names if name in known)
+
+    def parameters(self, z: FloatArray) -> dict[str, FloatArray]:
+        """Parameters (W,) by name of z (W, d), d the forward model's."""
+        columns = [self.prior.names.index(name) for name in self.names]
+        every = np.zeros((len(z), len(self.prior.names)))
+        every[:, columns] = z
+        theta = self.prior.to_parameters(every)
+        return {name: theta[:, k] for name, k in zip(self.names, columns, strict=True)}
+
+    def response(
+        self, draws: Mapping[str, FloatArray], coordinate: FloatArray | None = None
+    ) -> FloatArray:
+        """The response (W, N), there or at another coordinate; failed rows all NaN."""
+        record = self.experiment
+        at = self.coordinate if coordinate is None else coordinate
+        values = self.system.predict(record.excitation, at, record.response_name, draws)
+        failed = ~np.all(np.isfinite(values), axis=1)
+        return np.where(failed[:, None], np.nan, values)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Responses (W, N) and the parameters (W,) that gave them; failed draws are NaN rows."""
+
+    draws: Mapping[str, FloatArray]
+    response: FloatArray
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """(W,)"""
+        return np.isnan(self.response[:, 0])
+
+
+def prior_curves(model: PriorModel, count: int, rng: np.random.Generator) -> Curves:
+    """The response of `count` draws from the prior, failed ones kept (the paper's Fig. 7)."""
+    draws = model.parameters(rng.standard_normal((count, len(model.names))))
+    return Curves(draws, model.response(draws))
+
+
+def marginal_quantiles(
+    model: PriorModel, quantiles: Sequence[float] = QUANTILES
+) -> dict[str, FloatArray]:
+    """Quantiles (Q,) of each parameter's marginal prior, whatever its dependence on others.
+
+    Read from 2^14 evenly spread points (a Sobol' sequence, each coordinate of which is
+    stratified), so to about 1e-3 of the prior's standard deviation.
+    """
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    size = 2**QUANTILE_POINTS
+    points = qmc.Sobol(len(model.names), scramble=False).random_base2(QUANTILE_POINTS)
+    draws = model.parameters(ndtri(points + 0.5 / size))
+    return {name: np.quantile(values, quantiles) for name, values in draws.items()}
+
+
+def one_at_a_time(
+    model: PriorModel,
+    quantiles: Sequence[float] = QUANTILES,
+    centre: Mapping[str, float] | None = None,
+) -> dict[str, Curves]:
+    """Each parameter moved over its prior's quantiles, the others held (Figs. 8 and 10).
+
+    Values are those of the marginal priors; where a member of an ordered group passes its
+    neighbour, the units have merely changed names.
+
+    Parameters
+    ----------
+    centre : values at which the others are held; prior medians for those not given.
+    """
+    moved = marginal_quantiles(model, quantiles)
+    medians = {name: float(v[0]) for name, v in marginal_quantiles(model, [0.5]).items()}
+    held = medians | dict(centre or {})
+    found = {}
+    for name in model.names:
+        draws = {n: np.full(len(quantiles), held[n]) for n in model.names} | {name: moved[name]}
+        found[name] = Curves(draws, model.response(draws))
+    return found
+
+
+def onset(excitation: Excitation) -> float:
+    """The last knot before the excitation leaves its first value by 2 % of its range."""
+    departure = np.abs(excitation.values - excitation.values[0])
+    left = np.flatnonzero(departure > HELD_STILL * departure.max())
+    return float(excitation.coordinate[max(left[0] - 1, 0) if left.size else 0])
+
+
+def stage_times(experiment: Experiment, count: int = STAGES) -> FloatArray:
+    """Times after the onset, ..., 5, 50, 500 s: the last `count` 5 x 10^k s in the record."""
+    span = float(experiment.coordinate.max()) - onset(experiment.excitation)
+    last = int(np.floor(np.log10(span / 5.0) + 1e-9))
+    return np.asarray(5.0 * 10.0 ** np.arange(last - count + 1, last + 1))
+
+
+def stage_changes(model: PriorModel, z: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
+    """The response's change since the onset at each time, and the creep between, (W,) each."""
+    start = onset(model.experiment.excitation)
+    response = model.response(model.parameters(z), np.concatenate([[start], start + times]))
+    change = response[:, 1:] - response[:, :1]
+    labels = [f"{time:g}" for time in times]
+    found = {f"at {label} s": change[:, k] for k, label in enumerate(labels)}
+    for k in range(1, len(labels)):
+        found[f"{labels[k - 1]} to {labels[k]} s"] = change[:, k] - change[:, k - 1]
+    return found
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sobol' indices by stage over a central region of the prior.
+
+    Attributes
+    ----------
+    region : probability of the region in each coordinate z (0.9: from 5 to 95 %).
+    runs, failed : model runs in the region, and those that failed.
+    """
+
+    region: float
+    runs: int
+    failed: int
+    by_stage: Mapping[str, Indices]
+
+
+def stage_sensitivity(
+    model: PriorModel, times: FloatArray, groups: int, rng: np.random.Generator
+) -> Sensitivity:
+    r"""Which parameters decide the response's change by each time, and the creep between.
+
+    The indices are those of the independent coordinates z of the prior, one per
+    parameter. For an independent parameter that is the parameter. Within an ordered group
+    (built from its smallest member) or an inherited, correlated prior, z_k moves parameter
+    k given those before it: the first member's indices include what it entails for the
+    later ones (its full effect), the last member's are those left to it once the others
+    are known (its independent effect; Mara & Tarantola 2012). With `ordered_from` the
+    largest, the order is reversed.
+
+    Indices are not defined where draws fail. They are taken over the widest central region
+    u in [(1 - r)/2, (1 + r)/2]^d, r of `REGIONS`, in which at most 1 % of the groups have
+    a failed member; those are left out. A narrower region weighs the parameters
+    with long-tailed priors less.
+    """
+    from scipy.special import ndtri
+
+    dimension = len(model.names)
+    points = design(dimension, groups, rng)
+    for region in REGIONS:
+        z = ndtri(0.5 + region * (points - 0.5))
+        changes = stage_changes(model, z, times)
+        failed = np.isnan(next(iter(changes.values())))
+        if np.mean(failed.reshape(groups, -1).any(axis=1)) <= MOST_LEFT_OUT:
+            break
+    found = {stage: indices(values, dimension, rng) for stage, values in changes.items()}
+    by_stage = {stage: value for stage, value in found.items() if value is not None}
+    return Sensitivity(region, failed.size, int(failed.sum()), by_stage)
+
+
+def failure_sensitivity(model: PriorModel, groups: int, rng: np.random.Generator) -> Sensitivity:
+    """Which parameters decide whether a draw fails: indices of 1 (failed) or 0, whole prior."""
+    from scipy.special import ndtri
+
+    dimension = len(model.names)
+    points = design(dimension, groups, rng)
+    last = np.array([float(model.experiment.coordinate.max())])
+    failed = np.isnan(model.response(model.parameters(ndtri(points)), last)[:, 0])
+    found = indices(failed.astype(float), dimension, rng)
+    return Sensitivity(1.0, failed.size, int(failed.sum()), {} if found is None else {LOST: found})

@@ -1,0 +1,144 @@
+"""Whose noise a predicted record is taken to have, and what carries it to another response."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from tests.unit.contexts import PAPER, experiment
+from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step, voltage
+
+from deabayes.experiment import Quantity
+from deabayes.faults import UserError
+from deabayes.fitted import CalibratedRecord, Fitted, records_to_json
+from deabayes.noise import REGISTRY as NOISE
+
+TIME = np.linspace(1.0, 600.0, 300)
+COUNT = 400
+NOISE_DRAWS = {"step.sigma_white": 2e-6, "step.sigma_ou": 30e-6, "step.tau_ou": 20.0}
+
+
+def record(volts, response="displacement"):
+    return experiment(f"{response}_{volts}", "step", step(volts), TIME, response)
+
+
+def fitted(calibrated=None, specimen=PLAIN, relative=False):
+    calibrated = calibrated or [record(4e3)]
+    draws = {n: np.full(COUNT, v[0]) for n, v in golden_draws(PAPER, 3).items()}
+    draws |= {name: np.full(COUNT, value) for name, value in NOISE_DRAWS.items()}
+    scales = [each.response_range if relative else 1.0 for each in calibrated]
+    records = tuple(
+        CalibratedRecord.of(each, "step", scale)
+        for each, scale in zip(calibrated, scales, strict=True)
+    )
+    system = membrane("kv_gm_3")
+    noise = NOISE["ornstein_uhlenbeck"]()
+    return Fitted("kv_gm_3", specimen, system, noise, relative, "record", draws, records, True)
+
+
+def with_camera(noise=1.5e-6):
+    return replace(PLAIN, instruments={"noise": Quantity(2e-6, "m"),
+                                       "area.noise": Quantity(noise, "m^2")})  # fmt: skip
+
+
+def spreads(found, what, seed=1):
+    """Standard deviations of the correlated and of the white part of the prediction."""
+    samples = found.sample(what, np.random.default_rng(seed))
+    correlated = samples.discrepancy - samples.parameter
+    white = samples.predictive - samples.discrepancy
+    return correlated.std(), white.std()
+
+
+def test_a_calibrated_record_has_its_own_noise():
+    origin = fitted().noise_of(record(4e3))
+    assert (origin.group, origin.scale, origin.note) == ("step", 1.0, "")
+
+
+def test_the_same_response_has_the_noise_in_its_unit():
+    origin = fitted().noise_of(record(2e3))
+    assert (origin.group, origin.scale, origin.note) == ("step", 1.0, "")
+    correlated, white = spreads(fitted(), record(2e3))
+    assert correlated == pytest.approx(30e-6, rel=0.1)
+    assert white == pytest.approx(2e-6, rel=0.02)
+
+
+def test_correlated_noise_is_carried_over_in_proportion_to_the_range():
+    area, calibrated = record(2e3, "area"), record(4e3)
+    correlated, white = spreads(fitted(), area)
+    ratio = area.response_range / calibrated.response_range
+    assert correlated == pytest.approx(30e-6 * ratio, rel=0.1)
+    assert white == pytest.approx(2e-6 * ratio, rel=0.02)
+
+
+def test_white_noise_is_the_sensors_where_it_is_stated():
+    area = record(2e3, "area")
+    found = fitted(specimen=with_camera())
+    correlated, white = spreads(found, area)
+    assert white == pytest.approx(1.5e-6, rel=0.02)
+    assert correlated == pytest.approx(30e-6 * area.response_range / record(4e3).response_range,
+                                       rel=0.1)  # fmt: skip
+    note = found.noise_of(area).note
+    assert "no calibrated record measured area" in note and "specimen.yaml" in note
+
+
+def test_the_density_is_that_of_the_same_noise():
+    """At the truth, the residual is zero: the log-density is that of the peak."""
+    area = record(2e3, "area")
+    density = fitted(specimen=with_camera()).sample(area, np.random.default_rng(1)).log_density
+    wider = fitted(specimen=with_camera(15e-6)).sample(area, np.random.default_rng(1)).log_density
+    assert np.all(density > wider)
+    assert np.mean(density - wider) < TIME.size * np.log(10.0)
+
+
+def test_relative_noise_is_carried_over_in_proportion_to_the_range():
+    found = fitted(relative=True, specimen=with_camera())
+    area = record(2e3, "area")
+    correlated, white = spreads(found, area)
+    assert correlated == pytest.approx(30e-6 * area.response_range, rel=0.1)
+    assert white == pytest.approx(1.5e-6, rel=0.02)
+
+
+def test_a_record_of_the_same_unit_comes_before_one_of_the_same_protocol():
+    driven = experiment("sine", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
+    records = [
+        CalibratedRecord.of(record(4e3, "area"), "areas", 1.0),
+        CalibratedRecord.of(driven, "sines", 1.0),
+    ]
+    found = replace(fitted(), records=tuple(records))
+    assert found.noise_of(record(2e3)).group == "sines"
+    assert found.noise_of(record(2e3, "area")).group == "areas"
+
+
+def test_a_file_without_the_ranges_is_read_and_says_what_it_cannot():
+    old = json.loads(records_to_json(list(fitted().records)))
+    for each in old:
+        del each["response_range"]
+    found = replace(fitted(), records=tuple(CalibratedRecord(**each) for each in old))
+    assert found.noise_of(record(2e3)).group == "step"
+    with pytest.raises(UserError, match="fit again"):
+        found.noise_of(record(2e3, "area"))
+
+
+def test_ranges_survive_the_file():
+    kept = json.loads(records_to_json(list(fitted().records)))
+    assert [CalibratedRecord(**each) for each in kept] == list(fitted().records)
+    assert asdict(fitted().records[0])["response_range"] == record(4e3).response_range
+
+
+def test_the_sign_of_the_voltage_is_no_extrapolation():
+    risen = voltage([0.0, 0.1, 600.0], [-0.4, 4e3, 4e3])
+    found = fitted([experiment("risen", "step", risen, TIME, "displacement")])
+    driven = experiment("sine", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
+    assert found.extrapolation(driven) == ""
+    assert fitted([driven]).extrapolation(record(1e3)).startswith("599 s is more than")
+    higher = replace(driven, excitation=sine(0.05, amplitude=4500.0))
+    assert "4500 V lies outside the calibrated 0 to 4000" in found.extrapolation(higher)
+    assert "-2000" in replace(found, system=Odd()).extrapolation(driven)
+
+
+class Odd:
+    """A system for which the sign counts."""
+
+    even = ()

@@ -1,0 +1,22 @@
+rule analyse:
+    input:
+        study="<results>/{study}/study.yaml",
+        prepared="<results>/{study}/prepared",
+        posteriors=posteriors_of,
+        modules=modules(
+            "analyses/*.py",
+            "pipeline/analyse.py",
+            "fitted.py",
+            "errors.py",
+            "influence.py",
+            "sensitivity.py",
+        ),
+    output:
+        directory("<results>/{study}/analyses"),
+    log:
+        "<results>/{study}/logs/analyse.log",
+    threads: 1
+    params:
+        results=subpath(output[0], parent=True),
+    shell:
+        "deabayes analyse {params.results} -o {output} 2> {log}"
