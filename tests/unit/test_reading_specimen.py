@@ -144,3 +144,13 @@ def test_example_is_valid_yaml() -> None:
     from tests.unit.study_folders import SPECIMEN
 
     assert yaml.safe_load(SPECIMEN)["name"] == "strip A"
+
+
+def test_an_edited_file_is_read_again(tmp_path):
+    folder = make_folder(tmp_path)
+    before = read_specimen(folder)
+    path = folder / "specimen.yaml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(f"name: {before.name}", "name: another"), encoding="utf-8")
+    assert read_specimen(folder).name == "another"
+    assert before.name != "another"
