@@ -21,6 +21,8 @@ MOST_STORED_STEPS = 4000
 MINIMUM_STEPS = 1000
 """Just after the warm-up, effective sample sizes mostly count its independent particles."""
 DROPPED_SHARE = 0.2
+LONG_ENOUGH = 1.5
+"""Times the wanted length at which the scatter of one run's estimated time no longer matters."""
 MARGIN = 1.05
 """A run goes on a little beyond the wanted length, so that thinning does not undo it."""
 
@@ -151,10 +153,11 @@ class Run:
         smallest = min(chains.ess_bulk(values) for values in coordinates)
         times = smallest / kept.shape[1]
         tau = span / times
+        wanted = self.settings.autocorrelation_times
         enough = (
-            times >= MARGIN * self.settings.autocorrelation_times
+            times >= MARGIN * wanted
             and smallest >= self.settings.ess
-            and abs(tau / before - 1) <= TAU_TOLERANCE
+            and (abs(tau / before - 1) <= TAU_TOLERANCE or times >= LONG_ENOUGH * wanted)
         )
         rank = max(chains.r_hat(values[:, ::2]) for values in coordinates)
         enough = enough and rank < self.settings.r_hat

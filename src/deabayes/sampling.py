@@ -18,7 +18,7 @@ from deabayes.faults import UserError
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
 from deabayes.proposal import Proposal, fit
 from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
-from deabayes.smc import Hop, LogDensity, from_prior
+from deabayes.smc import Hop, LogDensity, Schedule, from_prior
 from deabayes.study import Sampling
 
 __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
@@ -26,6 +26,8 @@ __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "ru
 WARM_UP, START, SAMPLING = range(3)
 COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
+WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
+"""What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
 SETTLING_ROUNDS = 15
 FIRST_PASS_SHARE = 0.4
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
@@ -104,7 +106,7 @@ def _warm_up(
 
         rng = np.random.default_rng(stage_seed(seed, WARM_UP))
         population = from_prior(
-            target.log_likelihood, dimension, particles, rng, report=report, hop=target.hop
+            target.log_likelihood, dimension, particles, rng, WARM_UP_SCHEDULE, report, target.hop
         )
     return {
         "particles": population.particles,
