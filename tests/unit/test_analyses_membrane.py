@@ -56,8 +56,10 @@ def test_sine_errors():
 
 def test_area_errors_are_relative_to_the_measured_area():
     areas = record([1000.0, 1000.0, 1010.0, 1020.0], name="area")
-    found = membrane_table_2.area_errors(areas, np.full((3, 4), 1015.0))
+    curves = np.stack([np.full(4, 1015.0), np.full(4, 1015.0), np.full(4, 1040.0)])
+    found = membrane_table_2.area_errors(areas, curves)
     assert found["overall_percent"] == pytest.approx(1.5)
+    assert found["overall_q95"] == pytest.approx(np.quantile([1.5, 1.5, 4.0], 0.95))
     assert found["after_overshoot_percent"] == pytest.approx(100 * 5 / 1010)
 
 
