@@ -27,7 +27,7 @@ def compute(context: StudyContext) -> Analysis:
     import pandas as pd
 
     records = [
-        each for each in context.records("sine", "displacement")
+        each for each in context.records("displacement", "sine")
         if Cycles.of(each).starts.size >= LAST
     ]  # fmt: skip
     if not records:

@@ -27,7 +27,7 @@ def compute(context: StudyContext) -> Analysis:
     import pandas as pd
 
     cycles, stability, loops = [], [], {}
-    for each in context.records("sine", "displacement"):
+    for each in context.records("displacement", "sine"):
         found = Cycles.of(each)
         if found.starts.size == 0:
             continue

@@ -8,7 +8,7 @@ import numpy as np
 
 from deabayes.analyses import membrane_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import amplitude, since_step
+from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import FloatArray
 from deabayes.fitted import Fitted
@@ -75,7 +75,7 @@ def steady_curves(context: StudyContext) -> object:
     """
     import xarray as xr
 
-    records = context.records("step", "displacement")
+    records = context.records("displacement", *STEPS)
     highest = max([amplitude(each.excitation) for each in records], default=4e3)
     grid = np.linspace(0.0, BEYOND * highest, POINTS)
     names = list(context.candidates)

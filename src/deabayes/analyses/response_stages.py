@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import amplitude, since_step
+from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
 
@@ -28,7 +28,7 @@ def compute(context: StudyContext) -> Analysis:
     """Tables of shares and stages; one data set per displacement step."""
     import pandas as pd
 
-    records = context.records("step", "displacement")
+    records = context.records("displacement", *STEPS)
     shares, stages = [], []
     for each in records:
         times = since_step(each)
