@@ -14,6 +14,8 @@ from deabayes.experiment import FloatArray
 from deabayes.fitted import Fitted
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from deabayes.systems.membrane import Membrane
 
 SYSTEMS = ("membrane",)
@@ -68,7 +70,7 @@ def steady_row(fitted: Fitted, kilovolt: float) -> dict[str, object]:
     }
 
 
-def steady_curves(context: StudyContext) -> object:
+def steady_curves(context: StudyContext) -> xr.Dataset:
     """Bands (candidate, bound, voltage) over the draws with a near equilibrium, and their share.
 
     With the stretch at the end of each step record, which is not the steady one yet.

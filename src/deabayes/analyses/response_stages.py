@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYSTEMS = ("membrane",)
 TITLE = "Stages of the step response"
@@ -75,7 +79,7 @@ def gained(times: FloatArray, curves: FloatArray) -> FloatArray:
     return np.asarray(reached - before)
 
 
-def step_curves(context: StudyContext, experiment: Experiment) -> object:
+def step_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     """Displacement against the time since the step, measured and predicted."""
     import xarray as xr
 
