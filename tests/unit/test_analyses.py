@@ -101,6 +101,13 @@ def test_same_seed_same_draws_and_other_study_others(registered, tmp_path):
     assert np.all(first != drawn(other, tmp_path / "c"))
 
 
+def test_what_was_there_before_goes(registered, tmp_path, monkeypatch):
+    analyses.run_all(context(), tmp_path / "analyses")
+    monkeypatch.setattr(analyses, "REGISTRY", {})
+    analyses.run_all(context(), tmp_path / "analyses")
+    assert [path.name for path in tmp_path.rglob("*")] == ["analyses", "index.json"]
+
+
 def test_a_failing_analysis_leaves_what_was_there(registered, tmp_path, monkeypatch):
     analyses.run_all(context(), tmp_path / "analyses")
     before = sorted(path.read_bytes() for path in (tmp_path / "analyses").rglob("*.*"))

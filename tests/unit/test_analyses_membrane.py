@@ -56,8 +56,10 @@ def test_sine_errors():
 
 def test_area_errors_are_relative_to_the_measured_area():
     areas = record([1000.0, 1000.0, 1010.0, 1020.0], name="area")
-    found = membrane_table_2.area_errors(areas, np.full((3, 4), 1015.0))
+    curves = np.stack([np.full(4, 1015.0), np.full(4, 1015.0), np.full(4, 1040.0)])
+    found = membrane_table_2.area_errors(areas, curves)
     assert found["overall_percent"] == pytest.approx(1.5)
+    assert found["overall_q95"] == pytest.approx(np.quantile([1.5, 1.5, 4.0], 0.95))
     assert found["after_overshoot_percent"] == pytest.approx(100 * 5 / 1010)
 
 
@@ -80,7 +82,7 @@ def test_table_1_has_a_row_per_candidate_and_record_and_the_papers_figures():
 
 def test_error_curves_are_signed_and_relative_to_the_range():
     made = context()
-    exact = made.records("step", "displacement")[0]
+    exact = made.records("displacement", "step")[0]
     name = CANDIDATES[0]
     made._responses[name, exact.name] = np.tile(
         exact.response - 0.01 * exact.response.max(), (3, 1)
@@ -144,7 +146,7 @@ def test_when_a_loop_is_stable():
 
 def test_measured_and_predicted_loops_of_the_same_curve_agree():
     made = context()
-    (driven,) = made.records("sine")
+    (driven,) = made.records("displacement", "sine")
     for name in CANDIDATES:
         made._responses[name, driven.name] = np.tile(driven.response, (3, 1))
     tables = hysteresis.compute(made).tables
@@ -157,7 +159,7 @@ def test_measured_and_predicted_loops_of_the_same_curve_agree():
 
 def test_the_amplitude_of_a_record_is_that_of_its_last_cycles():
     made = context()
-    (driven,) = made.records("sine")
+    (driven,) = made.records("displacement", "sine")
     cycles = Cycles.of(driven)
     squared = 2e-3 * (driven.excitation.at(driven.coordinate) / 2e3) ** 2
     growing = squared * np.where(driven.coordinate < cycles.starts[-2], 0.5, 1.0)
@@ -234,6 +236,6 @@ def test_a_step_that_starts_late_is_counted_from_its_start():
 
 
 def test_the_sine_of_the_context_has_its_cycles():
-    (driven,) = context().records("sine")
+    (driven,) = context().records("displacement", "sine")
     assert Cycles.of(driven).starts.size == 5
     assert driven.excitation.values.size == sine(0.05).values.size

@@ -89,3 +89,54 @@ def test_truth_and_provenance():
     truth = yaml.safe_load((SHIPPED / "truth.yaml").read_text())
     assert truth["parameters"]["tau_beta_4"] == 600.0
     assert truth["parameters"]["permittivity"] == 4.11e-11
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    """The records as the study `membrane` prepares them."""
+    from deabayes.preparation import prepare
+    from deabayes.reading.folder import read_folder
+    from deabayes.study import load_study
+
+    study = load_study(REPOSITORY / "config.yaml", "membrane")
+    folder = read_folder(study.specimen)
+    return {
+        row.name: prepare(row, folder.record(row), folder.specimen, study.preparation[row.protocol])
+        for row in folder.table
+    }
+
+
+def test_rows_that_share_a_record_read_their_own_columns(prepared):
+    for kilovolt in (2, 3, 4):
+        step, area = prepared[f"step_{kilovolt}kV"], prepared[f"area_{kilovolt}kV"]
+        assert step.record_sha256 == area.record_sha256
+        assert (step.response_unit, area.response_unit) == ("m", "m^2")
+        assert (step.role, area.role) == ("calibrate" if kilovolt == 4 else "validate", "validate")
+        # The displacement counts from rest, the area does not; the camera has no delay.
+        assert 0.0 < step.response[0] < 1e-3 and area.response[0] > 900e-6
+        side = 0.03 + np.interp(area.coordinate[20:], step.coordinate, step.response)
+        np.testing.assert_allclose(area.response[20:], side**2, atol=4e-6)
+        assert area.coordinate[-1] > step.coordinate[-1]
+
+
+def test_the_studys_records_are_short_and_reach_their_ends(prepared):
+    for name, each in prepared.items():
+        assert 90 <= each.coordinate.size <= 200
+        assert each.excitation.coordinate[-1] - each.coordinate[-1] < 4.5, name
+        if each.protocol == "step":
+            assert each.coordinate[0] - 5.0 > 0.39  # 0.5 s, to within a sample
+            assert np.all(np.diff(each.coordinate)[:3] < 0.4)
+
+
+def test_averaging_does_not_flatten_the_sine(prepared):
+    """The candidate with all units, at the truth, sees the recorded amplitude to 0.4 %."""
+    truth = yaml.safe_load((SHIPPED / "truth.yaml").read_text())["parameters"]
+    draws = {name: np.array([value]) for name, value in truth.items()}
+    for frequency in ("0p01", "0p02", "0p05"):
+        each = prepared[f"sine_{frequency}Hz"]
+        found = membrane("kv_gm_4").predict(
+            each.excitation, each.coordinate, "displacement", draws
+        )[0]
+        late = each.coordinate > 50.0
+        slope = np.polyfit(found[late], each.response[late], 1)[0]
+        assert slope == pytest.approx(1.0, abs=0.004)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
@@ -9,6 +11,9 @@ from deabayes.analyses.drive import Cycles, amplitude, resampled
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.fitted import Fitted
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYSTEMS = ("membrane",)
 TITLE = "Amplitude against frequency"
@@ -27,7 +32,7 @@ def compute(context: StudyContext) -> Analysis:
     import pandas as pd
 
     records = [
-        each for each in context.records("sine", "displacement")
+        each for each in context.records("displacement", "sine")
         if Cycles.of(each).starts.size >= LAST
     ]  # fmt: skip
     if not records:
@@ -58,7 +63,7 @@ def of_record(experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Flo
     return np.asarray(np.mean(np.ptp(loops, axis=-1), axis=-1))
 
 
-def bands(context: StudyContext, records: list[Experiment], volts: float) -> object:
+def bands(context: StudyContext, records: list[Experiment], volts: float) -> xr.Dataset:
     """Predicted (candidate, bound, frequency) over the records' frequencies."""
     import xarray as xr
 

@@ -90,10 +90,10 @@ class StudyContext:
             self._responses[key] = curves[np.all(np.isfinite(curves), axis=1)]
         return self._responses[key]
 
-    def records(self, protocol: str, response: str | None = None) -> list[Experiment]:
-        """The records of a protocol, of one response if given."""
+    def records(self, response: str, *protocols: str) -> list[Experiment]:
+        """The records of a response, of any of these protocols."""
         return [
             each
             for each in self.experiments
-            if each.protocol == protocol and response in (None, each.response_name)
+            if each.protocol in protocols and each.response_name == response
         ]

@@ -11,6 +11,8 @@ from deabayes.experiment import Excitation, Experiment, FloatArray
 DEPARTED = 0.02
 """Of the excitation's largest departure from its first value: it has left it."""
 
+STEPS = ("step", "creep")
+"""Protocols of a voltage that is switched on and stays."""
 REACH = 1.2
 """Spacings of a record's points: how far beyond the outer ones a cycle may end."""
 

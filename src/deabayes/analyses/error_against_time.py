@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import amplitude, since_step
 from deabayes.analyses.summaries import band
 from deabayes.experiment import Experiment
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYSTEMS = ("membrane",)
 TITLE = "Error against time (Fig. 13)"
@@ -23,7 +28,7 @@ def compute(context: StudyContext) -> Analysis:
     return Analysis(curves={each.name: error_curves(context, each) for each in records})
 
 
-def error_curves(context: StudyContext, experiment: Experiment) -> object:
+def error_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     """(y - f)/(max y - min y) in percent: band (candidate, bound, time).
 
     The zero at rest is counted among the y.

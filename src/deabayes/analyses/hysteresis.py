@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import Cycles, resampled
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYSTEMS = ("membrane",)
 TITLE = "Hysteresis under alternating voltage"
@@ -27,7 +32,7 @@ def compute(context: StudyContext) -> Analysis:
     import pandas as pd
 
     cycles, stability, loops = [], [], {}
-    for each in context.records("sine", "displacement"):
+    for each in context.records("displacement", "sine"):
         found = Cycles.of(each)
         if found.starts.size == 0:
             continue
@@ -104,7 +109,7 @@ def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:
 
 def loop_curves(
     context: StudyContext, experiment: Experiment, measured: Loops, bands: FloatArray
-) -> object:
+) -> xr.Dataset:
     """Measured and predicted loops, bands (candidate, bound, cycle, phase)."""
     import xarray as xr
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from deabayes.analyses import membrane_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import Cycles, amplitude, since_step
+from deabayes.analyses.drive import STEPS, Cycles, amplitude, since_step
 from deabayes.analyses.summaries import interval, labels
 from deabayes.experiment import Experiment, FloatArray
 
@@ -28,11 +28,11 @@ def compute(context: StudyContext) -> Analysis:
     steps, sines = [], []
     for name, fitted in context.candidates.items():
         order = fitted.system.order
-        for each in context.records("step", "displacement"):
+        for each in context.records("displacement", *STEPS):
             curves = context.responses(name, each)
             steps.append(labels(name, fitted) | _record(each) | step_errors(each, curves)
                          | _printed_step(each, order))  # fmt: skip
-        for each in context.records("sine", "displacement"):
+        for each in context.records("displacement", "sine"):
             curves = context.responses(name, each)
             sines.append(labels(name, fitted) | _record(each) | sine_errors(each, curves)
                          | _printed_sine(each, order))  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from deabayes.analyses import membrane_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import amplitude, since_step
+from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import interval, labels
 from deabayes.experiment import Experiment, FloatArray
 
@@ -30,7 +30,7 @@ def compute(context: StudyContext) -> Analysis:
         | area_errors(each, context.responses(name, each))
         | _printed(each)
         for name, fitted in context.candidates.items()
-        for each in context.records("step", "area")
+        for each in context.records("area", *STEPS)
     ]
     return Analysis({"table_2_area": pd.DataFrame(rows)} if rows else {})
 

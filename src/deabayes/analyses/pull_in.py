@@ -8,12 +8,14 @@ import numpy as np
 
 from deabayes.analyses import membrane_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import amplitude, since_step
+from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import FloatArray
 from deabayes.fitted import Fitted
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from deabayes.systems.membrane import Membrane
 
 SYSTEMS = ("membrane",)
@@ -68,14 +70,14 @@ def steady_row(fitted: Fitted, kilovolt: float) -> dict[str, object]:
     }
 
 
-def steady_curves(context: StudyContext) -> object:
+def steady_curves(context: StudyContext) -> xr.Dataset:
     """Bands (candidate, bound, voltage) over the draws with a near equilibrium, and their share.
 
     With the stretch at the end of each step record, which is not the steady one yet.
     """
     import xarray as xr
 
-    records = context.records("step", "displacement")
+    records = context.records("displacement", *STEPS)
     highest = max([amplitude(each.excitation) for each in records], default=4e3)
     grid = np.linspace(0.0, BEYOND * highest, POINTS)
     names = list(context.candidates)

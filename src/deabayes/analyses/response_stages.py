@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import amplitude, since_step
+from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYSTEMS = ("membrane",)
 TITLE = "Stages of the step response"
@@ -28,7 +32,7 @@ def compute(context: StudyContext) -> Analysis:
     """Tables of shares and stages; one data set per displacement step."""
     import pandas as pd
 
-    records = context.records("step", "displacement")
+    records = context.records("displacement", *STEPS)
     shares, stages = [], []
     for each in records:
         times = since_step(each)
@@ -75,7 +79,7 @@ def gained(times: FloatArray, curves: FloatArray) -> FloatArray:
     return np.asarray(reached - before)
 
 
-def step_curves(context: StudyContext, experiment: Experiment) -> object:
+def step_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     """Displacement against the time since the step, measured and predicted."""
     import xarray as xr
 

@@ -58,7 +58,7 @@ def _sheet(loops: list[xr.Dataset], table: pd.DataFrame, best: str) -> Figure:
         Line2D([], [], color=style.BLACK, label="measured loops, last dark"),
         *curves.handles(loops[0]),
     ]
-    panels.legend_below(figure, entries, 5)
+    panels.legend_below(figure, entries, 3)
     return figure
 
 
