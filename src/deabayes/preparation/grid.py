@@ -31,7 +31,8 @@ def geometric_edges(
     largest_change : how much of its range the excitation may travel within a bin.
     """
     last = float(record.coordinate[-1])
-    turns = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION)
+    interval = float(np.median(np.diff(record.coordinate)))
+    turns = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION, interval)
     starts = [float(min(record.coordinate[0], record.excitation_start())), *map(float, turns)]
     starts = sorted({start for start in starts if start < last})
     path = travel(record)

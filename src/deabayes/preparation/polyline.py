@@ -49,22 +49,23 @@ def _furthest(x: list[float], y: list[float], start: int, tolerance: float) -> i
     return reached
 
 
-def corners(coordinate: FloatArray, values: FloatArray, fraction: float) -> FloatArray:
+def corners(
+    coordinate: FloatArray, values: FloatArray, fraction: float, interval: float
+) -> FloatArray:
     """Where an excitation turns: ends of ramps, steps, peaks of triangles.
 
     The inner knots of a Ramer-Douglas-Peucker polyline (Douglas and Peucker
     1973) within `fraction` of the range, which stand at the turns themselves;
-    the two knots of a jump between neighbouring samples are one corner, at the
-    later sample.
+    the two knots of a jump within a sampling `interval` are one corner, at the later.
     """
     size = float(np.ptp(values))
     if size == 0.0:
         return np.array([])
     thinned = polyline(coordinate, values, 0.1 * fraction * size)
     knots = thinned[_worst_first(coordinate[thinned], values[thinned], fraction * size)]
-    inner = knots[1:-1]
-    before_jump = np.isin(inner + 1, knots)
-    return coordinate[inner[~before_jump]]
+    inner = coordinate[knots[1:-1]]
+    before_jump = np.diff(coordinate[knots[1:]]) <= 1.5 * interval
+    return inner[~before_jump]
 
 
 def _worst_first(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
