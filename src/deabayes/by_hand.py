@@ -181,7 +181,7 @@ def predict_posteriors(
     lines = []
     for posterior in posteriors:
         table = errors or posterior.with_name("errors.csv")
-        predict_candidate(
+        lines += predict_candidate(
             posterior,
             prepared or posterior.parent.parent / "prepared",
             output or posterior.with_name("predictions"),

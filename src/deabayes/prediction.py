@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
@@ -58,7 +59,8 @@ class Samples:
     """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
 
     `log_density` (S,) is log p(y | theta_s) where the response was observed;
-    `failed` counts the draws without a finite response, which are left out.
+    `failed` counts the draws without a finite response, which are left out, and
+    `failure` says why; where all failed, the samples are NaN.
     """
 
     parameter: FloatArray
@@ -66,6 +68,7 @@ class Samples:
     predictive: FloatArray
     log_density: FloatArray | None
     failed: int
+    failure: str = ""
 
     def band(self, samples: FloatArray) -> FloatArray:
         """Equal-tailed intervals (level, bound, N)."""
@@ -131,6 +134,10 @@ def sample_response(
         experiment.excitation, experiment.coordinate, experiment.response_name, draws
     )
     kept = np.all(np.isfinite(mean), axis=1)
+    failure = _why_failed(system, experiment, draws, ~kept)
+    if not kept.any():
+        nothing = np.full((2, experiment.coordinate.size), np.nan)
+        return Samples(nothing, nothing, nothing, None, kept.size, failure)
     mean = mean[kept]
     scales = origin.scales(mean)
     noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
@@ -148,7 +155,19 @@ def sample_response(
         with_discrepancy + scales[:, None] * white,
         log_density,
         int(np.sum(~kept)),
+        failure,
     )
+
+
+def _why_failed(
+    system: System, experiment: Experiment, draws: Draws, failed: NDArray[np.bool_]
+) -> str:
+    """What the system says of the draws that failed on a record; empty if none did."""
+    if not failed.any():
+        return ""
+    lost = {name: np.ascontiguousarray(values[failed]) for name, values in draws.items()}
+    note = system.failure_note(experiment.excitation, experiment.coordinate, lost)
+    return f"{failed.sum()} of {failed.size} draws have no response ({note})"
 
 
 def to_dataset(
@@ -191,5 +210,6 @@ def to_dataset(
         response_unit=experiment.response_unit,
         provenance=experiment.provenance,
         failed_draws=samples.failed,
+        failure=samples.failure,
         **attributes,
     )

@@ -47,7 +47,8 @@ def simulate(
     xarray.Dataset
         The response (draw, time), the excitation (time) and the parameters (draw),
         each with `units`; without the dimension `draw` where every parameter is one
-        value. A draw that fails is NaN and counted in the attribute `failed_draws`.
+        value. A draw that fails is NaN, counted in the attribute `failed_draws` and
+        explained in `failure` (pull-in: at which time and voltage).
 
     Raises
     ------
@@ -80,6 +81,9 @@ def simulate(
     values = np.where(failed[:, None], np.nan, values)
     dataset = _dataset(model, driven, coordinate_name, coordinate, response, values, draws)
     dataset.attrs["failed_draws"] = int(failed.sum())
+    if failed.any():
+        lost = {n: np.ascontiguousarray(drawn[failed]) for n, drawn in draws.items()}
+        dataset.attrs["failure"] = model.failure_note(driven, coordinate, lost)
     return dataset.squeeze("draw") if scalar else dataset
 
 

@@ -51,8 +51,11 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     write_text_atomically(json.dumps(content, indent=1), output)
 
 
-def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Path) -> None:
-    """Predict every record of the study; write predictions/{experiment}.nc and errors.csv."""
+def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Path) -> list[str]:
+    """Predict every record of the study; write predictions/{experiment}.nc and errors.csv.
+
+    Returns a line on every record that some draws have no response to.
+    """
     import pandas as pd
 
     from deabayes.errors_table import error_row
@@ -62,7 +65,7 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
     tree = read_tree(posterior)
     fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
-    rows = []
+    rows, failures = [], []
     for index, experiment in enumerate(read_experiments(prepared)):
         rng = np.random.default_rng([1, index])
         samples = fitted.sample(experiment, rng)
@@ -76,8 +79,11 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
         }
         write_dataset(to_dataset(experiment, samples, attributes), output / f"{experiment.name}.nc")
         rows.append(error_row(experiment, samples, flags))
+        if samples.failure:
+            failures.append(f"{fitted.candidate}, {experiment.name}: {samples.failure}")
     table = pd.DataFrame(rows).sort_values(["role", "protocol", "experiment"])
     write_atomically(lambda path: table.to_csv(path, index=False), errors)
+    return failures
 
 
 def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path) -> None:

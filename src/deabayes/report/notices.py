@@ -124,10 +124,13 @@ def failures(results: CandidateResults) -> Iterator[Notice]:
     if total and failed > FAILED_SHARE * total:
         text = f"{failed} of {total} model evaluations failed ({100 * failed / total:.2g} %)"
         yield _notice(results, "Failed model evaluations", [text])
-    failing = [n for n, p in results.predictions.items() if int(p.attrs.get("failed_draws", 0)) > 0]
-    if failing:
-        text = f"some posterior draws gave no finite response and were left out: {_listed(failing)}"
-        yield _notice(results, "Failed predictions", [text])
+    details = [
+        f"{name}: {prediction.attrs.get('failure') or 'draws without a response'}; left out"
+        for name, prediction in results.predictions.items()
+        if int(prediction.attrs.get("failed_draws", 0)) > 0
+    ]
+    if details:
+        yield _notice(results, "Failed predictions", details)
 
 
 def narrow_bands(results: CandidateResults) -> Iterator[Notice]:

@@ -92,6 +92,12 @@ class System(ABC):
         """In a few words, why each of these draws (W,), which failed, has no response."""
         return np.full(next(iter(draws.values())).shape, "no finite response")
 
+    def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
+        """Say why these draws (W,), which failed on a record, have no response."""
+        words, counts = np.unique(self.why_failed(draws), return_counts=True)
+        order = np.argsort(-counts)
+        return ", ".join(f"{counts[k]} × {words[k]}" for k in order)
+
     def predict(
         self, excitation: Excitation, coordinate: FloatArray, response: str, draws: Draws
     ) -> FloatArray:

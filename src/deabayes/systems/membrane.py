@@ -215,6 +215,20 @@ class Membrane(System):
         """Pull-in, the breakdown stretch, or a Gent limit below the pre-stretch, (W,)."""
         return self._material(draws).why_lost(self.breakdown)
 
+    def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
+        """Why, and at which time and voltage the draws leave the near branch."""
+        note = super().failure_note(excitation, coordinate, draws)
+        time, voltage = self.lost(excitation, float(np.max(coordinate)), draws)
+        gone = np.isfinite(time)
+        if not gone.any():
+            return note
+        low, middle, high = np.quantile(time[gone], [0.05, 0.5, 0.95])
+        volts = np.quantile(np.abs(voltage[gone]), [0.05, 0.5, 0.95]) / 1e3
+        return (
+            f"{note}; at {middle:.3g} s ({low:.3g} to {high:.3g}) under "
+            f"{volts[1]:.3g} kV ({volts[0]:.3g} to {volts[2]:.3g})"
+        )
+
     def _material(self, draws: Draws) -> Material:
         return Material.from_draws(self.model, self.specimen, draws)
 
