@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.checkpoint import Arrays, Store
+from deabayes.climb import bulk_missed, draws_of_peaks, find_peaks
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
 from deabayes.proposal import Proposal, fit
 from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
-from deabayes.smc import Hop, LogDensity, Schedule, from_prior
+from deabayes.smc import Hop, LogDensity, Population, Schedule, from_prior, settle
 from deabayes.study import Sampling
 
 __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
@@ -29,6 +30,7 @@ SETTLING_STEPS = 200
 WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
 """What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
 SETTLING_ROUNDS = 15
+FAIR_ACCEPTANCE = 0.1
 FIRST_PASS_SHARE = 0.4
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
 
@@ -108,11 +110,20 @@ def _warm_up(
         population = from_prior(
             target.log_likelihood, dimension, particles, rng, WARM_UP_SCHEDULE, report, target.hop
         )
-    return {
-        "particles": population.particles,
-        "broad": population.broad,
-        "log_posterior": population.log_base + population.log_increment,
-    }
+    return _onto_the_bulk(target, population, rng)
+
+
+def _onto_the_bulk(target: Target, population: Population, rng: np.random.Generator) -> Arrays:
+    """The particles (P, d), or, where they missed the posterior's bulk, others that are on it."""
+    log_posterior = population.log_base + population.log_increment
+    peaks = find_peaks(target, population, rng)
+    best = max(peak.log_density for peak in peaks)
+    particles, broad = population.particles, population.broad
+    if bulk_missed(log_posterior, best, particles.shape[1]):
+        broad = draws_of_peaks(target, peaks, len(particles), rng)
+        moved = settle(broad, target, rng, WARM_UP_SCHEDULE, target.hop)
+        particles, log_posterior = moved.particles, moved.log_base
+    return {"particles": particles, "broad": broad, "log_posterior": log_posterior}
 
 
 def _start(
@@ -144,7 +155,8 @@ def _start(
         draws, densities = (np.concatenate(parts) for parts in zip(*rounds, strict=True))
         proposal = fit(draws, SETTLED_COMPONENTS, rng, densities)
         latest, accepted = rounds[-1][1], sampler.backend.accepted
-        progress.append((latest.mean(), latest.std(), accepted.mean()))
+        share = accepted.mean() / sampler.backend.iteration
+        progress.append((latest.mean(), latest.std(), share))
         if _settled(progress):
             break
     return {
@@ -156,11 +168,16 @@ def _start(
 
 
 def _settled(progress: list[tuple[float, float, float]]) -> bool:
-    """Whether the last two rounds raised neither the mean log-posterior nor the acceptance."""
+    """Whether the last two rounds left the mean log-posterior and a fair acceptance as they were.
+
+    The mean rises where walkers start on the rim of the bulk and falls where they start at
+    a peak.
+    """
     if len(progress) < 3:
         return False
     means, spreads, accepted = zip(*progress[-3:], strict=True)
-    return means[2] - means[0] < 0.2 * spreads[2] and accepted[2] < 1.2 * accepted[0]
+    steady = abs(means[2] - means[0]) < 0.2 * spreads[2] and accepted[2] < 1.2 * accepted[0]
+    return steady and accepted[2] > FAIR_ACCEPTANCE
 
 
 def _first_walkers(

@@ -54,7 +54,8 @@ class Population:
     Attributes
     ----------
     particles : (P, d); `broad` (P, d) are those of the last step before, which are
-        over-dispersed with respect to the final density.
+        over-dispersed with respect to the final density, and `early` (P, d) those half
+        way through the schedule.
     log_base, log_increment : (P,) at `particles`.
     log_evidence : estimate of the log of the ratio of normalising constants.
     betas : the schedule, from 0 to 1.
@@ -62,6 +63,7 @@ class Population:
 
     particles: FloatArray
     broad: FloatArray
+    early: FloatArray
     log_base: FloatArray
     log_increment: FloatArray
     log_evidence: float
@@ -86,6 +88,17 @@ def from_prior(
     """Carry a population from the prior N(0, I) to the posterior; see `anneal`."""
     start = rng.standard_normal((particles, dimension))
     return anneal(start, log_standard_normal, log_likelihood, rng, schedule, report, hop)
+
+
+def settle(
+    particles: FloatArray,
+    log_density: LogDensity,
+    rng: np.random.Generator,
+    schedule: Schedule | None = None,
+    hop: Hop | None = None,
+) -> Population:
+    """Move particles (P, d) that are already about the density of interest."""
+    return anneal(particles, log_density, lambda z: np.zeros(len(z)), rng, schedule, hop=hop)
 
 
 def anneal(
@@ -116,18 +129,19 @@ def anneal(
     schedule = schedule or Schedule()
     cloud = _Cloud(particles.copy(), log_base, log_increment, rng, hop)
     betas, ratio, rounds = [0.0], 0.0, 0
-    broad = cloud.z.copy()
+    passed = [cloud.z.copy()]
     while betas[-1] < 1.0:
         step, log_mean = _next_step(cloud.increment, 1.0 - betas[-1], schedule.effective_share)
         betas.append(1.0 if step >= 1.0 - betas[-1] else betas[-1] + step)
         ratio += log_mean
-        broad = cloud.z.copy()
+        passed.append(cloud.z.copy())
         cloud.resample(step)
         rounds += cloud.forget(betas[-1], schedule)
         if report is not None:
             report(betas[-1], rounds)
+    broad, early = passed[-1], passed[len(passed) // 2]
     return Population(
-        cloud.z, broad, cloud.base, cloud.increment, float(ratio), tuple(betas), rounds
+        cloud.z, broad, early, cloud.base, cloud.increment, float(ratio), tuple(betas), rounds
     )
 
 

@@ -13,6 +13,7 @@ MODEL = modules(
 SAMPLING = modules(
     "sampling.py",
     "smc.py",
+    "climb.py",
     "mixture.py",
     "warp*.py",
     "unit_hop.py",
