@@ -7,10 +7,13 @@ and is checkpointed, so that a killed run continues to the same draws, byte for 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from deabayes.chains import ess_bulk
 from deabayes.checkpoint import Arrays, Store
 from deabayes.climb import bulk_missed, draws_of_peaks, find_peaks
 from deabayes.ensemble import Ensemble
@@ -29,8 +32,11 @@ COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
 WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
 """What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
-SETTLING_ROUNDS = 15
-FAIR_ACCEPTANCE = 0.1
+SETTLING_SHARE = 0.25
+"""Of the budget, at most, and not counted in it."""
+SETTLED_TIMES = 8.0
+"""Autocorrelation times in the last round."""
+STORED_PER_ROUND = 40
 FIRST_PASS_SHARE = 0.4
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
 
@@ -131,10 +137,11 @@ def _start(
 ) -> Arrays:
     """Start half the walkers over-dispersed, let them settle, fit the proposal that is frozen.
 
-    The particles may be far from where the posterior's mass is (a record with little noise
-    is a thin sheet that few moves of the warm-up enter), so walkers settle in rounds, each
-    with a proposal refitted to the rounds before, until neither the mean log-posterior nor
-    the acceptance rises. The draws of all rounds are dropped.
+    The particles may be far from where the posterior's mass is, or on a part of it only (a
+    record with little noise makes it a thin curved sheet that few moves of the warm-up
+    follow), so walkers settle in rounds, each with a proposal refitted to the rounds before,
+    until the log-posterior stands still and a round holds several autocorrelation times.
+    Rounds grow where it stands still but a round is too short. All their draws are dropped.
     """
     from deabayes.moves import build_sampler, initial_state
 
@@ -142,23 +149,24 @@ def _start(
     walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
     proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
     log_posterior = target(walkers)
-    rounds: list[tuple[FloatArray, FloatArray]] = []
-    progress: list[tuple[float, float, float]] = []
-    for number in range(SETTLING_ROUNDS):
+    draws: list[tuple[FloatArray, FloatArray]] = []
+    rounds: list[Round] = []
+    steps, spent = SETTLING_STEPS, 0
+    while spent < SETTLING_SHARE * settings.max_steps and not (rounds and rounds[-1].settled):
+        thin = steps // STORED_PER_ROUND
         sampler = build_sampler(target, proposal, walkers.shape, target.hop)
-        state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + number))
+        state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + len(rounds)))
         state = sampler.run_mcmc(
-            state, SETTLING_STEPS // 5, thin_by=5, skip_initial_state_check=True
+            state, STORED_PER_ROUND, thin_by=thin, skip_initial_state_check=True
         )
         walkers, log_posterior = state.coords, state.log_prob
-        rounds = [*rounds[-2:], (sampler.get_chain(flat=True), sampler.get_log_prob(flat=True))]
-        draws, densities = (np.concatenate(parts) for parts in zip(*rounds, strict=True))
-        proposal = fit(draws, SETTLED_COMPONENTS, rng, densities)
-        latest, accepted = rounds[-1][1], sampler.backend.accepted
-        share = accepted.mean() / sampler.backend.iteration
-        progress.append((latest.mean(), latest.std(), share))
-        if _settled(progress):
-            break
+        draws = [*draws[-2:], (sampler.get_chain(flat=True), sampler.get_log_prob(flat=True))]
+        z, densities = (np.concatenate(parts) for parts in zip(*draws, strict=True))
+        proposal = fit(z, SETTLED_COMPONENTS, rng, densities)
+        rounds.append(Round.of(sampler.get_chain(), draws[-1][1], rounds))
+        spent += steps
+        if rounds[-1].steady:
+            steps = steps * 3 // 2
     return {
         **proposal.arrays(),
         "walkers": walkers,
@@ -167,17 +175,32 @@ def _start(
     }
 
 
-def _settled(progress: list[tuple[float, float, float]]) -> bool:
-    """Whether the last two rounds left the mean log-posterior and a fair acceptance as they were.
+@dataclass(frozen=True)
+class Round:
+    """What a round of settling tells: log-posterior, autocorrelation times, whether to go on.
 
-    The mean rises where walkers start on the rim of the bulk and falls where they start at
-    a peak.
+    Attributes
+    ----------
+    steady : the mean log-posterior is where it was two rounds ago. It rises where walkers
+        start on the rim of the bulk and falls where they start at a peak.
     """
-    if len(progress) < 3:
-        return False
-    means, spreads, accepted = zip(*progress[-3:], strict=True)
-    steady = abs(means[2] - means[0]) < 0.2 * spreads[2] and accepted[2] < 1.2 * accepted[0]
-    return steady and accepted[2] > FAIR_ACCEPTANCE
+
+    mean: float
+    times: float
+    steady: bool
+
+    @classmethod
+    def of(cls, chain: FloatArray, log_posterior: FloatArray, before: Sequence[Round]) -> Round:
+        """Of its draws, chain (S, W, d) and log_posterior (S W,)."""
+        mean, spread = float(log_posterior.mean()), float(log_posterior.std())
+        coordinates = np.moveaxis(chain, 2, 0)[:, None]
+        times = min(ess_bulk(values) for values in coordinates) / chain.shape[1]
+        steady = len(before) >= 2 and abs(mean - before[-2].mean) < 0.2 * spread
+        return cls(mean, float(times), steady)
+
+    @property
+    def settled(self) -> bool:
+        return self.steady and self.times >= SETTLED_TIMES
 
 
 def _first_walkers(
