@@ -20,7 +20,7 @@ from deabayes.study import Sampling
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
 REFIT, CONTINUED = range(2)
-MOST_REFITS = 3
+MOST_REFITS = 6
 REFITTED_COMPONENTS = 16
 REFIT_SAMPLE = 20000
 DROPPED_AFTER_REFIT = 0.1

@@ -32,12 +32,12 @@ COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
 WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
 """What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
-SETTLING_SHARE = 0.25
+SETTLING_SHARE = 0.15
 """Of the budget, at most, and not counted in it."""
 SETTLED_TIMES = 8.0
 """Autocorrelation times in the last round."""
 STORED_PER_ROUND = 40
-FIRST_PASS_SHARE = 0.4
+FIRST_PASS_SHARE = 0.25
 """Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
 
 

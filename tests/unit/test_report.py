@@ -117,7 +117,12 @@ def test_clean_study_raises_no_serious_notice(tmp_path: Path) -> None:
 def test_verdicts(tmp_path: Path) -> None:
     protocols = ("relaxation",)
     unresolved = "not resolved by these data against kv_gm_1; smallest adequate order"
+    alone = "nothing to compare: the only candidate that converged"
     cases = {
+        "alone": (
+            Fake(name="alone", candidates=(1, 2), protocols=protocols, verdict=alone),
+            "not recommended",
+        ),
         "chosen": (Fake(name="chosen", candidates=(1, 2), protocols=protocols), "use kv_gm_2"),
         "open": (
             Fake(name="open", candidates=(1, 2), protocols=protocols, verdict=unresolved),

@@ -101,6 +101,11 @@ def verdict(study: StudyResults) -> str:
     if study.comparison is None or count < 2:
         return f"One candidate was fitted, {best.name}; there was no order to choose."
     text = str(study.comparison["verdict"].get(best.name, "not compared"))
+    if text.startswith("nothing to compare"):
+        return (
+            f"Only {best.name} of {count} candidates converged, so no order can be chosen; "
+            "it is shown, not recommended."
+        )
     if text.startswith("not resolved"):
         return f"The records do not settle the model order; {best.name} is shown ({text})."
     return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
