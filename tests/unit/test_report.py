@@ -117,12 +117,7 @@ def test_clean_study_raises_no_serious_notice(tmp_path: Path) -> None:
 def test_verdicts(tmp_path: Path) -> None:
     protocols = ("relaxation",)
     unresolved = "not resolved by these data against kv_gm_1; smallest adequate order"
-    alone = "nothing to compare: the only candidate that converged"
     cases = {
-        "alone": (
-            Fake(name="alone", candidates=(1, 2), protocols=protocols, verdict=alone),
-            "not recommended",
-        ),
         "chosen": (Fake(name="chosen", candidates=(1, 2), protocols=protocols), "use kv_gm_2"),
         "open": (
             Fake(name="open", candidates=(1, 2), protocols=protocols, verdict=unresolved),
@@ -133,3 +128,13 @@ def test_verdicts(tmp_path: Path) -> None:
     }
     for fake, words in cases.values():
         assert words in verdict(StudyResults(write_study(tmp_path, fake)))
+
+
+def test_the_only_converged_candidate_is_not_recommended(tmp_path: Path) -> None:
+    folder = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    table = pd.read_csv(folder / "comparison.csv")
+    table["verdict"] = ["nothing to compare: the only candidate that converged", "not ranked"]
+    table.to_csv(folder / "comparison.csv", index=False)
+    found = verdict(StudyResults(folder))
+    assert found.startswith("Only kv_gm_1 of 2 candidates converged")
+    assert "not recommended" in found
