@@ -2,7 +2,7 @@
 
 Case A of mixing.md (`cases`) with three units, 14 parameters, in z: the prior of every
 coordinate is standard normal, so dynesty's prior transform is the normal quantile. emcee runs
-as in a study (four ensembles of 128 walkers). Written: nested_evidence.csv, one row per
+as in a study (four ensembles of 64 walkers, as the membrane studies). Written: nested_evidence.csv, one row per
 case and seed, and nested_parameters.csv, one row per case, seed and parameter, with the differences
 in posterior standard deviations.
 
@@ -32,7 +32,7 @@ OUTPUT = Path("docs/validation")
 SEED = 20261125
 LIVE, CHAINS, REMAINING = 500, 32, 0.01
 """Live points, chains that move at once, and the log evidence left when nested sampling ends."""
-SETTINGS = Sampling()
+SETTINGS = Sampling(walkers=64, particles=512)
 EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
 
 

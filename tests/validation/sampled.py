@@ -13,6 +13,7 @@ from deabayes.posterior import LogPosterior
 from deabayes.posterior_file import convergence_summary, quantities
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling
+from deabayes.unit_hop import UnitHop
 from tests.validation.rows import Row
 
 SETTINGS = Sampling(ensembles=2, walkers=64, particles=512, max_steps=12000)
@@ -69,13 +70,14 @@ def sample(
     """Sample a posterior until every parameter and derived quantity passes the gates."""
     began = time.process_time()
     *streams, pooling = seed.spawn(settings.ensembles + 1)
-    likelihood = target.log_likelihood_of_normal
-    ensembles = [run_ensemble(likelihood, target.dimension, settings, s) for s in streams]
+    likelihood, hop = target.log_likelihood_of_normal, UnitHop.of(target.prior)
+    ensembles = [run_ensemble(likelihood, target.dimension, settings, s, hop=hop) for s in streams]
     pooled = pool(
         likelihood,
         ensembles,
         settings,
         pooling,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
+        hop=hop,
     )
     return Sampled(target, pooled, time.process_time() - began)
