@@ -32,8 +32,8 @@ COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
 WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
 """What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
-SETTLING_SHARE = 0.15
-"""Of the budget, at most, and not counted in it."""
+SETTLING_SHARE, LEAST_SETTLING = 0.15, 1000
+"""Of the budget, at most, and not counted in it; and steps that are always allowed."""
 SETTLED_TIMES = 8.0
 """Autocorrelation times in the last round."""
 STORED_PER_ROUND = 40
@@ -152,7 +152,8 @@ def _start(
     draws: list[tuple[FloatArray, FloatArray]] = []
     rounds: list[Round] = []
     steps, spent = SETTLING_STEPS, 0
-    while spent < SETTLING_SHARE * settings.max_steps and not (rounds and rounds[-1].settled):
+    allowed = max(SETTLING_SHARE * settings.max_steps, LEAST_SETTLING)
+    while spent < allowed and not (rounds and rounds[-1].settled):
         thin = steps // STORED_PER_ROUND
         sampler = build_sampler(target, proposal, walkers.shape, target.hop)
         state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + len(rounds)))

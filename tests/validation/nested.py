@@ -2,9 +2,9 @@
 
 Case A of mixing.md (`cases`) with three units, 14 parameters, in z: the prior of every
 coordinate is standard normal, so dynesty's prior transform is the normal quantile. emcee runs
-as in a study (four ensembles of 64 walkers, as the membrane studies). Written: nested_evidence.csv, one row per
-case and seed, and nested_parameters.csv, one row per case, seed and parameter, with the differences
-in posterior standard deviations.
+as in the membrane studies (four ensembles of 64 walkers). Written: nested_evidence.csv, one
+row per case and seed, and nested_parameters.csv, one row per case, seed and parameter, with
+the differences in posterior standard deviations.
 
     python -m tests.validation.nested --case A --live 500
 """
