@@ -37,6 +37,7 @@ from deabayes.proposal import Proposal
 from deabayes.run import DROPPED_SHARE
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling
+from deabayes.unit_hop import UnitHop
 
 OUTPUT = Path("docs/validation/membrane_recipes.csv")
 SEED = 20261126
@@ -78,7 +79,8 @@ def started(
     for seed in seeds:
         with TemporaryDirectory() as folder:
             likelihood = target.log_likelihood_of_normal
-            run_ensemble(likelihood, target.dimension, brief, seed, Path(folder))
+            hop = UnitHop.of(target.prior)
+            run_ensemble(likelihood, target.dimension, brief, seed, Path(folder), hop=hop)
             starts.append(Store(Path(folder)).once("start", dict))
     return starts, time.process_time() - began
 
@@ -98,9 +100,9 @@ def shipped(
     """One row: the whole recipe, to convergence or the end of its budget."""
     began = time.process_time()
     *streams, pooling = seeds
-    likelihood = target.log_likelihood_of_normal
-    ensembles = [run_ensemble(likelihood, target.dimension, settings, s) for s in streams]
-    pooled = pool(likelihood, ensembles, settings, pooling)
+    likelihood, hop = target.log_likelihood_of_normal, UnitHop.of(target.prior)
+    ensembles = [run_ensemble(likelihood, target.dimension, settings, s, hop=hop) for s in streams]
+    pooled = pool(likelihood, ensembles, settings, pooling, hop=hop)
     spent = time.process_time() - began
     yield row(max(each.steps for each in pooled.ensembles), pooled.chain, spent) | {
         "converged": int(pooled.convergence.converged)
