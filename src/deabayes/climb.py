@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture
+from deabayes.mixture import Mixture, covariance_factor
 from deabayes.smc import LogDensity, Population
 
 STARTS = 10
@@ -51,7 +51,10 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
 
     Particles that tempering has gathered at one of several modes all climb that one.
     """
-    particles, factor = population.particles, _covariance_factor(population.particles)
+    particles, factor = (
+        population.particles,
+        covariance_factor(np.cov(population.particles, rowvar=False)),
+    )
     best_first = np.argsort(-(population.log_base + population.log_increment))
     late = [best_first[0], *rng.choice(len(particles), STARTS // 2 - 1, replace=False)]
     early = rng.choice(len(particles), STARTS - len(late), replace=False)
@@ -65,17 +68,20 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
 def draws_of_peaks(
     target: LogDensity, peaks: list[Peak], size: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Draws (size, d), resampled by importance from the peaks' Laplace approximations."""
+    """Draws (size, d), resampled by importance from the peaks' Laplace approximations.
+
+    The peaks themselves are among what is resampled, so that there is always something.
+    """
     dimension = peaks[0].z.size
     mixture = Mixture(
         np.full(len(peaks), 1.0 / len(peaks)),
         np.stack([peak.z for peak in peaks]),
         np.stack([peak.factor for peak in peaks]),
     )
-    z = mixture.sample(rng, 4 * size)
+    z = np.concatenate([mixture.means, mixture.sample(rng, 4 * size)])
     excess = target(z) - mixture.log_density(z)
     usable = np.isfinite(excess)
-    ceiling = np.quantile(excess[usable], 1.0 - 0.5 * dimension / usable.sum())
+    ceiling = np.quantile(excess[usable], max(1.0 - 0.5 * dimension / usable.sum(), 0.5))
     weights = np.where(usable, np.exp(np.minimum(excess, ceiling) - ceiling), 0.0)
     chosen = rng.choice(len(z), size, p=weights / weights.sum())
     return z[chosen]
@@ -143,11 +149,3 @@ def _unit_drop_scales(target: LogDensity, peak: FloatArray, factor: FloatArray) 
             break
         scale = scale * np.clip(np.sqrt(0.5 / np.maximum(drop, 1e-3)), 0.1, 5.0)
     return scale
-
-
-def _covariance_factor(particles: FloatArray) -> FloatArray:
-    covariance = np.cov(particles, rowvar=False)
-    jitter = 1e-10 * np.trace(covariance) / len(covariance)
-    return np.asarray(
-        np.linalg.cholesky(covariance + jitter * np.eye(len(covariance))), dtype=np.float64
-    )

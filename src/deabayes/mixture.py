@@ -116,13 +116,13 @@ def fit(
     samples = samples[np.isfinite(samples).all(axis=1)]
     if len(samples) < 2:
         raise ValueError(f"a mixture needs at least 2 finite samples; {len(samples)} given")
-    centre, factor = samples.mean(axis=0), _factor(np.cov(samples, rowvar=False))
+    centre, factor = samples.mean(axis=0), covariance_factor(np.cov(samples, rowvar=False))
     most = SAMPLES_PER_COMPONENT * components
     if len(samples) > most:
         samples = samples[rng.choice(len(samples), most, replace=False)]
     white = np.linalg.solve(factor, (samples - centre).T).T
     weights, means, covariances = _gaussian_mixture(white, components, rng)
-    factors = np.stack([factor @ _factor(covariance) for covariance in covariances])
+    factors = np.stack([factor @ covariance_factor(covariance) for covariance in covariances])
     return Mixture(weights, centre + means @ factor.T, factors, degrees_of_freedom)
 
 
@@ -138,7 +138,7 @@ def two_clusters(samples: FloatArray, rng: np.random.Generator) -> list[FloatArr
     return parts
 
 
-def _factor(covariance: FloatArray) -> FloatArray:
+def covariance_factor(covariance: FloatArray) -> FloatArray:
     """Cholesky factor, lifting directions without variance just enough to have one."""
     covariance = np.atleast_2d(covariance)
     scale = np.sqrt(np.diagonal(covariance))

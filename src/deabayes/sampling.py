@@ -31,7 +31,7 @@ WARM_UP, START, SAMPLING = range(3)
 COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
 WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
-"""What the warm-up leaves undone at beta = 1, settling does at a fifth of the cost."""
+"""What the warm-up leaves undone at beta = 1, settling does."""
 SETTLING_SHARE, LEAST_SETTLING = 0.15, 1000
 """Of the budget, at most, and not counted in it; and steps that are always allowed."""
 SETTLED_TIMES = 8.0

@@ -7,20 +7,25 @@ from emcee.moves import DESnookerMove
 
 from deabayes.checkpoint import Store
 from deabayes.diagnostics import assess
+from deabayes.distributions import LogNormal, LogUniform
 from deabayes.mixture import Mixture
 from deabayes.moves import (
     DifferentialEvolutionMove,
+    HopMove,
     IndependenceMove,
     StraightenedMove,
     build_sampler,
     initial_state,
     recipe,
 )
+from deabayes.parameter import Parameter
+from deabayes.prior import Prior
 from deabayes.proposal import Part, Proposal
 from deabayes.run import Run, Target
 from deabayes.sampling import pool, run_ensemble
 from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
+from deabayes.unit_hop import UnitHop
 from deabayes.warp import fit_warp
 
 
@@ -51,7 +56,28 @@ def curved_warp(dimension):
     return fit_warp(draws)
 
 
+def hop_over(dimension):
+    """The hop of a prior with as many units as the dimension has room for."""
+    units = dimension // 2
+    moduli = [
+        Parameter(f"E_{i}", "E", "Pa", "", LogNormal(1e6, 0.8), "", belongs_to=f"tau_{i}")
+        for i in range(1, units + 1)
+    ]
+    times = [
+        Parameter(f"tau_{i}", "tau", "s", "", LogUniform(0.01, 10.0), "", ordered="tau")
+        for i in range(1, units + 1)
+    ]
+    others = [
+        Parameter(f"x_{i}", "x", "1", "", LogNormal(1.0, 1.0), "") for i in range(dimension % 2)
+    ]
+    return UnitHop.of(Prior.from_parameters([*moduli, *times, *others]))
+
+
 MOVES = {
+    "hops": (
+        lambda d: [(HopMove(hop_over(d)), 0.5), (DifferentialEvolutionMove(), 0.5)],
+        500,
+    ),
     "along straightened ridges": (
         lambda d: [(StraightenedMove(curved_warp(d)), 0.5), (DifferentialEvolutionMove(), 0.5)],
         500,
