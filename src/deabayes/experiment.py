@@ -22,6 +22,9 @@ PROTOCOLS = (
 )
 
 
+ONSET_SHARE = 0.02
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A property of the specimen in SI units; `sd` None means it is taken as exact."""
@@ -70,6 +73,16 @@ class Excitation:
     def at(self, coordinate: FloatArray) -> FloatArray:
         """The channel at `coordinate`, by linear interpolation."""
         return np.interp(coordinate, self.coordinate, self.values)
+
+    @property
+    def onset(self) -> float:
+        """The last knot before it leaves its first value by 2 % of its largest departure.
+
+        Its first knot if it never does.
+        """
+        departure = np.abs(self.values - self.values[0])
+        left = np.flatnonzero(departure > ONSET_SHARE * departure.max())
+        return float(self.coordinate[max(int(left[0]) - 1, 0) if left.size else 0])
 
 
 @dataclass(frozen=True)

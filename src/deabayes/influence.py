@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.prior import Prior
 from deabayes.sensitivity import Indices, design, indices
 from deabayes.systems.base import System
@@ -23,7 +23,6 @@ QUANTILE_POINTS = 14
 REGIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 MOST_LEFT_OUT = 0.01
 STAGES = 4
-HELD_STILL = 0.02
 LOST = "lost"
 
 
@@ -130,23 +129,16 @@ def one_at_a_time(
     return found
 
 
-def onset(excitation: Excitation) -> float:
-    """The last knot before the excitation leaves its first value by 2 % of its range."""
-    departure = np.abs(excitation.values - excitation.values[0])
-    left = np.flatnonzero(departure > HELD_STILL * departure.max())
-    return float(excitation.coordinate[max(left[0] - 1, 0) if left.size else 0])
-
-
 def stage_times(experiment: Experiment, count: int = STAGES) -> FloatArray:
     """Times after the onset, ..., 5, 50, 500 s: the last `count` 5 x 10^k s in the record."""
-    span = float(experiment.coordinate.max()) - onset(experiment.excitation)
+    span = float(experiment.coordinate.max()) - experiment.excitation.onset
     last = int(np.floor(np.log10(span / 5.0) + 1e-9))
     return np.asarray(5.0 * 10.0 ** np.arange(last - count + 1, last + 1))
 
 
 def stage_changes(model: PriorModel, z: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
     """The response's change since the onset at each time, and the creep between, (W,) each."""
-    start = onset(model.experiment.excitation)
+    start = model.experiment.excitation.onset
     response = model.response(model.parameters(z), np.concatenate([[start], start + times]))
     change = response[:, 1:] - response[:, :1]
     labels = [f"{time:g}" for time in times]

@@ -7,13 +7,13 @@ import pytest
 from tests.unit.contexts import experiment
 from tests.unit.membranes import sine, step, voltage
 
-from deabayes.analyses.drive import Cycles, amplitude, resampled, since_step, step_time
+from deabayes.analyses.drive import Cycles, amplitude, resampled, since_step
 
 
 def test_a_step_starts_where_the_voltage_leaves_its_first_value():
     ramp = voltage([0.0, 4.9, 5.0, 5.3, 600.0], [0.3, -0.3, 0.2, 4000.0, 4000.3])
-    assert step_time(ramp) == 5.0
-    assert step_time(step(4e3)) == 0.0
+    assert ramp.onset == 5.0
+    assert step(4e3).onset == 0.0
     assert amplitude(ramp) == 4000.3
     record = experiment("step", "step", ramp, np.linspace(0.0, 20.0, 5), "stretch")
     np.testing.assert_allclose(since_step(record), [-5.0, 0.0, 5.0, 10.0, 15.0])

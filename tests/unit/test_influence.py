@@ -108,7 +108,7 @@ def test_stages_are_decades_after_the_onset():
     about = model()
     late = Excitation("voltage", "V", np.array([0.0, 7.0, 7.1, 607.0]), np.array([0, 10, 4e3, 4e3]))
     record = replace(about.experiment, excitation=late, coordinate=TIME + 7.0)
-    assert influence.onset(late) == 7.0
+    assert late.onset == 7.0
     np.testing.assert_allclose(influence.stage_times(record), [0.5, 5.0, 50.0, 500.0])
     short = replace(about.experiment, coordinate=np.array([0.0, 0.05]))
     np.testing.assert_allclose(influence.stage_times(short, 2), [0.005, 0.05])

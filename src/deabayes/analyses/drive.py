@@ -8,25 +8,15 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 
-DEPARTED = 0.02
-"""Of the excitation's largest departure from its first value: it has left it."""
-
 STEPS = ("step", "creep")
 """Protocols of a voltage that is switched on and stays."""
 REACH = 1.2
 """Spacings of a record's points: how far beyond the outer ones a cycle may end."""
 
 
-def step_time(excitation: Excitation) -> float:
-    """When the excitation starts to leave its first value; its first knot if it never does."""
-    departure = np.abs(excitation.values - excitation.values[0])
-    left = np.flatnonzero(departure > DEPARTED * max(float(departure.max()), 1e-300))
-    return float(excitation.coordinate[max(int(left[0]) - 1, 0) if left.size else 0])
-
-
 def since_step(experiment: Experiment) -> FloatArray:
     """Time of each point since the step (N,) [s]."""
-    return np.asarray(experiment.coordinate - step_time(experiment.excitation))
+    return np.asarray(experiment.coordinate - experiment.excitation.onset)
 
 
 def amplitude(excitation: Excitation) -> float:

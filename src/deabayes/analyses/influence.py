@@ -109,7 +109,7 @@ def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 def curve_times(record: Experiment) -> FloatArray:
     """Denser than the record: even in log time after a step, else even in time."""
-    start, end = influence.onset(record.excitation), float(record.coordinate.max())
+    start, end = record.excitation.onset, float(record.coordinate.max())
     if record.protocol in HELD:
         return start + np.geomspace(EARLIEST * (end - start), end - start, POINTS)
     return np.linspace(start, end, POINTS_IN_TIME)
@@ -230,7 +230,7 @@ def _dataset(model: PriorModel) -> xr.Dataset:
             "experiment": record.name,
             "protocol": record.protocol,
             "held": int(record.protocol in HELD),
-            "onset": influence.onset(record.excitation),
+            "onset": record.excitation.onset,
             "response_name": record.response_name,
             "response_unit": record.response_unit,
             "excitation_name": record.excitation.name,
