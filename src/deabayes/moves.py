@@ -72,8 +72,8 @@ class DifferentialEvolutionMove(DEMove):
 class StraightenedMove(DifferentialEvolutionMove):
     """Differential evolution along straight lines of a frozen map instead of those of z.
 
-    The map's Jacobian is constant, so proposals symmetric in its coordinates are
-    symmetric in z. Differences of walkers follow a curved ridge instead of leaving it.
+    Differences of walkers follow a curved ridge instead of leaving it. A proposal symmetric in
+    the map's coordinates x has the ratio |dx/dz| / |dx'/dz'| of its densities in z.
     """
 
     def __init__(self, warp: Warp, gamma0: float | None = None) -> None:
@@ -84,8 +84,10 @@ class StraightenedMove(DifferentialEvolutionMove):
         self, s: FloatArray, c: list[FloatArray], random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
         straight = [self.warp.forward(part) for part in c]
-        proposed, factors = super().get_proposal(self.warp.forward(s), straight, random)
-        return self.warp.inverse(proposed), factors
+        x, log_jacobian = self.warp.straighten(s)
+        proposed, factors = super().get_proposal(x, straight, random)
+        moved = self.warp.inverse(proposed)
+        return moved, factors + log_jacobian - self.warp.straighten(moved)[1]
 
 
 class HopMove(MHMove):

@@ -12,7 +12,7 @@ from deabayes.mixture import Mixture, RandomSource, two_clusters
 from deabayes.mixture import fit as fit_mixture
 from deabayes.warp import Warp, fit_warp
 
-STRAIGHTENED, PLAIN, COVERING = 0.75, 0.15, 0.1
+STRAIGHTENED, PLAIN, COVERING = 0.85, 0.05, 0.1
 SPLIT_GAIN = 0.1
 """Nats per held-out sample by which a split must describe them better."""
 TRIAL_COMPONENTS = 4
@@ -30,7 +30,8 @@ class Part:
     def log_density(self, z: FloatArray) -> FloatArray:
         if self.warp is None:
             return self.mixture.log_density(z)
-        return self.mixture.log_density(self.warp.forward(z)) + self.warp.log_jacobian
+        x, log_jacobian = self.warp.straighten(z)
+        return self.mixture.log_density(x) + log_jacobian
 
     def sample(self, rng: RandomSource, n: int) -> FloatArray:
         x = self.mixture.sample(rng, n)
@@ -103,8 +104,9 @@ def fit(
     ----------
     log_density : of the target at the samples, up to a constant (n,). When given, a tenth
         of the proposal is fitted to the samples that the rest covers badly, resampled by
-        target over proposal: an independence sampler is slowed most by the few regions
-        where that ratio is large.
+        the root of target over proposal: an independence sampler is slowed most by the few
+        regions where that ratio is large. (By the ratio itself, a handful of samples would
+        take it all.)
     may_split : samples of two modes, or of a bend too sharp for one map, may be parted,
         each part with its own, where that describes held-out samples better.
     """
@@ -115,7 +117,7 @@ def fit(
         parts = _split_parts(samples, components, rng)
     if log_density is not None:
         excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
-        weights = np.exp(np.clip(excess - np.median(excess), -10.0, 10.0))
+        weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
         chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
         missed = fit_mixture(samples[chosen], max(components // 2, 1), rng)
         kept = [Part((1 - COVERING) * part.weight, part.mixture, part.warp) for part in parts]

@@ -2,44 +2,64 @@
 
 from __future__ import annotations
 
+from math import exp
+
 import numpy as np
 from numba import njit
 
 from deabayes.experiment import FloatArray
 
-LIMIT = 4.0
-"""Standard deviations beyond which products stay constant: polynomials must not run away."""
+SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
+"""Standard deviations beyond which terms stay constant: polynomials must not run away."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _lead(y: FloatArray, k: int, coefficients: FloatArray, result: FloatArray) -> None:
+def _lead(
+    y: FloatArray,
+    k: int,
+    shifts: FloatArray,
+    scales: FloatArray,
+    shift: FloatArray,
+    log_scale: FloatArray,
+) -> None:
     """Add the terms led by coordinate k of y (d,) to the polynomials of the later ones."""
     dimension = y.size
-    bounded = min(max(y[k], -LIMIT), LIMIT)
+    bounded = min(max(y[k], -SHIFT_LIMIT), SHIFT_LIMIT)
     for j in range(k + 1):
-        term = min(max(y[j], -LIMIT), LIMIT) * bounded
+        term = min(max(y[j], -SHIFT_LIMIT), SHIFT_LIMIT) * bounded
         for later in range(k + 1, dimension):
-            result[later] += term * coefficients[k, j, later]
+            shift[later] += term * shifts[k, j, later]
     cube = bounded**3
+    near = min(max(y[k], -SCALE_LIMIT), SCALE_LIMIT)
     for later in range(k + 1, dimension):
-        result[later] += y[k] * coefficients[k, -2, later] + cube * coefficients[k, -1, later]
+        shift[later] += bounded * shifts[k, -2, later] + cube * shifts[k, -1, later]
+        log_scale[later] += near * (scales[k, 0, later] + near * scales[k, 1, later])
 
 
 @njit(cache=True, error_model="numpy")
-def polynomials(y: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """P_k(y_1 .. y_k-1) at y (W, d)."""
-    result = np.zeros(y.shape)
+def polynomials(
+    y: FloatArray, shifts: FloatArray, scales: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """P_k(y_1 .. y_k-1) and S_k(y_1 .. y_k-1) at y (W, d), without their constants."""
+    shift, log_scale = np.zeros(y.shape), np.zeros(y.shape)
     for walker in range(y.shape[0]):
         for k in range(y.shape[1] - 1):
-            _lead(y[walker], k, coefficients, result[walker])
-    return result
+            _lead(y[walker], k, shifts, scales, shift[walker], log_scale[walker])
+    return shift, log_scale
 
 
 @njit(cache=True, error_model="numpy")
-def solve(rest: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """y (W, d) with y_k - P_k(y_1 .. y_k-1) = rest_k, one coordinate after another."""
-    y = rest.copy()
-    for walker in range(y.shape[0]):
-        for k in range(y.shape[1] - 1):
-            _lead(y[walker], k, coefficients, y[walker])
+def solve(x: FloatArray, shifts: FloatArray, scales: FloatArray, offsets: FloatArray) -> FloatArray:
+    """y (W, d) with y_k = P_k(y_1 .. y_k-1) + x_k exp(S_k(y_1 .. y_k-1)), one k after another.
+
+    `offsets` (2, d) are the constants of P and S.
+    """
+    y = np.empty(x.shape)
+    shift, log_scale = np.empty(x.shape[1]), np.empty(x.shape[1])
+    for walker in range(x.shape[0]):
+        shift[:] = offsets[0]
+        log_scale[:] = offsets[1]
+        for k in range(x.shape[1]):
+            y[walker, k] = shift[k] + x[walker, k] * exp(log_scale[k])
+            _lead(y[walker], k, shifts, scales, shift, log_scale)
     return y

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deabayes.mixture import SAMPLES_PER_COMPONENT, Mixture, fit
+from deabayes.mixture import Mixture, fit
 
 
 def two_clusters(n=2000, dimension=3, seed=0):
@@ -34,7 +34,7 @@ def test_density_and_samples_are_the_same_law():
 def test_finds_both_clusters_and_is_wider_than_they_are(source):
     """Weights to three binomial standard deviations of the samples that are fitted."""
     mixture = fit(two_clusters(), 2, np.random.default_rng(1))
-    within = 3 * np.sqrt(0.25 * 0.75 / (2 * SAMPLES_PER_COMPONENT))
+    within = 3 * np.sqrt(0.25 * 0.75 / 2000)
     assert sorted(mixture.weights) == pytest.approx([0.25, 0.75], abs=within)
     z = mixture.sample(source, 50_000)
     upper = z[:, 0] > 2
