@@ -101,7 +101,8 @@ def fit_warp(samples: FloatArray) -> Warp | None:
         return None
     axes = directions / np.sqrt(variances)
     y = (samples - centre) @ axes
-    shifts, scales = np.zeros((dimension, dimension + 2, dimension)), np.zeros((dimension, 2, dimension))  # fmt: skip
+    shifts = np.zeros((dimension, dimension + 2, dimension))
+    scales = np.zeros((dimension, 2, dimension))
     offsets = np.empty((2, dimension))
     for_shift, for_scale = np.ones((len(y), 1)), np.ones((len(y), 1))
     places = np.empty((0, 2), dtype=int)

@@ -21,6 +21,18 @@ def log_ridge(z):
     return -0.5 * (x**2 + ((y - x**2 / 4) / 0.02) ** 2 + ((w - x * y / 2) / 0.05) ** 2) + widths
 
 
+def funnel(n=8000, seed=5):
+    """x ~ N(0, 1), y | x ~ N(0, exp(x)^2): wide at one end, narrow at the other."""
+    x, y = np.random.default_rng(seed).standard_normal((2, n))
+    return np.column_stack([x, y * np.exp(x)])
+
+
+def test_a_width_that_varies_along_a_ridge_is_evened_out():
+    straight = fit_warp(funnel()).forward(funnel(seed=6))
+    wide, narrow = straight[straight[:, 0] > 1, 1], straight[straight[:, 0] < -1, 1]
+    assert wide.std() == pytest.approx(narrow.std(), rel=0.25)
+
+
 def test_warp_and_its_inverse():
     warp = fit_warp(ridge())
     z = 3 * np.random.default_rng(1).standard_normal((500, 3))
