@@ -189,6 +189,14 @@ def test_a_failed_draw_is_a_row_of_nan_and_changes_no_other(spoiled):
     np.testing.assert_array_equal(found[[0, 1, 3, 4]], expected[[0, 1, 3, 4]])
 
 
+def test_a_unit_that_needs_countless_steps_fails_instead_of_hanging():
+    """A proposal far outside the prior: stiff units that relax within milliseconds."""
+    far = {"mu_1": -2e-8, "alpha_1": -5.0, "mu_beta_1": 2e7, "mu_beta_2": 7e9}
+    draws = {n: np.array([v]) for n, v in (far | {"tau_1": 0.1, "tau_2": 0.2}).items()}
+    found = strip("ogden_1_units_2").predict(*relaxation(), "nominal_stress", draws)
+    assert np.all(np.isnan(found))
+
+
 def test_a_unit_near_its_gent_limit_is_resolved():
     draws = some_draws(1, J_beta=3.0, tau_beta_1=500.0, zeta_alpha=0.0)
     history = ([0.0, 10.0, 60.0], [1.0, 4.0, 4.0])

@@ -27,6 +27,8 @@ from deabayes.integrate.rosenbrock import (
 
 SMALLEST_FRACTION = 1e-7
 """Of a grid step: a unit that needs smaller steps has failed."""
+MOST_TRIED = 1000
+"""Steps within a grid step: a unit that needs more has failed (usual are 2 to 50)."""
 ROWS = 11
 GAUGE, INVERSE, RATE, MODULUS, LIMIT, START, END, ERROR, K2, K3, K4 = (
     row * LANES for row in range(ROWS)
@@ -127,7 +129,7 @@ def _repeat_step(
     gauge, q, hr = work[GAUGE + i], work[INVERSE + i], duration * work[RATE + i]
     limit, y = work[LIMIT + i], work[START + i]
     done, size, tried, output = 0.0, 0.5, 0, 0
-    while done < 1.0 and size > SMALLEST_FRACTION and np.isfinite(y):
+    while done < 1.0 and size > SMALLEST_FRACTION and tried < MOST_TRIED and np.isfinite(y):
         size = min(size, 1.0 - done)
         lam = 1.0 + gauge * (before + done * change)
         end, k2, k3, k4, error = _step(lam, gauge * size * change, y, size * hr, q)
