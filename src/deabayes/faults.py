@@ -22,8 +22,14 @@ class Faults(UserError):
         super().__init__("\n".join(self.faults))
 
 
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """The known name most like `name`, None if none is."""
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return close[0] if close else None
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Say which known name `name` may have meant: ``"; did you mean 'creep'?"``."""
     known = list(known)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(sorted(known))}"
+    meant = closest(name, known)
+    return f"; known: {', '.join(sorted(known))}" if meant is None else f"; did you mean {meant!r}?"

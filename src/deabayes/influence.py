@@ -6,7 +6,7 @@ system: curves drawn from the prior, one parameter moved at a time, Sobol' indic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +67,10 @@ class PriorModel:
         values = self.system.predict(record.excitation, at, record.response_name, draws)
         failed = ~np.all(np.isfinite(values), axis=1)
         return np.where(failed[:, None], np.nan, values)
+
+
+Stages = Callable[[PriorModel, FloatArray], Mapping[str, FloatArray]]
+"""What the response to z (W, d) does at each stage, (W,) each; NaN where it failed."""
 
 
 @dataclass(frozen=True)
@@ -165,9 +169,9 @@ class Sensitivity:
 
 
 def stage_sensitivity(
-    model: PriorModel, times: FloatArray, groups: int, rng: np.random.Generator
+    model: PriorModel, stages: Stages, groups: int, rng: np.random.Generator
 ) -> Sensitivity:
-    r"""Which parameters decide the response's change by each time, and the creep between.
+    r"""Which parameters decide what the response does at each stage.
 
     The indices are those of the independent coordinates z of the prior, one per
     parameter. For an independent parameter that is the parameter. Within an ordered group
@@ -188,11 +192,11 @@ def stage_sensitivity(
     points = design(dimension, groups, rng)
     for region in REGIONS:
         z = ndtri(0.5 + region * (points - 0.5))
-        changes = stage_changes(model, z, times)
-        failed = np.isnan(next(iter(changes.values())))
+        reached = stages(model, z)
+        failed = np.isnan(next(iter(reached.values())))
         if np.mean(failed.reshape(groups, -1).any(axis=1)) <= MOST_LEFT_OUT:
             break
-    found = {stage: indices(values, dimension, rng) for stage, values in changes.items()}
+    found = {stage: indices(values, dimension, rng) for stage, values in reached.items()}
     by_stage = {stage: value for stage, value in found.items() if value is not None}
     return Sensitivity(region, failed.size, int(failed.sum()), by_stage)
 

@@ -21,6 +21,7 @@ from deabayes.analyses import (
     response_stages,
 )
 from deabayes.analyses.drive import Cycles
+from deabayes.analyses.loops import Loops
 from deabayes.analyses.summaries import band, interval
 
 TIME = np.array([1.0, 4.0, 6.0, 100.0])
@@ -120,7 +121,7 @@ def loops(lag, creep=0.0, cycles=4):
     """Displacement (sin^2 of a lagging phase, creeping) against a sine of 1 V."""
     phase = np.linspace(0.0, 1.0, 97) + np.arange(cycles)[:, None]
     u = np.sin(2 * np.pi * phase - lag) ** 2 + creep * phase
-    return hysteresis.Loops(u, np.sin(2 * np.pi * phase))
+    return Loops(u, np.sin(2 * np.pi * phase))
 
 
 def test_the_area_of_a_loop():

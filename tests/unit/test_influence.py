@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -127,9 +128,9 @@ def test_changes_by_stage_are_direct_simulation():
 
 def test_sensitivity_takes_the_widest_region_that_hardly_fails():
     rng = np.random.default_rng(5)
-    times = np.array([0.5, 50.0])
+    stages = partial(influence.stage_changes, times=np.array([0.5, 50.0]))
     weak, strong = (
-        influence.stage_sensitivity(model(volts=v), times, 128, rng) for v in (1e3, 4e3)
+        influence.stage_sensitivity(model(volts=v), stages, 128, rng) for v in (1e3, 4e3)
     )
     assert weak.region == influence.REGIONS[0] and weak.failed == 0
     assert strong.region < weak.region

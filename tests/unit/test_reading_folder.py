@@ -84,7 +84,11 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         lambda folder: (folder / "records" / RELAX).unlink(),
         [RELAX, "no such file", "experiments.csv"],
     ),
-    "misspelt record": (table("relax.csv", "relx.csv"), ["relx.csv", "did you mean 'relax'"]),
+    "misspelt record": (
+        table("relax.csv", "relx.csv"),
+        ["relx.csv", "did you mean 'records/relax.csv'?"],
+    ),
+    "wrong ending": (table("relax.csv", "relax.txt"), ["did you mean 'records/relax.csv'?"]),
     "empty record": (lambda f: (f / "records" / RELAX).write_text(""), [RELAX, "is empty"]),
     "truncated record": (cut_record, [RELAX, "truncated", "copy it again"]),
     "hardly any rows": (whole(*record_lines(1, rows=3)), [RELAX, "3 data rows", "at least 4"]),
@@ -258,3 +262,21 @@ def test_voltage_on_from_the_first_sample_is_a_step_not_a_fault(tmp_path: Path) 
     assert len(faults) == 1
     assert "(b), column voltage: is constant" in faults[0]
     assert any("first sample" in w for w in read.warnings(read.table[0]))
+
+
+def test_a_record_unlike_any_file_is_not_guessed(tmp_path: Path) -> None:
+    """Their ending, `.csv`, is no likeness."""
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "relax.csv", "zzz.csv")
+    with pytest.raises(UserError) as caught:
+        read_folder(folder)
+    assert "zzz.csv" in str(caught.value) and "did you mean" not in str(caught.value)
+
+
+def test_of_files_that_differ_in_their_ending_the_written_one_is_meant(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    for ending in ("bak", "txt"):
+        (folder / "records" / f"relax.{ending}").write_text("")
+    replace_in(folder / "experiments.csv", "relax.csv", "relx.csv")
+    with pytest.raises(UserError, match=r"did you mean 'records/relax\.csv'\?"):
+        read_folder(folder)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import Cycles, resampled
+from deabayes.analyses.drive import Cycles
+from deabayes.analyses.loops import PHASES, Loops
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
 
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
 
 SYSTEMS = ("membrane",)
 TITLE = "Hysteresis under alternating voltage"
-PHASES = 96
-STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
 CAPTION = (
     "Loop area of a cycle: −∮ u d|Φ| over both polarities (the displacement moves at twice the "
     "voltage's frequency, so the loop is a butterfly), positive where the displacement lags. Mean: "
@@ -50,48 +49,6 @@ def compute(context: StudyContext) -> Analysis:
         loops[each.name] = loop_curves(context, each, measured, np.array(bands))
     tables = {"hysteresis_cycles": cycles, "hysteresis_stability": stability}
     return Analysis({name: pd.DataFrame(rows) for name, rows in tables.items() if rows}, loops)
-
-
-class Loops:
-    """Displacement (..., C, P + 1) and voltage (C, P + 1) at even phases of each cycle."""
-
-    def __init__(self, displacement: FloatArray, voltage: FloatArray) -> None:
-        self.displacement = displacement
-        self.voltage = voltage
-
-    @classmethod
-    def of(cls, experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Loops:
-        """Of a record's curves (..., N)."""
-        times = cycles.times(PHASES)
-        return cls(resampled(experiment.coordinate, curves, times), experiment.excitation.at(times))
-
-    @property
-    def area(self) -> FloatArray:
-        """-∮ u d|Phi| of each cycle (..., C) [V m]."""
-        u, volts = self.displacement, np.abs(self.voltage)
-        return np.asarray(-np.sum(0.5 * (u[..., 1:] + u[..., :-1]) * np.diff(volts), axis=-1))
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean displacement of each cycle (..., C) [m]."""
-        return np.asarray(np.mean(self.displacement[..., :-1], axis=-1))
-
-    @property
-    def peak_to_peak(self) -> FloatArray:
-        """Largest minus smallest displacement of each cycle (..., C) [m]."""
-        return np.asarray(np.ptp(self.displacement, axis=-1))
-
-    def stable_from(self) -> float:
-        """Number of the first cycle (from 1) after which nothing changes much; NaN if none.
-
-        The last cycle alone proves nothing, so it does not count.
-        """
-        area, mean = self.area, self.mean
-        steady = np.abs(np.diff(area)) < STABLE_AREA * np.abs(area[1:])
-        steady &= np.abs(np.diff(mean)) < STABLE_DRIFT * self.peak_to_peak[1:]
-        unsteady = np.flatnonzero(~steady)
-        first = int(unsteady[-1]) + 2 if unsteady.size else 1
-        return float(first) if first < area.size else float("nan")
 
 
 def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deabayes import influence
 from deabayes.analyses.base import Analysis, StudyContext
+from deabayes.analyses.cycle_influence import cycle_stages, has_cycles
+from deabayes.analyses.drive import Cycles
+from deabayes.analyses.influence_curves import (
+    HELD,
+    loops_dataset,
+    moved_dataset,
+    prior_dataset,
+)
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.influence import Curves, PriorModel, Sensitivity
+from deabayes.influence import Curves, PriorModel, Sensitivity, Stages
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,18 +36,16 @@ CAPTION = (
     "Share lower: probability that the parameter of a failed draw lies below that of a draw that "
     "has a response; 50 % where the parameter has no say."
 )
-HELD = ("step", "creep", "relaxation")
-DRAWS, SHOWN = 1000, 20
+DRAWS = 1000
 POINTS, POINTS_IN_TIME, EARLIEST = 120, 601, 1e-4
 GROUPS = 4096
 FEWEST_FAILED_SHARE = 0.01
 """Indices of so rare an event as failure would be noise."""
-BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 Row = dict[str, Any]
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Curves of the strongest record of each protocol; indices of the extreme held records."""
+    """Curves of the strongest record of each protocol; indices of the extreme records."""
     import pandas as pd
 
     rng = context.rng("influence")
@@ -65,6 +72,8 @@ def _draw_curves(
     drawn = influence.prior_curves(model, DRAWS, rng)
     curves[f"prior_{which}"] = prior_dataset(model, drawn)
     curves[f"one_at_a_time_{which}"] = moved_dataset(model, influence.one_at_a_time(model))
+    if has_cycles(model.experiment):
+        curves[f"loops_{which}"] = loops_dataset(model)
     rows["failed_draws"].append(_failed_row(model, "prior", drawn.failed.size, _why(model, drawn)))
     rows["failed_parameters"] += failed_parameters(model, drawn)
 
@@ -73,9 +82,8 @@ def _ask_who_decides(
     model: PriorModel, rng: np.random.Generator, rows: dict[str, list[Row]]
 ) -> None:
     """Indices of the stages, and of the failure where it is not too rare."""
-    times = influence.stage_times(model.experiment)
     for found in (
-        influence.stage_sensitivity(model, times, GROUPS, rng),
+        influence.stage_sensitivity(model, stages_of(model.experiment), GROUPS, rng),
         influence.failure_sensitivity(model, GROUPS, rng),
     ):
         region = "whole prior" if found.region == 1.0 else f"central {100 * found.region:.0f} %"
@@ -102,9 +110,22 @@ def strongest(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """Of the records that hold their excitation, the weakest and the strongest."""
+    """The weakest and the strongest record that holds its excitation, and two sines.
+
+    Of the sines with the largest peak: the slowest and the fastest.
+    """
     held = sorted((e for e in experiments if e.protocol in HELD), key=_strength)
-    return [held[0], held[-1]] if len(held) > 1 else held
+    sines = [e for e in experiments if has_cycles(e)]
+    peak = max((_strength(e)[0] for e in sines), default=0.0)
+    driven = sorted((e for e in sines if _strength(e)[0] == peak), key=_frequency)
+    return [*_ends(held), *_ends(driven)]
+
+
+def stages_of(record: Experiment) -> Stages:
+    """What indices are asked of: the change by times after a step, or the cycles of a sine."""
+    if record.protocol in HELD:
+        return partial(influence.stage_changes, times=influence.stage_times(record))
+    return cycle_stages
 
 
 def curve_times(record: Experiment) -> FloatArray:
@@ -119,6 +140,14 @@ def _strength(experiment: Experiment) -> tuple[float, float]:
     """The peak, to the two digits that a noisy monitor leaves the same, and the brevity."""
     peak = float(f"{np.abs(experiment.excitation.values).max():.2g}")
     return peak, -float(np.ptp(experiment.coordinate))
+
+
+def _frequency(sine: Experiment) -> float:
+    return Cycles.of(sine).frequency
+
+
+def _ends(records: Sequence[Experiment]) -> list[Experiment]:
+    return [records[0], records[-1]] if len(records) > 1 else list(records)
 
 
 def sobol_rows(model: PriorModel, found: Sensitivity) -> list[Row]:
@@ -183,57 +212,3 @@ def failed_parameters(model: PriorModel, drawn: Curves) -> list[Row]:
         below = np.mean(values[lost][:, None] < values[~lost])
         rows.append(row | {"share_lower_percent": 100 * below})
     return rows
-
-
-def prior_dataset(model: PriorModel, drawn: Curves) -> xr.Dataset:
-    """The first draws' curves, quantiles of all that have one, and every draw's parameters."""
-    kept = drawn.response[~drawn.failed]
-    band = np.quantile(kept, BAND, axis=0) if len(kept) else np.full((5, kept.shape[1]), np.nan)
-    names = list(model.names)
-    return _dataset(model).assign(
-        curve=(("shown", "coordinate"), drawn.response[:SHOWN]),
-        band=(("quantile", "coordinate"), band),
-        failed=("draw", drawn.failed),
-        parameters=(("draw", "parameter"), np.stack([drawn.draws[n] for n in names], axis=1)),
-    ).assign_coords(quantile=list(BAND), parameter=names)  # fmt: skip
-
-
-def moved_dataset(model: PriorModel, moved: dict[str, Curves]) -> xr.Dataset:
-    """A curve per parameter and quantile, NaN where it failed, and the values moved to."""
-    names = list(moved)
-    known = {p.name: p for p in model.system.parameters()}
-    responses = np.stack([moved[name].response for name in names])
-    return _dataset(model).assign(
-        curve=(("parameter", "quantile", "coordinate"), responses),
-        value=(("parameter", "quantile"), np.stack([moved[n].draws[n] for n in names])),
-    ).assign_coords(
-        quantile=list(influence.QUANTILES),
-        parameter=names,
-        symbol=("parameter", [known[n].symbol for n in names]),
-        unit=("parameter", [known[n].unit for n in names]),
-    )  # fmt: skip
-
-
-def _dataset(model: PriorModel) -> xr.Dataset:
-    """What a figure needs to know of the record and of the parameters."""
-    import xarray as xr
-
-    record = model.experiment
-    return xr.Dataset(
-        {
-            "observed": ("time", record.response),
-            "excitation": ("coordinate", record.excitation.at(model.coordinate)),
-        },
-        {"coordinate": model.coordinate, "time": record.coordinate},
-        {
-            "candidate": model.system.candidate,
-            "experiment": record.name,
-            "protocol": record.protocol,
-            "held": int(record.protocol in HELD),
-            "onset": record.excitation.onset,
-            "response_name": record.response_name,
-            "response_unit": record.response_unit,
-            "excitation_name": record.excitation.name,
-            "excitation_unit": record.excitation.unit,
-        },
-    )

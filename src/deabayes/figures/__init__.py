@@ -36,6 +36,7 @@ REGISTRY: Mapping[str, str] = {
     "prior_predictive": "deabayes.figures.prior_predictive",
     "prior_curves": "deabayes.figures.prior_curves",
     "one_at_a_time": "deabayes.figures.one_at_a_time",
+    "one_at_a_time_loops": "deabayes.figures.one_at_a_time_loops",
     "sobol_indices": "deabayes.figures.sobol_indices",
     "comparison": "deabayes.figures.comparison",
     "errors": "deabayes.figures.errors",

@@ -16,11 +16,13 @@ SCOPE = "candidate"
 ANALYSIS = "influence"
 TITLE = "Which parameters decide the response, by stage"
 CAPTION = (
-    "Sobol' indices of the response's change since the step: at times after it, of the creep "
-    "between them, and (over the whole prior, where at least 1 % of draws fail) of whether a draw "
-    "fails. First order: the share of the variance that a parameter explains alone; total: its "
-    "share with all interactions. Bars end in 95 % intervals. The indices hold for the central "
-    "region of the prior named above, in which hardly any model run fails."
+    "Sobol' indices. After a step: of the response's change at times since, and of the creep "
+    "between them. Under a sine: of the peak-to-peak response in the first and the last whole "
+    "cycle, of the creep of the cycle's mean between the two, and of the loop's area. Over the "
+    "whole prior, where at least 1 % of draws fail: of whether a draw fails. First order: the "
+    "share of the variance that a parameter explains alone; total: its share with all "
+    "interactions. Bars end in 95 % intervals. The indices hold for the central region of the "
+    "prior named above, in which hardly any model run fails."
 )
 COLUMNS = 4
 FIRST, TOTAL = style.BLUE, "#b9d4ea"

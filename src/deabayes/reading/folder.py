@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from deabayes.experiment import Specimen
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import Faults, UserError, closest
 from deabayes.reading.columns import CHANNELS, from_text
 from deabayes.reading.download import PublicRecord, locate, missing_sentence, read_registry
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -117,10 +117,13 @@ class StudyFolder:
         return [self._missing_file(row) for row in rows]
 
     def _missing_file(self, row: ExperimentRow) -> str:
+        """Names are compared without their endings, which would make any two alike."""
         path = self.path / row.record
-        beside = [p.stem for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        hint = nearest(path.stem, beside)
-        hint = hint if "did you mean" in hint else ""
+        files = path.parent.iterdir() if path.parent.is_dir() else ()
+        names = {p.stem: p.name for p in sorted(files, key=lambda p: p.suffix == path.suffix)}
+        meant = closest(path.stem, names)
+        record = Path(row.record).with_name(names[meant]).as_posix() if meant else ""
+        hint = f"; did you mean {record!r}?" if record else ""
         return f"{path} ({row.name}): there is no such file; put it there or correct {FILE}{hint}"
 
 
