@@ -132,7 +132,7 @@ def _fit_coordinate(
     for turn in range(ALTERNATIONS):
         weighted = for_shift * weights[:, None]
         gram = weighted.T @ for_shift / len(y) + SHIFT_PENALTY * np.eye(for_shift.shape[1])
-        shift: FloatArray = np.linalg.solve(gram, weighted.T @ y / len(y))
+        shift = np.asarray(np.linalg.solve(gram, weighted.T @ y / len(y)), dtype=np.float64)
         squares = (y - for_shift @ shift) ** 2
         if turn == 0:
             scale[0] = 0.5 * np.log(max(float(squares.mean()), 1e-18))
