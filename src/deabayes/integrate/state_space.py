@@ -76,7 +76,7 @@ class StateSpace:
 
 
 @njit(cache=True)
-def _fill_lanes(lengths, matrix, vectors, steps, drives) -> None:  # type: ignore[no-untyped-def]
+def fill_lanes(lengths, matrix, vectors, steps, drives) -> None:  # type: ignore[no-untyped-def]
     """Propagators (C, n, n, LANES) and (C, n, 3, LANES) of one block, for every length."""
     states = drives.shape[1]
     a, b = np.empty((states, states)), np.empty(states)
@@ -107,15 +107,19 @@ def _advance(  # type: ignore[no-untyped-def]
     drives = np.empty((lengths.size, states, 3, LANES))
     outputs = np.empty((length_index.size + 1, LANES))
     state, after = np.empty((states, LANES)), np.empty((states, LANES))
+    polynomial = np.empty((3, LANES))
     for block in range(vectors.shape[0]):
         weights, direct = vectors[block, states : 2 * states], vectors[block, 2 * states]
-        _fill_lanes(lengths, matrices[block], vectors[block], steps, drives)
+        fill_lanes(lengths, matrices[block], vectors[block], steps, drives)
         state[:] = vectors[block, 2 * states + 1 :]
-        _output(weights, state, outputs[0])
+        output_lanes(weights, state, outputs[0])
         for s in range(length_index.size):
-            _step(steps[length_index[s]], drives[length_index[s]], polynomials[s], state, after)
+            c = length_index[s]
+            for power in range(3):
+                polynomial[power] = polynomials[s, power]
+            step_lanes(steps[c], drives[c], polynomial, state, after)
             state, after = after, state
-            _output(weights, state, outputs[s + 1])
+            output_lanes(weights, state, outputs[s + 1])
         for i in range(output_index.size):
             for lane in range(LANES):
                 response[block * LANES + lane, i] = (
@@ -124,16 +128,15 @@ def _advance(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _step(step, drive, polynomial, state, after) -> None:  # type: ignore[no-untyped-def]
-    """The state after one step, lane by lane."""
-    p_0, p_1, p_2 = polynomial[0], polynomial[1], polynomial[2]
+def step_lanes(step, drive, polynomial, state, after) -> None:  # type: ignore[no-untyped-def]
+    """The state after one step with the input's polynomial (3, LANES), lane by lane."""
     for i in range(state.shape[0]):
         for lane in range(LANES):
             after[i, lane] = (
                 state[i, lane]
-                + p_0 * drive[i, 0, lane]
-                + p_1 * drive[i, 1, lane]
-                + p_2 * drive[i, 2, lane]
+                + polynomial[0, lane] * drive[i, 0, lane]
+                + polynomial[1, lane] * drive[i, 1, lane]
+                + polynomial[2, lane] * drive[i, 2, lane]
             )
         for j in range(state.shape[0]):
             for lane in range(LANES):
@@ -141,7 +144,7 @@ def _step(step, drive, polynomial, state, after) -> None:  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _output(weights, state, output) -> None:  # type: ignore[no-untyped-def]
+def output_lanes(weights, state, output) -> None:  # type: ignore[no-untyped-def]
     """C z, lane by lane."""
     output[:] = 0.0
     for i in range(state.shape[0]):

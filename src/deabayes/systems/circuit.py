@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.integrate.linear import hold, relaxation_response
+from deabayes.integrate.charged import charged_response
+from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.state_space import StateSpace
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,10 @@ class Circuit:
         load = hold(time, amplifier, coordinate)
         rest = np.zeros_like(self.gain)
         return relaxation_response(load, rest, self.gain[:, None], self.time_constant[:, None])
+
+    def drive(self, space: StateSpace, voltage: Hold) -> FloatArray:
+        """What v_C^2 does to linear systems, (W, N), from rest; exact, v_AMP held with power 1."""
+        return charged_response(space, self.gain, 1.0 / self.time_constant, voltage)
 
     def current(self, amplifier: FloatArray, charged: FloatArray) -> FloatArray:
         """The amplifier's current (v_AMP - v_C) / R_S (W, N) [A]."""

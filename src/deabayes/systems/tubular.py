@@ -1,32 +1,33 @@
-"""Tubular actuator: a Voigt-Kelvin chain under Maxwell pressure, with or without mass."""
+"""Tubular actuator: a Voigt-Kelvin chain under Maxwell pressure, with mass and circuit if asked."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
-from deabayes.integrate.linear import hold, relaxation_response
+from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
-CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?")
+CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
 KILOVOLT, GRAM = 1e3, 1e-3
 QUANTITY_SYMBOLS = {
     "relative_permittivity": r"\varepsilon_r",
     "thickness": "d",
     "active_length": "L_0",
 }
-"""The quantities every candidate computes with; the circuit's serve `systems.circuit`."""
+"""The quantities every candidate computes with."""
 INERTIA_SYMBOLS = {
     "total_mass": r"m_\mathrm{total}",
     "active_mass": r"m_\mathrm{active}",
@@ -34,6 +35,12 @@ INERTIA_SYMBOLS = {
     "cross_section": "A_0",
 }
 """Those that `_inertia` adds; it needs them all, and the active length."""
+CIRCUIT_SYMBOLS = {
+    "series_resistance": "R_S",
+    "leakage_resistance": "R_L",
+    "capacitance": "C",
+}
+"""Those that `_circuit` adds and needs."""
 
 
 class Tubular(System):
@@ -50,9 +57,11 @@ class Tubular(System):
     Before its first knot the actuator is at rest without voltage.
 
     Candidates `voigt_kelvin_K` have the parameters `E_0`, `E_1..K` [Pa] and
-    `tau_1..K` [s] and no mass. `voigt_kelvin_K_inertia` has the same parameters and moves
-    M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0, (13), which makes S the solution of (2); the
-    record's `load_g` is m_LOAD.
+    `tau_1..K` [s]. Two endings add to the model, alone or in this order:
+    `_inertia` the mass M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0, (13), which makes S the
+    solution of (2), m_LOAD being the record's `load_g`; `_circuit` the resistances and the
+    capacitance between the amplifier's output and the voltage v of the pressure, (4)-(5).
+    Masses and circuit are the specimen's, and parameters where they carry an sd.
 
     Creep fixes only the ratios sigma / E_n; the moduli inherit the
     uncertainty of `relative_permittivity` and `thickness`, which are parameters
@@ -84,26 +93,29 @@ class Tubular(System):
         if match is None:
             raise UserError(
                 f"candidate {candidate!r} is unknown for system 'tubular'; "
-                "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2, "
-                "or voigt_kelvin_2_inertia"
+                "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2, and "
+                "_inertia, _circuit or _inertia_circuit behind it if wanted"
             )
         self.candidate = candidate
         self.specimen = specimen
         self.order = int(match.group(1))
-        self.inertia = match.group(2) is not None
+        self.inertia, self.circuit = match.group(2) is not None, match.group(3) is not None
         for name in self.required_quantities:
             self.require(name)
         for name in ("active_length", *INERTIA_SYMBOLS) if self.inertia else ():
             self.require(name, "inertia")
+        for name in CIRCUIT_SYMBOLS if self.circuit else ():
+            self.require(name, "a circuit")
 
     @classmethod
     def candidates(cls) -> tuple[str, ...]:
-        """The usual candidates, of 3, 5 and 7 parameters; any K works, each with `_inertia`."""
+        """The usual candidates, of 3, 5 and 7 parameters; any K and the endings work."""
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
         units = {**self.required_quantities, **self.optional_quantities}
         used = QUANTITY_SYMBOLS | (INERTIA_SYMBOLS if self.inertia else {})
+        used |= CIRCUIT_SYMBOLS if self.circuit else {}
         uncertain = uncertain_quantities(self.specimen, used, units)
         return (*voigt_kelvin.parameters(self.order), *uncertain)
 
@@ -111,7 +123,8 @@ class Tubular(System):
         self.check_channels(excitation.name, response)
         if response == "displacement":
             self.require("active_length")
-        load = hold(excitation.coordinate, excitation.values, coordinate, power=2)
+        power: Literal[1, 2] = 1 if self.circuit else 2
+        load = hold(excitation.coordinate, excitation.values, coordinate, power)
         mass = GRAM * float(excitation.conditions.get("load_g", 0.0))
 
         def simulate(draws: Draws) -> FloatArray:
@@ -119,9 +132,8 @@ class Tubular(System):
             gain = self._pressure(1.0, draws)
             if response == "displacement":
                 gain = gain * self._quantity("active_length", draws)
-            if self.inertia:
-                moving = MovingChain(chain, self._inertial_parameter(mass, draws))
-                return gain[:, None] * moving.state_space().response(load)
+            if self.inertia or self.circuit:
+                return gain[:, None] * self._per_square(load, mass, chain, draws)
             return relaxation_response(
                 load,
                 gain * chain.instantaneous,
@@ -158,6 +170,19 @@ class Tubular(System):
         if self.inertia:
             result |= MovingChain(chain, self._inertial_parameter(0.0, draws)).derived()
         return result | chain.derived()
+
+    def _per_square(
+        self, voltage: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
+    ) -> FloatArray:
+        """Strain (W, N) if the pressure were the square of the voltage, by the state space."""
+        space = chain.state_space()
+        if self.inertia:
+            space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
+        if not self.circuit:
+            return space.response(voltage)
+        parts = (self._quantity(name, draws) for name in CIRCUIT_SYMBOLS)
+        circuit = Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
+        return circuit.drive(space, voltage)
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.experiment import FloatArray
+from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Derived, Draws
 
@@ -84,6 +85,20 @@ class Chain:
         """D(t) (W,) [1/Pa]; the final compliance for an infinite time."""
         grown = -np.expm1(-time / self.time_constants)
         return self.instantaneous + np.sum(self.compliances * grown, axis=1)
+
+    def state_space(self) -> StateSpace:
+        """From pressure [Pa] to strain without mass; states x_1..K [1], tau x' = -x + sigma/E.
+
+        A draw with a time constant that is not positive has matrices of NaN.
+        """
+        units = self.compliances.shape[1]
+        rates = 1.0 / np.where(self.time_constants > 0.0, self.time_constants, np.nan)
+        return StateSpace(
+            -rates[:, :, None] * np.eye(units),
+            rates * self.compliances,
+            np.ones_like(rates),
+            self.instantaneous,
+        )
 
     def unit_compliances(self, rate: ComplexArray) -> ComplexArray:
         """1/(E_n (1 + tau_n s)) (W, K, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
