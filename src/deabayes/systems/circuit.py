@@ -83,5 +83,5 @@ def time_constant_interval(
     A phase that may have been pi/2 or more leaves 0 as the lower end.
     """
     ends = np.array([phase + 0.5 * resolution, phase - 0.5 * resolution])
-    least, most = time_constant_from_phase(np.minimum(ends, 0.5 * np.pi), frequency)
+    least, most = time_constant_from_phase(ends, frequency)
     return float(max(least, 0.0)), float(most)

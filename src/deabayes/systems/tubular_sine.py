@@ -34,11 +34,9 @@ class SineResponse:
 
     def strain(self, sine: BiasedSine, time: FloatArray, sensor_delay: float = 0.0) -> FloatArray:
         """S (W, N) from rest at t = 0, as a sensor shows it `sensor_delay` [s] later."""
-        happened = np.asarray(time, dtype=float) - sensor_delay
-        moving = np.maximum(happened, 0.0)
+        happened = np.maximum(np.asarray(time, dtype=float) - sensor_delay, 0.0)
         pressure = pressure_series(self.circuit, sine, self.pressure_per_square)
-        strain = self._forced(pressure)(moving) + self._free(pressure, moving)
-        return np.where(happened < 0.0, 0.0, strain)
+        return self._forced(pressure)(happened) + self._free(pressure, happened)
 
     def steady_strain(self, sine: BiasedSine, time: FloatArray) -> FloatArray:
         """What remains of S (W, N): its mean and its terms of f and 2 f."""
