@@ -219,6 +219,13 @@ def test_failing_draws_are_nan_rows():
     assert np.array_equal(strain[0], strain[3])
 
 
+@pytest.mark.parametrize("load", [-1.0, "100 g", float("nan")])
+def test_a_wrong_load_is_named(load):
+    step = Excitation("voltage", "V", np.zeros(2), np.array([0.0, 2e3]), {"load_g": load})
+    with pytest.raises(UserError, match="load_g must be a mass in g"):
+        Tubular("voigt_kelvin_2_inertia", specimen()).simulator(step, np.ones(1), "strain")
+
+
 def test_a_missing_mass_is_named():
     quantities = {name: q for name, q in QUANTITIES.items() if name != "sensor_mass"}
     bare = Specimen("tube", "tubular", {}, quantities)

@@ -125,7 +125,7 @@ class Tubular(System):
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
-        mass = GRAM * float(excitation.conditions.get("load_g", 0.0))
+        mass = _hung(excitation) if self.inertia else 0.0
 
         def simulate(draws: Draws) -> FloatArray:
             chain = voigt_kelvin.Chain.from_draws(draws, self.order)
@@ -172,17 +172,20 @@ class Tubular(System):
         return result | chain.derived()
 
     def _per_square(
-        self, voltage: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
+        self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
     ) -> FloatArray:
-        """Strain (W, N) if the pressure were the square of the voltage, by the state space."""
+        """Strain (W, N) if the pressure were the square of the voltage, by the state space.
+
+        driven : the amplifier's voltage if there is a circuit, else the voltage squared.
+        """
         space = chain.state_space()
         if self.inertia:
             space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
         if not self.circuit:
-            return space.response(voltage)
+            return space.response(driven)
         parts = (self._quantity(name, draws) for name in CIRCUIT_SYMBOLS)
         circuit = Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
-        return circuit.drive(space, voltage)
+        return circuit.drive(space, driven)
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""
@@ -204,3 +207,11 @@ class Tubular(System):
     def _quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen: its draws where it is a parameter, else its value."""
         return np.asarray(draws.get(name, self.specimen.quantities[name].value))
+
+
+def _hung(excitation: Excitation) -> float:
+    """m_LOAD [kg] of a record."""
+    given = excitation.conditions.get("load_g", 0.0)
+    if isinstance(given, str) or not given >= 0.0:
+        raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")
+    return GRAM * given
