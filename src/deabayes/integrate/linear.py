@@ -128,8 +128,8 @@ def relaxation_response(
         load.polynomials,
         load.output_index,
         load.input,
-        _lanes(np.column_stack([instantaneous, compliances]), blocks),
-        _lanes(time_constants, blocks),
+        in_lanes(np.column_stack([instantaneous, compliances]), blocks),
+        in_lanes(time_constants, blocks),
         response,
     )
     return response[:size]
@@ -174,7 +174,7 @@ def _distinct(lengths: FloatArray, largest: float) -> tuple[FloatArray, NDArray[
     return np.bincount(group, ascending) / np.bincount(group), index
 
 
-def _lanes(values: FloatArray, blocks: int) -> FloatArray:
+def in_lanes(values: FloatArray, blocks: int) -> FloatArray:
     """(W, K) to (blocks, K, LANES), the last block filled with ones."""
     size, units = values.shape
     padded = np.ones((blocks * LANES, units))

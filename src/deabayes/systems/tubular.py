@@ -1,34 +1,50 @@
-"""Tubular actuator: linear creep of a Voigt-Kelvin chain under Maxwell pressure."""
+"""Tubular actuator: a Voigt-Kelvin chain under Maxwell pressure, with mass and circuit if asked."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
-from deabayes.integrate.linear import hold, relaxation_response
+from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.circuit import Circuit
+from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
-CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)")
-KILOVOLT = 1e3
+CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
+KILOVOLT, GRAM = 1e3, 1e-3
 QUANTITY_SYMBOLS = {
     "relative_permittivity": r"\varepsilon_r",
     "thickness": "d",
     "active_length": "L_0",
 }
-"""The quantities this form computes with; the optional rest serves inertia and circuit."""
+"""The quantities every candidate computes with."""
+INERTIA_SYMBOLS = {
+    "total_mass": r"m_\mathrm{total}",
+    "active_mass": r"m_\mathrm{active}",
+    "sensor_mass": r"m_\mathrm{LVDT}",
+    "cross_section": "A_0",
+}
+"""Those that `_inertia` adds; it needs them all, and the active length."""
+CIRCUIT_SYMBOLS = {
+    "series_resistance": "R_S",
+    "leakage_resistance": "R_L",
+    "capacitance": "C",
+}
+"""Those that `_circuit` adds and needs."""
 
 
 class Tubular(System):
-    r"""Creep of the core-free tubular actuator of Sarban et al. (2012), without inertia.
+    r"""The core-free tubular actuator of Sarban et al. (2012).
 
     The strain S is the response of K Kelvin units and a spring in series to the
     electrostatic pressure sigma = epsilon_0 epsilon_r (v / d)^2, (6):
@@ -41,14 +57,20 @@ class Tubular(System):
     Before its first knot the actuator is at rest without voltage.
 
     Candidates `voigt_kelvin_K` have the parameters `E_0`, `E_1..K` [Pa] and
-    `tau_1..K` [s]. Creep fixes only the ratios sigma / E_n; the moduli inherit the
+    `tau_1..K` [s]. Two endings add to the model, alone or in this order:
+    `_inertia` the mass M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0, (13), which makes S the
+    solution of (2), m_LOAD being the record's `load_g`; `_circuit` the resistances and the
+    capacitance between the amplifier's output and the voltage v of the pressure, (4)-(5).
+    Masses and circuit are the specimen's, and parameters where they carry an sd.
+
+    Creep fixes only the ratios sigma / E_n; the moduli inherit the
     uncertainty of `relative_permittivity` and `thickness`, which are parameters
     where the specimen gives them an sd. A record of displacement is strain times
     `active_length`.
     """
 
     name: ClassVar[str] = "tubular"
-    protocols: ClassVar[tuple[str, ...]] = ("creep",)
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "sine")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
     responses: ClassVar[Mapping[str, str]] = {"strain": "1", "displacement": "m"}
     required_quantities: ClassVar[Mapping[str, str]] = {
@@ -71,35 +93,47 @@ class Tubular(System):
         if match is None:
             raise UserError(
                 f"candidate {candidate!r} is unknown for system 'tubular'; "
-                "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2"
+                "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2, and "
+                "_inertia, _circuit or _inertia_circuit behind it if wanted"
             )
         self.candidate = candidate
         self.specimen = specimen
         self.order = int(match.group(1))
+        self.inertia, self.circuit = match.group(2) is not None, match.group(3) is not None
         for name in self.required_quantities:
             self.require(name)
+        for name in ("active_length", *INERTIA_SYMBOLS) if self.inertia else ():
+            self.require(name, "inertia")
+        for name in CIRCUIT_SYMBOLS if self.circuit else ():
+            self.require(name, "a circuit")
 
     @classmethod
     def candidates(cls) -> tuple[str, ...]:
-        """The usual candidates, of 3, 5 and 7 parameters; any K works."""
+        """The usual candidates, of 3, 5 and 7 parameters; any K and the endings work."""
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
         units = {**self.required_quantities, **self.optional_quantities}
-        uncertain = uncertain_quantities(self.specimen, QUANTITY_SYMBOLS, units)
+        used = QUANTITY_SYMBOLS | (INERTIA_SYMBOLS if self.inertia else {})
+        used |= CIRCUIT_SYMBOLS if self.circuit else {}
+        uncertain = uncertain_quantities(self.specimen, used, units)
         return (*voigt_kelvin.parameters(self.order), *uncertain)
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         self.check_channels(excitation.name, response)
         if response == "displacement":
             self.require("active_length")
-        load = hold(excitation.coordinate, excitation.values, coordinate, power=2)
+        power: Literal[1, 2] = 1 if self.circuit else 2
+        load = hold(excitation.coordinate, excitation.values, coordinate, power)
+        mass = _hung(excitation) if self.inertia else 0.0
 
         def simulate(draws: Draws) -> FloatArray:
             chain = voigt_kelvin.Chain.from_draws(draws, self.order)
             gain = self._pressure(1.0, draws)
             if response == "displacement":
                 gain = gain * self._quantity("active_length", draws)
+            if self.inertia or self.circuit:
+                return gain[:, None] * self._per_square(load, mass, chain, draws)
             return relaxation_response(
                 load,
                 gain * chain.instantaneous,
@@ -115,7 +149,8 @@ class Tubular(System):
         `strain_per_kV2_n` = epsilon_0 epsilon_r (1 kV / d)^2 / E_n [1], the strain
         that spring n reaches at 1 kV (and `_total`, their sum), is fixed by creep
         records whatever the permittivity and the thickness. Compliances and
-        viscosities: see `voigt_kelvin.Chain.derived`.
+        viscosities: see `voigt_kelvin.Chain.derived`; with inertia, M and the resonance
+        of the unloaded actuator too: `voigt_kelvin_inertia.MovingChain.derived`.
         """
         chain = voigt_kelvin.Chain.from_draws(draws, self.order)
         springs = np.column_stack([chain.instantaneous, chain.compliances])
@@ -132,7 +167,33 @@ class Tubular(System):
         result["strain_per_kV2_total"] = Derived(
             r"\sigma_{1\,\mathrm{kV}} D(\infty)", "1", "final strain at 1 kV", strains.sum(axis=1)
         )
+        if self.inertia:
+            result |= MovingChain(chain, self._inertial_parameter(0.0, draws)).derived()
         return result | chain.derived()
+
+    def _per_square(
+        self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
+    ) -> FloatArray:
+        """Strain (W, N) if the pressure were the square of the voltage, by the state space.
+
+        driven : the amplifier's voltage if there is a circuit, else the voltage squared.
+        """
+        space = chain.state_space()
+        if self.inertia:
+            space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
+        if not self.circuit:
+            return space.response(driven)
+        parts = (self._quantity(name, draws) for name in CIRCUIT_SYMBOLS)
+        circuit = Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
+        return circuit.drive(space, driven)
+
+    def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
+        """M (W,) [kg/m] under a load [kg]."""
+        names = ("active_length", *INERTIA_SYMBOLS)
+        parameter = inertial_parameter(
+            load=load, **{name: self._quantity(name, draws) for name in names}
+        )
+        return np.broadcast_to(parameter, np.shape(draws["E_0"]))
 
     def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
         """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
@@ -146,3 +207,11 @@ class Tubular(System):
     def _quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen: its draws where it is a parameter, else its value."""
         return np.asarray(draws.get(name, self.specimen.quantities[name].value))
+
+
+def _hung(excitation: Excitation) -> float:
+    """m_LOAD [kg] of a record."""
+    given = excitation.conditions.get("load_g", 0.0)
+    if isinstance(given, str) or not given >= 0.0:
+        raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")
+    return GRAM * given

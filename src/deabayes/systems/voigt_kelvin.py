@@ -7,14 +7,18 @@ Sarban et al. (2012), (1), for any number of Kelvin units n = 1..K.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.experiment import FloatArray
+from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Derived, Draws
 
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 INSTANTANEOUS_MODULUS = LogNormal(2e6, 1.0)
 UNIT_MODULUS = LogNormal(1e7, 1.5)
 TIME_CONSTANT = LogUniform(1e-3, 2.0)
@@ -81,6 +85,29 @@ class Chain:
         """D(t) (W,) [1/Pa]; the final compliance for an infinite time."""
         grown = -np.expm1(-time / self.time_constants)
         return self.instantaneous + np.sum(self.compliances * grown, axis=1)
+
+    def state_space(self) -> StateSpace:
+        """From pressure [Pa] to strain without mass; states x_1..K [1], tau x' = -x + sigma/E.
+
+        A draw with a time constant that is not positive has matrices of NaN.
+        """
+        units = self.compliances.shape[1]
+        rates = 1.0 / np.where(self.time_constants > 0.0, self.time_constants, np.nan)
+        return StateSpace(
+            -rates[:, :, None] * np.eye(units),
+            rates * self.compliances,
+            np.ones_like(rates),
+            self.instantaneous,
+        )
+
+    def unit_compliances(self, rate: ComplexArray) -> ComplexArray:
+        """1/(E_n (1 + tau_n s)) (W, K, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
+        rate = rate[..., None, :]
+        return self.compliances[..., None] / (1.0 + self.time_constants[..., None] * rate)
+
+    def complex_compliance(self, rate: ComplexArray) -> ComplexArray:
+        """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s as above."""
+        return self.instantaneous[:, None] + np.sum(self.unit_compliances(rate), axis=1)
 
     def derived(self) -> dict[str, Derived]:
         """`compliance_*` at 10, 100 and 500 ms and in the end [1/Pa], `eta_n` [Pa s]."""
