@@ -98,17 +98,21 @@ class LogPosterior:
     def log_likelihood(
         self, theta: FloatArray, experiments: Sequence[str] | None = None
     ) -> FloatArray:
-        """log L(theta), (W,); `experiments` limits the sum to those records."""
-        draws = self.draws(theta)
+        """log L(theta), (W,); `experiments` limits the sum to those records.
+
+        A proposal far outside the prior may overflow: it fails, and is counted, in silence.
+        """
         total = np.zeros(theta.shape[0])
-        for record in self.records:
-            if experiments is not None and record.experiment.name not in experiments:
-                continue
-            residuals, coordinate, weights = self._residuals(record, draws)
-            total += self.noise.log_prob(
-                residuals, coordinate, weights, self.noise_draws(draws, record.group)
-            )
-            total -= coordinate.size * np.log(record.scale)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            draws = self.draws(theta)
+            for record in self.records:
+                if experiments is not None and record.experiment.name not in experiments:
+                    continue
+                residuals, coordinate, weights = self._residuals(record, draws)
+                total += self.noise.log_prob(
+                    residuals, coordinate, weights, self.noise_draws(draws, record.group)
+                )
+                total -= coordinate.size * np.log(record.scale)
         self.failures.evaluations += total.size
         finite = np.isfinite(total)
         self.failures.failed += int(total.size - finite.sum())
@@ -116,7 +120,9 @@ class LogPosterior:
 
     def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
         """log L(theta(z)), (W,), for z (W, d) in the standard-normal coordinate."""
-        return self.log_likelihood(self.prior.to_parameters(z))
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            theta = self.prior.to_parameters(z)
+        return self.log_likelihood(theta)
 
     def __call__(self, z: FloatArray) -> FloatArray:
         """log L(theta(z)) + log N(z; 0, I), (W,)."""
