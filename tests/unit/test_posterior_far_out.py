@@ -3,7 +3,6 @@
 import warnings
 
 import numpy as np
-
 from tests.validation.calibration import tubular
 
 
