@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit.fake_results import Fake, write_study
 
@@ -78,6 +79,21 @@ def test_study_figures_name_unconverged_candidates(name: str, unconverged: Study
         words = " ".join(texts(figure))
         assert "not converged" in words or name == "preparation"
         assert "simulated data" in words
+
+
+def test_error_axis_reaches_the_worst_held_out_record(tmp_path: Path) -> None:
+    study = write_study(tmp_path)
+    worst = 0.0
+    for path in study.glob("*/errors.csv"):
+        table = pd.read_csv(path)
+        columns = ["e_rms_percent", "e_rms_q05", "e_rms_q95"]
+        table.loc[table["role"] == "validate", columns] *= 10.0
+        table.to_csv(path, index=False)
+        worst = max(worst, table["e_rms_q95"].max())
+    (figure,) = figures.draw("errors", StudyResults(study))
+    for ax in figure.axes:
+        assert ax.get_xlim()[0] == 0.0
+        assert ax.get_xlim()[1] > worst
 
 
 def test_comparison_shows_the_verdict(measured: StudyResults) -> None:

@@ -37,6 +37,7 @@ def draw(results: StudyResults) -> list[Figure]:
     for ax, (role, text) in zip(axes, present, strict=True):
         _panel(ax, tables, [n for n, r in roles.items() if r == role], unconverged)
         ax.set_title(text, loc="left", weight="bold")
+    axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
     axes[-1].set_xlabel("rms error (% of the record's range)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return [figure]
@@ -54,7 +55,7 @@ def _panel(
         reach = [centre - rows["e_rms_q05"], rows["e_rms_q95"] - centre]
         ax.errorbar(
             centre, np.arange(len(rows)) + offsets[index], xerr=np.clip(reach, 0, None),
-            fmt=style.MARKERS[index % len(style.MARKERS)],
+            fmt=style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)],
             color=style.SERIES[index % len(style.SERIES)],
             markerfacecolor="white" if candidate in unconverged else None, elinewidth=0.8,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
@@ -65,6 +66,5 @@ def _panel(
     for row in range(0, len(experiments), 2):
         ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
     ax.set_ylim(len(experiments) - 0.5, -0.5)
-    ax.set_xlim(left=0)
     ax.grid(axis="x", color=style.LIGHT_GREY, linewidth=0.4)
     ax.set_axisbelow(True)
