@@ -47,13 +47,13 @@ def row(posterior: Path) -> dict[str, object]:
 
 
 def finished(posterior: Path) -> bool:
-    """Whether a candidate on measured records was predicted with and compared."""
+    """Whether a candidate on records that are not simulated was predicted with and compared."""
     comparison = posterior.parent.parent / "comparison.csv"
     return (
         posterior.with_name("errors.csv").exists()
         and comparison.exists()
         and posterior.parent.name in set(pd.read_csv(comparison)["candidate"])
-        and read_tree(posterior).attrs["provenance"] == "measured"
+        and read_tree(posterior).attrs["provenance"] != "simulated"
     )
 
 
