@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.unit.tubes import actuator
+from tests.unit.tubes import QUANTITIES, actuator
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
@@ -12,19 +12,13 @@ from deabayes.systems.tubular import Tubular
 from deabayes.systems.voigt_kelvin import Chain
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
-QUANTITIES = {
-    "thickness": Quantity(80e-6, "m"),
-    "relative_permittivity": Quantity(3.1, "1"),
-    "active_length": Quantity(0.07, "m"),
-    "cross_section": Quantity(6e-4, "m^2"),
-    "total_mass": Quantity(0.1005, "kg"),
-    "active_mass": Quantity(0.0462, "kg"),
-    "sensor_mass": Quantity(0.01, "kg"),
+WITH_CIRCUIT = {
+    **QUANTITIES,
     "series_resistance": Quantity(954.0, "ohm", 250.0, "phase"),
     "leakage_resistance": Quantity(1e9, "ohm"),
     "capacitance": Quantity(180e-9, "F"),
 }
-SPECIMEN = Specimen("tube", "tubular", {"kind": "simulated"}, QUANTITIES)
+SPECIMEN = Specimen("tube", "tubular", {"kind": "simulated"}, WITH_CIRCUIT)
 CHAIN = Chain(np.array([1 / 1.5e6]), 1.0 / np.array([[12e6, 6e6]]), np.array([[6e-3, 0.12]]))
 SLOW = Circuit(np.array([2e4]), np.array([3e5]), np.array([180e-9]))
 KNOTS, VOLTS = np.array([0.0, 0.02, 0.02, 0.05]), np.array([400.0, 1500.0, 300.0, 2000.0])
@@ -135,6 +129,6 @@ def test_a_draw_is_computed_alike_in_any_company():
 def test_mistakes_are_named():
     with pytest.raises(UserError, match="_inertia_circuit"):
         Tubular("voigt_kelvin_2_circuit_inertia", SPECIMEN)
-    bare = {n: q for n, q in QUANTITIES.items() if n != "capacitance"}
+    bare = {n: q for n, q in WITH_CIRCUIT.items() if n != "capacitance"}
     with pytest.raises(UserError, match="lacks capacitance, which a circuit needs"):
         Tubular("voigt_kelvin_2_circuit", Specimen("tube", "tubular", {}, bare))

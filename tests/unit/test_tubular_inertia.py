@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
-from tests.unit.tubes import golden_inputs, inertia, moving_chain
+from tests.unit.tubes import QUANTITIES, golden_inputs, inertia, moving_chain
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
@@ -12,15 +12,6 @@ from deabayes.systems.voigt_kelvin import Chain
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 E, TAU, M = (1.5e6, 12e6, 6e6), (6e-3, 0.12), 21.4
-QUANTITIES = {
-    "thickness": Quantity(80e-6, "m"),
-    "relative_permittivity": Quantity(3.1, "1"),
-    "active_length": Quantity(0.07, "m"),
-    "cross_section": Quantity(6e-4, "m^2"),
-    "total_mass": Quantity(0.1005, "kg"),
-    "active_mass": Quantity(0.0462, "kg"),
-    "sensor_mass": Quantity(0.01, "kg"),
-}
 
 
 def moving(draws=1, seed=0, spread=0.0):

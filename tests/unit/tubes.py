@@ -6,11 +6,23 @@ import numpy as np
 from tests.unit.golden import load_golden
 
 from deabayes.electrostatics import maxwell_pressure
+from deabayes.experiment import Quantity
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.tubular_sine import SineResponse
 from deabayes.systems.voigt_kelvin import Chain
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
+
+QUANTITIES = {
+    "thickness": Quantity(80e-6, "m"),
+    "relative_permittivity": Quantity(3.1, "1"),
+    "active_length": Quantity(0.07, "m"),
+    "cross_section": Quantity(6e-4, "m^2"),
+    "total_mass": Quantity(0.1005, "kg"),
+    "active_mass": Quantity(0.0462, "kg"),
+    "sensor_mass": Quantity(0.01, "kg"),
+}
+"""Of a tube that moves, without its circuit."""
 
 
 def golden_inputs():
