@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.faults import UserError, nearest
 from deabayes.reading.checks import shorter_than_time_constant, too_few_points
-from deabayes.reading.folder import StudyFolder, scan_folder
+from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import repeated_records
 
@@ -48,6 +48,21 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
     if not faults:
         faults += _prior_faults(study, systems, experiments)
     return faults, warnings
+
+
+def check_names(study: Study) -> list[str]:
+    """Faults that show without reading a record: of the folder's two tables, and names in them.
+
+    What a workflow should say before its first job, for all studies together.
+    """
+    try:
+        read = read_folder(study.specimen, study.data_root, check_records=False)
+    except UserError as error:
+        return [*str(error).splitlines(), *_unknown_names(study)]
+    faults = _unknown_names(study)
+    _used_rows(study, read, faults)
+    _systems(study, read.specimen, faults)
+    return faults
 
 
 def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:

@@ -33,7 +33,7 @@ OUTPUT = Path("docs/validation")
 RANKS = 99
 NARROW = 0.7
 SEED = 20261121
-SAMPLING = Sampling(ensembles=2, walkers=32, particles=384, max_steps=16000)
+SAMPLING = Sampling(ensembles=1, walkers=64, particles=384, max_steps=12000)
 
 
 def tubular(candidate: str) -> LogPosterior:
@@ -112,7 +112,7 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
 
 
 def posterior(target: LogPosterior, seed: np.random.SeedSequence) -> PooledResult:
-    """Sample as a study does, with half as many and smaller ensembles."""
+    """Sample as one ensemble of a study does: there, four are pooled and sampled on if need be."""
     hop = UnitHop.of(target.prior)
     *streams, pool_stream = seed.spawn(SAMPLING.ensembles + 1)
     density = target.log_likelihood_of_normal

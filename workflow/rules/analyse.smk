@@ -19,4 +19,4 @@ rule analyse:
     params:
         results=subpath(output[0], parent=True),
     shell:
-        "deabayes analyse {params.results} -o {output} 2> {log}"
+        "logged {log} deabayes analyse {params.results} -o {output}"

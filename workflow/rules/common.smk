@@ -7,14 +7,21 @@ from pathlib import Path
 
 import deabayes
 import yaml
-from deabayes.faults import UserError
+from deabayes.faults import Faults, UserError
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
 from deabayes.study import load_studies, to_settings
+from deabayes.study_checks import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
 CONFIG_FILES = ", ".join(os.path.relpath(path) for path in workflow.configfiles)
 SNAKEMAKE_KEYS = {"pathvars"}
+
+# `logged LOG COMMAND`: what the command says is in its log and, where it failed, also shown.
+shell.prefix(
+    'set -euo pipefail; logged() {{ local log=$1; shift; "$@" > $log 2>&1 || '
+    "{{ tail -c 4000 $log | tr '\\r' '\\n' | tail -n 20 >&2; exit 1; }}; }}; "
+)
 
 # Snakemake sets OMP_, OPENBLAS_ and MKL_NUM_THREADS to a job's threads, not this one.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -40,13 +47,22 @@ def few(names):
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} like it"
 
 
+def check(studies):
+    """Raise for every name in the studies that nothing has, before the first job."""
+    faults = [fault for study in studies for fault in check_names(study)]
+    if faults:
+        raise Faults(list(dict.fromkeys(faults)))
+
+
 try:
     STUDIES, LEFT_OUT = read_studies()
+    # Jobs read the Snakefile again; what was checked once need not be.
+    if workflow.is_main_process:
+        check(STUDIES.values())
 except UserError as error:
     print(error, file=sys.stderr)
     sys.exit(1)
 
-# Jobs of a cluster read the Snakefile again; they need not say it again.
 if workflow.is_main_process:
     for line in LEFT_OUT:
         print(line, file=sys.stderr)

@@ -9,7 +9,7 @@ rule score:
         "<results>/{study}/{candidate}/logs/score.log",
     threads: 1
     shell:
-        "deabayes score {input.posterior} --prepared {input.prepared} -o {output} 2> {log}"
+        "logged {log} deabayes score {input.posterior} --prepared {input.prepared} -o {output}"
 
 
 rule compare:
@@ -28,4 +28,4 @@ rule compare:
         "<results>/{study}/logs/compare.log",
     threads: 1
     shell:
-        "deabayes compare {input.posteriors} --prepared {input.prepared} -o {output} > {log} 2>&1"
+        "logged {log} deabayes compare {input.posteriors} --prepared {input.prepared} -o {output}"

@@ -39,7 +39,7 @@ rule compile:
         "<results>/logs/compile.log",
     threads: 1
     shell:
-        "deabayes compile {input.studies} 2> {log}"
+        "logged {log} deabayes compile {input.studies}"
 
 
 rule fit:
@@ -55,8 +55,8 @@ rule fit:
         "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
     threads: 1
     shell:
-        "deabayes fit {input.study} {wildcards.candidate} --prepared {input.prepared}"
-        " --ensemble {wildcards.ensemble} -o {output} 2> {log}"
+        "logged {log} deabayes fit {input.study} {wildcards.candidate} --prepared {input.prepared}"
+        " --ensemble {wildcards.ensemble} -o {output}"
 
 
 rule pool:
@@ -72,5 +72,5 @@ rule pool:
         "<results>/{study}/{candidate}/logs/pool.log",
     threads: 1
     shell:
-        "deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
-        " --prepared {input.prepared} -o {output.posterior} --summary {output.summary} 2> {log}"
+        "logged {log} deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
+        " --prepared {input.prepared} -o {output.posterior} --summary {output.summary}"

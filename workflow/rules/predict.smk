@@ -14,5 +14,5 @@ rule predict:
         "<results>/{study}/{candidate}/logs/predict.log",
     threads: 1
     shell:
-        "deabayes predict {input.posterior} --prepared {input.prepared} -o {output.predictions}"
-        " --errors {output.errors} > {log} 2>&1"
+        "logged {log} deabayes predict {input.posterior} --prepared {input.prepared} -o {output.predictions}"
+        " --errors {output.errors}"

@@ -20,4 +20,4 @@ rule prepare:
         "<results>/{study}/logs/prepare.log",
     threads: 1
     shell:
-        "deabayes prepare {input.study} -o {output} 2> {log}"
+        "logged {log} deabayes prepare {input.study} -o {output}"

@@ -12,7 +12,7 @@ rule figures:
     params:
         results=subpath(output[0], parent=True),
     shell:
-        "deabayes figures {params.results} -o {output} 2> {log}"
+        "logged {log} deabayes figures {params.results} -o {output}"
 
 
 rule report:
@@ -33,5 +33,5 @@ rule report:
         folders=study_folders,
         left_out=left_out_options(),
     shell:
-        "deabayes report {params.folders} -o {output.page} --tables {output.tables}"
-        " {params.left_out:q} > {log} 2>&1"
+        "logged {log} deabayes report {params.folders} -o {output.page} --tables {output.tables}"
+        " {params.left_out:q}"
