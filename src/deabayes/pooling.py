@@ -21,6 +21,8 @@ Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
 REFIT, CONTINUED = range(2)
 MOST_REFITS = 6
+LEFT_AFTER_REFIT = 2.0
+"""Times what it throws away that the budget must leave after a refit."""
 REFITTED_COMPONENTS = 16
 REFIT_SAMPLE = 20000
 DROPPED_AFTER_REFIT = 0.1
@@ -58,7 +60,8 @@ def pool(
 
     Only what follows the last refit is kept. Goes on in rounds until every gate passes
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
-    refitted again, a few times at most, while runs are far from long enough.
+    refitted again, a few times at most, while runs are far from long enough and the budget
+    leaves much more than a refit throws away.
 
     Parameters
     ----------
@@ -70,9 +73,10 @@ def pool(
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
     store, refits, current = Store(folder), 0, tuple(ensembles)
-    total, runs = 0, list[Run]()
+    total, most, runs = 0, 0, list[Run]()
     while not convergence.converged:
-        if not runs or (refits < MOST_REFITS and _hopeless(total, convergence, settings)):
+        refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
+        if not runs or (refit_pays and _hopeless(total, convergence, settings)):
             ensembles, total, refits = current, 0, refits + 1
             inside = store.sub(f"refit_{refits}")
             target = Target(log_likelihood, hop)
