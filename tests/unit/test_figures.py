@@ -101,6 +101,17 @@ def test_comparison_shows_the_verdict(measured: StudyResults) -> None:
     assert any("smallest order the data cannot do without" in word for word in texts(figure))
 
 
+def test_a_lone_ranked_candidate_is_not_magnified_to_rounding(tmp_path: Path) -> None:
+    study = write_study(tmp_path)
+    table = pd.read_csv(study / "comparison.csv")
+    table["converged"] = [False] * (len(table) - 1) + [True]
+    table.to_csv(study / "comparison.csv", index=False)
+    (figure,) = figures.draw("comparison", StudyResults(study))
+    for ax in figure.axes:
+        assert ax.get_xlim()[0] <= -1.0
+        assert ax.get_xlim()[1] >= 1.0
+
+
 def test_extrapolation_is_flagged_on_held_out_panels_only(unconverged: StudyResults) -> None:
     (figure,) = figures.draw("data_and_bands", unconverged.recommended)
     assert texts(figure).count("EXTRAPOLATION") == 1

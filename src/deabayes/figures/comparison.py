@@ -27,6 +27,9 @@ CRITERIA = (
     ("bic", None, "−½ Δ BIC"),
 )
 
+LEAST_SHOWN = 1.0
+"""Nats to either side: an axis must not magnify rounding."""
+
 
 def draw(results: StudyResults) -> list[Figure]:
     """One panel per criterion; nothing where there are fewer than two candidates."""
@@ -74,6 +77,9 @@ def _criterion(
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.margins(x=0.12)
+    if ax.get_xscale() == "linear":
+        low, high = ax.get_xlim()
+        ax.set_xlim(min(low, -LEAST_SHOWN), max(high, LEAST_SHOWN))
     ax.set_xlabel(label)
 
 
