@@ -37,9 +37,8 @@ SETTLING_SHARE, LEAST_SETTLING = 0.15, 1000
 SETTLED_TIMES = 8.0
 """Autocorrelation times in the last round."""
 STORED_PER_ROUND = 40
-FIRST_PASS_SHARE, LEAST_FIRST_PASS = (0.1, 0.25), 2000
-"""Of the budget, a tenth, or up to a quarter where that is less than these steps; the rest is
-for continuing with a proposal refitted to the other ensembles, which is far better."""
+FIRST_PASS_SHARE = 0.25
+"""Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
 
 
 def run_ensemble(
@@ -72,9 +71,7 @@ def run_ensemble(
     start = store.once(
         "start", lambda: target.counted(lambda: _start(target, warm, settings, seed))
     )
-    most = settings.max_steps
-    first_pass = max(FIRST_PASS_SHARE[0] * most, min(LEAST_FIRST_PASS, FIRST_PASS_SHARE[1] * most))
-    limit = most if settings.ensembles == 1 else first_pass
+    limit = settings.max_steps if settings.ensembles == 1 else FIRST_PASS_SHARE * settings.max_steps
     run = Run(
         target,
         Proposal.from_arrays(start),
