@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from deabayes.mixture import Mixture, RandomSource, two_clusters
 from deabayes.mixture import fit as fit_mixture
 from deabayes.warp import Warp, fit_warp
 
-STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.2
+STRAIGHTENED, PLAIN, COVERING = 0.85, 0.05, 0.1
 SPLIT_GAIN = 0.1
 """Nats per held-out sample by which a split must describe them better."""
 TRIAL_COMPONENTS = 4
@@ -102,7 +102,7 @@ def fit(
 
     Parameters
     ----------
-    log_density : of the target at the samples, up to a constant (n,). When given, a fifth
+    log_density : of the target at the samples, up to a constant (n,). When given, a tenth
         of the proposal is fitted to the samples that the rest covers badly, resampled by
         the root of target over proposal: an independence sampler is slowed most by the few
         regions where that ratio is large. (By the ratio itself, a handful of samples would
@@ -119,8 +119,9 @@ def fit(
         excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
         weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
         chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
-        kept = [replace(part, weight=(1 - COVERING) * part.weight) for part in parts]
-        parts = [*kept, *_parts(samples[chosen], max(components // 2, 1), rng, COVERING)]
+        missed = fit_mixture(samples[chosen], max(components // 2, 1), rng)
+        kept = [Part((1 - COVERING) * part.weight, part.mixture, part.warp) for part in parts]
+        parts = [*kept, Part(COVERING, missed)]
     return Proposal(tuple(parts))
 
 
@@ -133,7 +134,8 @@ def _parts(
     if warp is None:
         return [Part(weight, plain)]
     straightened = fit_mixture(warp.forward(samples), components, rng)
-    return [Part(weight * STRAIGHTENED, straightened, warp), Part(weight * PLAIN, plain)]
+    share = weight * STRAIGHTENED / (STRAIGHTENED + PLAIN)
+    return [Part(share, straightened, warp), Part(weight - share, plain)]
 
 
 def _split_parts(samples: FloatArray, components: int, rng: np.random.Generator) -> list[Part]:

@@ -1,17 +1,14 @@
-"""A triangular map of splines and products that straightens the curved ridges of a posterior.
+"""A triangular polynomial map that straightens the curved ridges of a posterior.
 
-With y the standardised coordinates, widest first, each has a function of the wider ones
-subtracted and is divided by a scale that depends on them too,
+With y the principal coordinates, widest first, each coordinate has a polynomial of the
+wider ones subtracted and is divided by a scale that depends on them too,
 x_k = (y_k - P_k(y_1 .. y_k-1)) exp(-S_k(y_1 .. y_k-1)). The map is triangular, so it is
 inverted one coordinate after another and its Jacobian is the product of the scales (the
-Knothe-Rosenblatt arrangement, as in Marzouk, Moselhy, Parno and Spantini 2016, Handbook of
-Uncertainty Quantification). P has a quadratic spline in every wider coordinate, and products
-of two. On posteriors of series of relaxation units it raised the acceptance of independence
-proposals from a few to forty per cent. What it must reach are the ends of long ridges, often
-where a parameter nears a bound of its prior: walkers stay long where it does not. That is why
-there are scales, products that reach six standard deviations out, splines instead of a
-cubic, and coordinates as they are instead of principal ones, which spread the
-bend of one over several (docs/validation.md).
+Knothe-Rosenblatt arrangement with polynomials, as in Marzouk, Moselhy, Parno and Spantini
+2016, Handbook of Uncertainty Quantification). On posteriors of series of relaxation units it
+raised the acceptance of independence proposals from a few to forty per cent; without the
+scales, and with products that stay constant beyond four standard deviations instead of
+six, the ends of a long ridge were left out (docs/validation.md).
 """
 
 from __future__ import annotations
@@ -20,10 +17,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.warp_kernels import KNOTS, SCALE_LIMIT, SHIFT_LIMIT, polynomials, solve
+from deabayes.warp_kernels import SCALE_LIMIT, SHIFT_LIMIT, polynomials, solve
 
 SHIFT_PENALTY, SCALE_PENALTY = 1e-6, 1e-3
 DRAWS_PER_TERM = 4
@@ -38,27 +34,27 @@ class Warp:
 
     Attributes
     ----------
-    centre, spread (d,) : means and standard deviations of z.
-    order (d,) : y = ((z - centre) / spread)[order], widest first.
-    shifts (d, d + 1 + knots, d), scales (d, 2, d) : coefficients of P and of S, (terms led
-        by coordinate, their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
+    centre (d,), axes (d, d) : y = (z - centre) @ axes, of unit variance, widest first.
+    inverse_axes (d, d) : the way back.
+    shifts (d, d + 2, d), scales (d, 2, d) : coefficients of P and of S, (terms led by
+        coordinate, their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
     offsets (2, d) : the constant terms of P and S.
     """
 
     centre: FloatArray
-    spread: FloatArray
-    order: NDArray[np.intp]
+    axes: FloatArray
+    inverse_axes: FloatArray
     shifts: FloatArray
     scales: FloatArray
     offsets: FloatArray
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straightened coordinates of z (W, d), and log |dx / dz|, (W,)."""
-        y = np.ascontiguousarray(((z - self.centre) / self.spread)[:, self.order])
+        y = np.ascontiguousarray((z - self.centre) @ self.axes)
         shift, log_scale = polynomials(y, self.shifts, self.scales)
         log_scale += self.offsets[1]
         x = (y - shift - self.offsets[0]) * np.exp(-log_scale)
-        return x, -np.log(self.spread).sum() - log_scale.sum(axis=1)
+        return x, np.linalg.slogdet(self.axes)[1] - log_scale.sum(axis=1)
 
     def forward(self, z: FloatArray) -> FloatArray:
         """Straightened coordinates of z (W, d)."""
@@ -67,7 +63,7 @@ class Warp:
     def inverse(self, x: FloatArray) -> FloatArray:
         """The z (W, d) of straightened coordinates x."""
         y = solve(np.ascontiguousarray(x), self.shifts, self.scales, self.offsets)
-        return self.centre + self.spread * y[:, np.argsort(self.order)]
+        return np.asarray(y @ self.inverse_axes + self.centre)
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it."""
@@ -76,17 +72,14 @@ class Warp:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
         """Rebuild from `arrays()`."""
-        found = {name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__}
-        order = found.pop("order").astype(np.intp)
-        return cls(order=order, **found)
+        return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
 
 
 def _shift_terms(y: FloatArray, k: int) -> FloatArray:
-    """Terms of P led by coordinate k: y_k y_j for j <= k, y_k, and its spline's, one by one."""
+    """Terms of P led by coordinate k: y_k y_j for j <= k, y_k and y_k^3, (W, k + 3)."""
     bounded = np.clip(y[:, : k + 1], -SHIFT_LIMIT, SHIFT_LIMIT)
     lead = bounded[:, k : k + 1]
-    outwards = np.sign(KNOTS) * (lead - np.array(KNOTS))
-    return np.hstack([bounded * lead, lead, np.maximum(outwards, 0) ** 2])
+    return np.hstack([bounded * lead, lead, lead**3])
 
 
 def _scale_terms(y: FloatArray, k: int) -> FloatArray:
@@ -98,15 +91,17 @@ def _scale_terms(y: FloatArray, k: int) -> FloatArray:
 def fit_warp(samples: FloatArray) -> Warp | None:
     """Fit the map to samples (n, d) by maximum likelihood; None when they are too few for it."""
     dimension = samples.shape[1]
-    most_terms = dimension * (dimension + 1) // 2 + dimension * (1 + len(KNOTS)) + 1
+    most_terms = dimension * (dimension + 5) / 2 + 1
     if dimension < 2 or len(np.unique(samples[:, 0])) < DRAWS_PER_TERM * most_terms:
         return None
-    centre, spread = samples.mean(axis=0), samples.std(axis=0)
-    if spread.min() <= 1e-7 * spread.max():
+    centre = samples.mean(axis=0)
+    variances, directions = np.linalg.eigh(np.cov(samples, rowvar=False))
+    variances, directions = variances[::-1], directions[:, ::-1]
+    if variances[-1] <= 1e-14 * variances[0]:
         return None
-    order = np.argsort(-spread)
-    y = ((samples - centre) / spread)[:, order]
-    shifts = np.zeros((dimension, dimension + 1 + len(KNOTS), dimension))
+    axes = directions / np.sqrt(variances)
+    y = (samples - centre) @ axes
+    shifts = np.zeros((dimension, dimension + 2, dimension))
     scales = np.zeros((dimension, 2, dimension))
     offsets = np.empty((2, dimension))
     for_shift, for_scale = np.ones((len(y), 1)), np.ones((len(y), 1))
@@ -118,9 +113,10 @@ def fit_warp(samples: FloatArray) -> Warp | None:
         scales[:k, :, k] = scale[1:].reshape(k, 2)
         for_shift = np.hstack([for_shift, _shift_terms(y, k)])
         for_scale = np.hstack([for_scale, _scale_terms(y, k)])
-        kinds = np.array([*range(k + 1), *range(dimension, dimension + 1 + len(KNOTS))])
+        kinds = np.array([*range(k + 1), dimension, dimension + 1])
         places = np.concatenate([places, np.column_stack([np.full(len(kinds), k), kinds])])
-    return Warp(centre, spread, order, shifts, scales, offsets)
+    inverse_axes = (directions * np.sqrt(variances)).T.copy()
+    return Warp(centre, axes, inverse_axes, shifts, scales, offsets)
 
 
 def _fit_coordinate(

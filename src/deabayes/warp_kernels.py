@@ -11,8 +11,6 @@ from deabayes.experiment import FloatArray
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
 """Standard deviations beyond which terms stay constant: polynomials must not run away."""
-KNOTS = (-2.2, -1.2, -0.4, 0.4, 1.2, 2.2)
-"""Where a coordinate's spline bends: squares of what lies beyond a knot, outwards."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -31,15 +29,10 @@ def _lead(
         term = min(max(y[j], -SHIFT_LIMIT), SHIFT_LIMIT) * bounded
         for later in range(k + 1, dimension):
             shift[later] += term * shifts[k, j, later]
-    for later in range(k + 1, dimension):
-        shift[later] += bounded * shifts[k, dimension, later]
-    for index, knot in enumerate(KNOTS):
-        beyond = bounded - knot if knot > 0 else knot - bounded
-        if beyond > 0:
-            for later in range(k + 1, dimension):
-                shift[later] += beyond**2 * shifts[k, dimension + 1 + index, later]
+    cube = bounded**3
     near = min(max(y[k], -SCALE_LIMIT), SCALE_LIMIT)
     for later in range(k + 1, dimension):
+        shift[later] += bounded * shifts[k, -2, later] + cube * shifts[k, -1, later]
         log_scale[later] += near * (scales[k, 0, later] + near * scales[k, 1, later])
 
 
