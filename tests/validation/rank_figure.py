@@ -56,7 +56,9 @@ def draw(
                 difference = ecdf(values, possible) - limits.points
                 axis.plot(limits.points, difference, color=colour, label=label)
             axis.set_title(name, fontsize=8)
-        figure.supxlabel("rank / number of draws", fontsize=8)
+        for axis in axes.flat[max(len(ranks) - COLUMNS, 0) : len(ranks)]:
+            axis.tick_params(labelbottom=True)
+            axis.set_xlabel("rank / number of draws", fontsize=7)
         figure.supylabel("ECDF of ranks - uniform", fontsize=8)
         figure.suptitle(title, fontsize=9)
         handles, labels = axes[0, 0].get_legend_handles_labels()
