@@ -1,6 +1,6 @@
 """Forward model of the tubular actuator with mass and circuit against scipy's RK45, in one run.
 
-    OMP_NUM_THREADS=1 python benchmarks/forward_tubular_inertia.py
+    OMP_NUM_THREADS=1 python -m benchmarks.forward_tubular_inertia
 
 Strain of a two-unit chain at 5000 samples of 0.5 s, with mass, and with mass and circuit:
 for the amplifier's voltage as it is recorded (a knot per sample, with the monitor's 0.3 V of
@@ -17,6 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from tests.unit import tubes
 
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
@@ -33,13 +34,7 @@ MEDIANS = {"E_0": 1.5e6, "E_1": 12e6, "E_2": 6e6, "tau_1": 6e-3, "tau_2": 0.12}
 INERTIA = 9.724166666666669
 CIRCUIT = {"series_resistance": 954.0, "leakage_resistance": 1e9, "capacitance": 180e-9}
 QUANTITIES = {
-    "thickness": Quantity(80e-6, "m"),
-    "relative_permittivity": Quantity(3.1, "1"),
-    "active_length": Quantity(0.07, "m"),
-    "cross_section": Quantity(6e-4, "m^2"),
-    "total_mass": Quantity(0.1005, "kg"),
-    "active_mass": Quantity(0.0462, "kg"),
-    "sensor_mass": Quantity(0.01, "kg"),
+    **tubes.QUANTITIES,
     "series_resistance": Quantity(CIRCUIT["series_resistance"], "ohm"),
     "leakage_resistance": Quantity(CIRCUIT["leakage_resistance"], "ohm"),
     "capacitance": Quantity(CIRCUIT["capacitance"], "F"),

@@ -14,7 +14,8 @@ TITLE = "Data and predictions"
 CAPTION = (
     "Observed points, the posterior median and three separate 90 % bands. The blue band says how "
     "well the parameters are known; only the grey one says where new data would fall. Relaxation, "
-    "creep and frequency responses on a logarithmic axis, load–unload records as loops."
+    "creep and frequency responses over more than a factor of 30 on a logarithmic axis, "
+    "load–unload records as loops."
 )
 
 
