@@ -10,10 +10,7 @@ from deabayes.faults import Faults, UserError, nearest
 from deabayes.study import Study
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment, FloatArray
-    from deabayes.posterior import LogPosterior
-
-TRIAL_WALKERS = 2
+    from deabayes.experiment import FloatArray
 
 
 def find_study(study: str, config: Path) -> Study:
@@ -109,47 +106,6 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
     pool_candidate(found, candidate, prepared, outputs, posterior, summary, progress=True)
     verdict = "converged" if open_posterior(posterior).converged else "NOT converged"
     return f"{posterior}: {verdict}; parameters in {summary}"
-
-
-def compile_study(study: str, config: Path) -> None:
-    """Do once, for each candidate, all that later stages do with kernels: numba keeps them."""
-    from deabayes.pipeline import build_target, read_experiments
-
-    found = find_study(study, config)
-    prepared = Path(study).parent / "prepared"
-    experiments = read_experiments(prepared)
-    for candidate in found.candidates:
-        _use_every_kernel(build_target(found, candidate, prepared), experiments)
-    _use_the_proposal()
-
-
-def _use_the_proposal() -> None:
-    """The sampler's straightening map, there and back."""
-    import numpy as np
-
-    from deabayes.warp import fit_warp
-
-    samples = np.random.default_rng(0).standard_normal((200, 2))
-    warp = fit_warp(samples)
-    assert warp is not None
-    warp.inverse(warp.forward(samples))
-
-
-def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
-    """Likelihood, derived quantities, every record's response; noise and its innovations."""
-    import numpy as np
-
-    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
-    draws = target.draws(theta)
-    target.log_likelihood(theta)
-    target.pointwise_log_likelihood(theta)
-    target.system.derived(draws)
-    for each in experiments:
-        target.system.predict(each.excitation, each.coordinate, each.response_name, draws)
-    record, random = target.records[0], np.random.default_rng(0)
-    coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
-    correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
-    target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)
 
 
 def compare_posteriors(

@@ -85,7 +85,7 @@ def compile_kernels(studies: Sequence[str], config: Path) -> None:
 
     The prepared records are expected beside each study's settings file.
     """
-    from deabayes.by_hand import compile_study
+    from deabayes.compiling import compile_study
 
     for study in studies:
         compile_study(study, config)

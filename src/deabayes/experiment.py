@@ -22,6 +22,10 @@ PROTOCOLS = (
 )
 
 
+FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
+"""Channels of a frequency response, its excitation first -> SI unit."""
+PHASE = "_phase"
+"""What the name of a gain's phase has behind that of the gain."""
 ONSET_SHARE = 0.02
 
 
@@ -115,6 +119,11 @@ class Experiment:
     record_sha256: str = ""
     steps: tuple[Mapping[str, object], ...] = ()
     warnings: tuple[str, ...] = ()
+
+    @property
+    def row(self) -> str:
+        """The row of experiments.csv that it is of; a gain and its phase are of one."""
+        return self.name.removesuffix(PHASE) if self.response_name == "phase" else self.name
 
     @property
     def response_range(self) -> float:

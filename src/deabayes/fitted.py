@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -13,59 +13,21 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
-from deabayes.posterior import noise_coordinate
-from deabayes.prediction import Calibrated, NoiseOrigin, Samples, sample_response
-from deabayes.reading.instruments import instrument
+from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.prediction import Calibrated, Samples, sample_response
+from deabayes.record_noise import noise_coordinate
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
 from deabayes.systems.base import System
 
 
 @dataclass(frozen=True)
-class CalibratedRecord:
-    """What a posterior file remembers of a record it was calibrated on."""
-
-    name: str
-    protocol: str
-    group: str
-    scale: float
-    response_name: str
-    coordinate_name: str
-    span: float
-    excitation_name: str
-    lowest: float
-    highest: float
-    response_range: float = float("nan")
-    """NaN in files written before it was kept."""
-
-    @classmethod
-    def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
-        values = experiment.excitation.values
-        return cls(
-            experiment.name,
-            experiment.protocol,
-            group,
-            scale,
-            experiment.response_name,
-            experiment.coordinate_name,
-            float(np.ptp(experiment.coordinate)),
-            experiment.excitation.name,
-            float(values.min()),
-            float(values.max()),
-            experiment.response_range,
-        )
-
-
-def records_to_json(records: list[CalibratedRecord]) -> str:
-    """The calibrated records as a JSON list, kept in a posterior file's attributes."""
-    return json.dumps([asdict(record) for record in records])
-
-
-@dataclass(frozen=True)
 class Fitted:
     """A candidate, its noise model and its draws, ready to predict.
 
-    `draws` maps every sampled parameter, noise included, to (S,) values in SI.
+    `draws` maps every parameter, noise included, to (S,) values in SI. `predicts_with` maps a
+    protocol to the system that its records are predicted with, where that is a wider one than
+    the fitted `system` (`predict_with` of a study).
     """
 
     candidate: str
@@ -77,6 +39,7 @@ class Fitted:
     draws: Mapping[str, FloatArray]
     records: tuple[CalibratedRecord, ...]
     converged: bool
+    predicts_with: Mapping[str, System] = field(default_factory=dict)
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
@@ -91,16 +54,33 @@ class Fitted:
             rng = np.random.default_rng(seed)
             picked = rng.choice(total, size, replace=size > total)
             draws = {name: values[picked] for name, values in draws.items()}
+        candidate = tree.attrs["candidate"]
         return cls(
-            tree.attrs["candidate"],
+            candidate,
             specimen,
-            build_system(specimen.system, tree.attrs["candidate"], specimen),
+            build_system(specimen.system, candidate, specimen),
             NOISE_MODELS[tree.attrs["noise"]](),
             settings.get("noise_scale", "absolute") == "range",
             settings.get("noise_coordinate", "record"),
             draws,
             tuple(CalibratedRecord(**r) for r in json.loads(tree.attrs["experiments"])),
             json.loads(tree.attrs["convergence"])["converged"],
+            {
+                protocol: build_system(specimen.system, candidate + ending, specimen)
+                for protocol, ending in settings.get("predict_with", {}).items()
+            },
+        )
+
+    def system_for(self, experiment: Experiment) -> System:
+        """The forward model of a record: the fitted one, unless its protocol has a wider one."""
+        if any(record.name == experiment.name for record in self.records):
+            return self.system
+        return self.predicts_with.get(experiment.protocol, self.system)
+
+    def responses(self, experiment: Experiment) -> FloatArray:
+        """The model's response to a record, (S, N)."""
+        return self.system_for(experiment).predict(
+            experiment.excitation, experiment.coordinate, experiment.response_name, self.draws
         )
 
     def calibrated(self) -> Calibrated:
@@ -115,52 +95,10 @@ class Fitted:
         return Calibrated(excitation, span)
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
-        """Whose noise an experiment is taken to have.
-
-        A calibrated record has its own. Another one takes the group of a calibrated
-        record of its response's unit, of its protocol if there is one; relative noise then
-        scales with each draw's predicted range. Where none has that unit, noise is carried
-        over (see `NoiseOrigin`) from a record of its protocol, else from the first.
-
-        Raises
-        ------
-        UserError
-            If noise has to be carried over, and the posterior file is too old for it.
-        """
-        for record in self.records:
-            if record.name == experiment.name:
-                return NoiseOrigin(record.group, record.scale)
-        alike = [r for r in self.records if self._unit(r) == experiment.response_unit]
-        matches = alike or self.records
-        first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
-        if alike:
-            return NoiseOrigin(first.group, None if self.relative_noise else 1.0)
-        return self._carried_over(experiment, first)
-
-    def _carried_over(self, experiment: Experiment, source: CalibratedRecord) -> NoiseOrigin:
-        """The noise of a record that measured something else."""
-        group = [r for r in self.records if r.group == source.group]
-        calibrated = 1.0 if self.relative_noise else np.mean([r.response_range for r in group])
-        if not np.isfinite(calibrated):
-            raise UserError(
-                f"{self.candidate}: no calibrated record measured {experiment.response_name}, and "
-                "this posterior does not keep the ranges that its noise would be carried over "
-                "by; fit again"
-            )
-        unit = experiment.response_unit
-        sensor = instrument(self.specimen, "noise", experiment.response_name, unit)
-        return NoiseOrigin(
-            source.group,
-            scale=None,
-            calibrated_range=float(calibrated),
-            white=None if sensor is None else sensor.value,
-            note=f"no calibrated record measured {experiment.response_name}: its noise is that of "
-            f"{source.response_name}, in proportion to the response's range"
-            + ("" if sensor is None else "; white noise as specimen.yaml states it"),
+        """Whose noise an experiment is taken to have (see `find_noise`)."""
+        return find_noise(
+            experiment, self.records, self.system, self.relative_noise, self.noise_along
         )
-
-    def _unit(self, record: CalibratedRecord) -> str:
-        return self.system.responses[record.response_name]
 
     def sample(self, experiment: Experiment, rng: np.random.Generator) -> Samples:
         """Sample the response to an experiment (see `sample_response`)."""
@@ -168,13 +106,13 @@ class Fitted:
         prefix = f"{origin.group}."
         noise_draws = {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
         return sample_response(
-            self.system,
+            self.system_for(experiment),
             self.noise,
             self.draws,
             noise_draws,
             experiment,
             origin,
-            noise_coordinate(self.noise_along, experiment),
+            origin.stretch * noise_coordinate(self.noise_along, experiment),
             rng,
         )
 

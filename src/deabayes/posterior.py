@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from deabayes.distributions import LogNormal
-from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
+from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
-from deabayes.parameter import Parameter
-from deabayes.prior import Prior
-from deabayes.reading.instruments import instrument
+from deabayes.prior import Prior, PriorFromPosterior
+from deabayes.record_noise import (
+    noise_coordinate,
+    noise_group,
+    noise_parameters,
+    record_scale,
+)
+from deabayes.residual_scale import ResidualScale
 from deabayes.study import Study
 from deabayes.systems import build as build_system
 from deabayes.systems.base import Simulator, System
-
-SENSOR_NOISE_SIGMA = 0.4
-"""Of the logarithm: a stated sensor noise is known to a factor of about two."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Record:
     experiment: Experiment
     simulate: Simulator
     group: str
-    scale: float
+    scale: ResidualScale
     noise_coordinate: FloatArray
 
     @property
@@ -53,7 +54,10 @@ class LogPosterior:
     The model is y_e = f_e(theta) + s_e r_e with r_e from the noise model of the
     record's group and s_e the record's scale (its range, or 1), so that
 
-    log L(theta) = sum_e [ log p_noise((y_e - f_e(theta)) / s_e) - N_e log s_e ].
+    log L(theta) = sum_e [ log p_noise((y_e - f_e(theta)) / s_e) - N_e log s_e ],
+
+    and with ln(y_e / f_e) in place of y_e - f_e where a response's errors are in proportion
+    to it (see `ResidualScale`).
 
     Sampling happens in the prior's standard-normal coordinate z (see
     `Prior.to_parameters`): calling the object with z (W, d) gives
@@ -91,7 +95,7 @@ class LogPosterior:
             record.experiment.name: self.noise.pointwise_log_prob(
                 *self._residuals(record, draws), self.noise_draws(draws, record.group)
             )
-            - np.log(record.scale)
+            + record.scale.log_derivative(record.experiment.response)
             for record in self.records
         }
 
@@ -112,7 +116,7 @@ class LogPosterior:
                 total += self.noise.log_prob(
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
-                total -= coordinate.size * np.log(record.scale)
+                total += record.scale.log_derivative(record.experiment.response).sum()
         self.failures.evaluations += total.size
         finite = np.isfinite(total)
         self.failures.failed += int(total.size - finite.sum())
@@ -137,7 +141,7 @@ class LogPosterior:
         self, record: Record, draws: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         experiment = record.experiment
-        residuals = (experiment.response - record.simulate(draws)) / record.scale
+        residuals = record.scale.residuals(experiment.response, record.simulate(draws))
         return residuals, record.noise_coordinate, record.weights
 
 
@@ -146,70 +150,12 @@ def log_standard_normal(z: FloatArray) -> FloatArray:
     return -0.5 * np.sum(z**2, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
 
 
-def noise_group(study: Study, experiment: Experiment) -> str:
-    """The name under which a record shares its noise parameters with others."""
-    return experiment.protocol if study.noise_groups == "protocol" else experiment.name
-
-
-def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
-    """Along what a record's noise is correlated, (N,).
-
-    The record's own coordinate, or the number of the point on the likelihood's grid:
-    where that grid is fine at first and coarse later, so is the error of a model with
-    a few relaxation times, and a correlation time in seconds suits neither end.
-    """
-    if along == "grid":
-        return np.arange(experiment.coordinate.size, dtype=float)
-    return experiment.coordinate
-
-
-def record_scale(study: Study, response_range: float) -> float:
-    """What residuals are divided by: the response's range, or 1."""
-    return response_range if study.noise_scale == "range" else 1.0
-
-
-def noise_parameters(
-    study: Study, noise: NoiseModel, experiments: Sequence[Experiment], specimen: Specimen
-) -> tuple[Parameter, ...]:
-    """The noise parameters of every group, prefixed by the group's name.
-
-    Where specimen.yaml states the sensor's noise, it is the median of the white
-    noise's prior, known to a factor of about two.
-    """
-    groups: dict[str, list[Experiment]] = {}
-    for experiment in experiments:
-        groups.setdefault(noise_group(study, experiment), []).append(experiment)
-    parameters: list[Parameter] = []
-    for group, members in groups.items():
-        relative = study.noise_scale == "range"
-        unit = "1" if relative else members[0].response_unit
-        scale = 1.0 if relative else float(np.mean([m.response_range for m in members]))
-        along = [noise_coordinate(study.noise_coordinate, m) for m in members]
-        span = float(np.median([np.ptp(coordinate) for coordinate in along]))
-        coordinate_unit = "1" if study.noise_coordinate == "grid" else members[0].coordinate_unit
-        sensor = instrument(specimen, "noise", members[0].response_name, members[0].response_unit)
-        ranges = float(np.mean([m.response_range for m in members])) if relative else 1.0
-        parameters += [
-            replace(_of_sensor(p, sensor, ranges), name=f"{group}.{p.name}")
-            for p in noise.parameters(unit, scale, span, coordinate_unit)
-        ]
-    return tuple(parameters)
-
-
-def _of_sensor(parameter: Parameter, sensor: Quantity | None, scale: float) -> Parameter:
-    """The white noise's parameter with the sensor's stated noise as its prior."""
-    if sensor is None or parameter.name != "sigma_white":
-        return parameter
-    prior = LogNormal(sensor.value / scale, SENSOR_NOISE_SIGMA)
-    return replace(parameter, prior=prior, source="noise of the sensor in specimen.yaml")
-
-
 def build(
     study: Study,
     candidate: str,
     specimen: Specimen,
     experiments: Sequence[Experiment],
-    inherited: tuple[tuple[str, ...], FloatArray] | None = None,
+    inherited: PriorFromPosterior | None = None,
 ) -> LogPosterior:
     """Put a candidate and its calibration records together.
 
@@ -227,18 +173,60 @@ def build(
             e,
             system.simulator(e.excitation, e.coordinate, e.response_name),
             noise_group(study, e),
-            record_scale(study, e.response_range),
+            record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),
         )
         for e in calibrate
     )
-    parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, specimen))
-    others = (
-        parameter.name
-        for other in study.candidates
-        for parameter in build_system(specimen.system, other, specimen).parameters()
-    )
-    prior = Prior.from_parameters(parameters, study.priors, also_known=tuple(others))
-    if inherited is not None:
+    parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, system))
+    prior = Prior.from_parameters(parameters, study.priors, _names_elsewhere(study, specimen))
+    if inherited is not None and _takes_over(prior, inherited, study):
         prior = prior.inherit(*inherited)
     return LogPosterior(system, records, noise, prior)
+
+
+def further_prior(
+    study: Study, target: LogPosterior, inherited: PriorFromPosterior | None = None
+) -> Prior | None:
+    """The prior of the parameters that only `predict_with` needs; None if there are none.
+
+    No fitted record tells anything of them: their posterior is this.
+    """
+    system = target.system
+    further = {
+        parameter.name: parameter
+        for wide in wider_systems(study, system).values()
+        for parameter in wide.parameters()
+        if parameter.name not in target.names
+    }
+    if not further:
+        return None
+    known = (*target.names, *_names_elsewhere(study, system.specimen))
+    prior = Prior.from_parameters(further.values(), study.priors, known)
+    if inherited is not None and set(inherited[0]) & set(prior.names):
+        prior = prior.inherit(*inherited)
+    return prior
+
+
+def wider_systems(study: Study, system: System) -> dict[str, System]:
+    """Protocol -> the system that predicts its held-out records."""
+    specimen, candidate = system.specimen, system.candidate
+    return {
+        protocol: build_system(specimen.system, candidate + ending, specimen)
+        for protocol, ending in study.predict_with.items()
+    }
+
+
+def _takes_over(prior: Prior, inherited: PriorFromPosterior, study: Study) -> bool:
+    """Whether `prior_from` is for the fit; one may be for `predict_with` only."""
+    return not study.predict_with or bool(set(inherited[0]) & set(prior.names))
+
+
+def _names_elsewhere(study: Study, specimen: Specimen) -> tuple[str, ...]:
+    """Parameters of all candidates, and of what predicts with them."""
+    return tuple(
+        parameter.name
+        for candidate in study.candidates
+        for ending in ("", *study.predict_with.values())
+        for parameter in build_system(specimen.system, candidate + ending, specimen).parameters()
+    )

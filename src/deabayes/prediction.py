@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
+from deabayes.noise_origin import NoiseOrigin
+from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
 LEVELS = (0.5, 0.9)
@@ -76,41 +78,6 @@ class Samples:
         return np.stack([np.quantile(samples, pair, axis=0) for pair in tails])
 
 
-@dataclass(frozen=True)
-class NoiseOrigin:
-    """Whose noise a record is taken to have, and what its residuals are divided by.
-
-    Attributes
-    ----------
-    group : of calibrated records, whose noise parameters are taken.
-    scale : what the noise is relative to; None takes each draw's own predicted range over
-        `calibrated_range`, since a new record's range is not known beforehand.
-    calibrated_range : range of the group's records, where noise in their response's unit is
-        carried over to another response.
-    white : standard deviation of the white noise of one raw sample, in the response's unit,
-        where the sensor's own noise takes the place of the group's.
-    note : what a reader must know; empty where nothing was carried over.
-    """
-
-    group: str
-    scale: float | None = 1.0
-    calibrated_range: float = 1.0
-    white: float | None = None
-    note: str = ""
-
-    def scales(self, mean: FloatArray) -> FloatArray:
-        """What each draw's residuals (W, N) are divided by, (W,)."""
-        if self.scale is None:
-            return np.ptp(mean, axis=1) / self.calibrated_range
-        return np.full(mean.shape[0], self.scale)
-
-    def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
-        """The group's noise parameters, the sensor's own white noise in place of theirs."""
-        if self.white is None or "sigma_white" not in noise_draws:
-            return noise_draws
-        return {**noise_draws, "sigma_white": self.white / scales}
-
-
 def sample_response(
     system: System,
     noise: NoiseModel,
@@ -128,7 +95,7 @@ def sample_response(
     noise_draws : the noise parameters of the group whose noise this record is
         taken to have, without prefix.
     origin : whose noise that is, and what it is relative to.
-    along : (N,) the coordinate along which the noise is correlated.
+    along : (N,) the coordinate along which the noise is correlated, in the group's terms.
     """
     mean = system.predict(
         experiment.excitation, experiment.coordinate, experiment.response_name, draws
@@ -140,19 +107,19 @@ def sample_response(
         return Samples(nothing, nothing, nothing, None, kept.size, failure)
     mean = mean[kept]
     scales = origin.scales(mean)
+    scale = ResidualScale(scales, origin.proportional)
     noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     log_density = None
     if np.all(np.isfinite(experiment.response)):
-        residuals = (experiment.response - mean) / scales[:, None]
+        residuals = scale.residuals(experiment.response, mean)
         log_density = noise.log_prob(residuals, along, weights, noise_draws)
-        log_density = log_density - mean.shape[1] * np.log(scales)
-    with_discrepancy = mean + scales[:, None] * discrepancy
+        log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
     return Samples(
         mean,
-        with_discrepancy,
-        with_discrepancy + scales[:, None] * white,
+        scale.with_residuals(mean, discrepancy),
+        scale.with_residuals(mean, discrepancy + white),
         log_density,
         int(np.sum(~kept)),
         failure,

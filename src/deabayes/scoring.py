@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,23 +127,25 @@ def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
 def leave_one_experiment_out(
     target: LogPosterior, z: FloatArray, seed: np.random.SeedSequence
 ) -> dict[str, float]:
-    """log p(y_e | all other records) for each calibrated record.
+    """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
 
     The posterior's draws z (S, d) are annealed to the posterior without the
-    record, exp(log p(theta | y) - beta log L_e), beta 0 -> 1; the ratio of the
+    experiment, exp(log p(theta | y) - beta log L_e), beta 0 -> 1; the ratio of the
     normalising constants along the way is the wanted density. Empty for a
-    single record.
+    single experiment.
     """
     from deabayes.smc import anneal
 
-    names = [record.experiment.name for record in target.records]
-    if len(names) < 2:
+    rows: dict[str, list[str]] = {}
+    for record in target.records:
+        rows.setdefault(record.experiment.row, []).append(record.experiment.name)
+    if len(rows) < 2:
         return {}
     scores = {}
-    for name, stream in zip(names, seed.spawn(len(names)), strict=True):
+    for (name, members), stream in zip(rows.items(), seed.spawn(len(rows)), strict=True):
 
-        def removed(z: FloatArray, name: str = name) -> FloatArray:
-            return -target.log_likelihood(target.prior.to_parameters(z), [name])
+        def removed(z: FloatArray, members: Sequence[str] = tuple(members)) -> FloatArray:
+            return -target.log_likelihood(target.prior.to_parameters(z), members)
 
         result = anneal(z, target, removed, np.random.default_rng(stream))
         scores[name] = -result.log_evidence

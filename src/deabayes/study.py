@@ -45,6 +45,8 @@ class Study:
     preparation: Mapping[str, Sequence[Mapping[str, Settings]]] = field(default_factory=dict)
     priors: Mapping[str, Settings] = field(default_factory=dict)
     prior_from: str | None = None
+    predict_with: Mapping[str, str] = field(default_factory=dict)
+    """Protocol -> ending of the candidate that predicts its held-out records (`_inertia`)."""
     select: Mapping[str, str] = field(default_factory=dict)
     """Keep only the experiments whose metadata column equals the value (from `split_by`)."""
     data_root: Path | None = None

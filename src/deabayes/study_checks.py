@@ -66,7 +66,8 @@ def check_names(study: Study) -> list[str]:
 
 
 def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
-    """The candidates that can be built."""
+    """The candidates that can be built, and what each predicts with."""
+    from deabayes.posterior import wider_systems
     from deabayes.systems import build
 
     systems = {}
@@ -75,6 +76,11 @@ def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, S
             systems[candidate] = build(specimen.system, candidate, specimen)
         except UserError as error:
             faults.append(f"study {study.name}, candidates: {error}")
+            continue
+        try:
+            wider_systems(study, systems[candidate])
+        except UserError as error:
+            faults.append(f"study {study.name}, predict_with: {error}")
     return systems
 
 
@@ -82,13 +88,14 @@ def _prepared(
     study: Study, read: StudyFolder, rows: Sequence[ExperimentRow], faults: list[str]
 ) -> list[Experiment]:
     """The records as the likelihood will see them; each fault of a step is said once."""
-    from deabayes.preparation import prepare
+    from deabayes.preparation import measured_rows, prepare
 
     experiments, found = [], {}
     for row in rows:
         try:
-            steps = study.preparation.get(row.protocol)
-            experiments.append(prepare(row, read.record(row), read.specimen, steps))
+            raw, steps = read.record(row), study.preparation.get(row.protocol)
+            for each in measured_rows(row, raw):
+                experiments.append(prepare(each, raw, read.specimen, steps))
         except UserError as error:
             found[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
     faults += found.values()
@@ -100,15 +107,17 @@ def _prior_faults(
 ) -> list[str]:
     """Priors of the study that name no parameter of any candidate, or that cannot be used."""
     from deabayes.noise import REGISTRY as NOISE
-    from deabayes.posterior import noise_parameters
+    from deabayes.posterior import wider_systems
     from deabayes.prior import Prior
+    from deabayes.record_noise import noise_parameters
 
     calibrate = [each for each in experiments if each.role == "calibrate"]
     if not systems:
         return []
-    specimen = next(iter(systems.values())).specimen
-    noise = noise_parameters(study, NOISE[study.noise](), calibrate, specimen)
-    known = [p.name for system in systems.values() for p in system.parameters()]
+    system = next(iter(systems.values()))
+    noise = noise_parameters(study, NOISE[study.noise](), calibrate, system)
+    every = [each for s in systems.values() for each in (s, *wider_systems(study, s).values())]
+    known = [p.name for system in every for p in system.parameters()]
     found: list[str] = []
     for system in systems.values():
         try:

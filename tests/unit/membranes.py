@@ -23,8 +23,8 @@ def specimen(**changes):
     return dataclasses.replace(PLAIN, quantities={**QUANTITIES, **changes})
 
 
-def membrane(candidate="kv_gm_3", tolerance=1e-6, **settings):
-    return Membrane(candidate, PLAIN, tolerance, **settings)
+def membrane(candidate="kv_gm_3", tolerance=1e-6, specimen=PLAIN, **settings):
+    return Membrane(candidate, specimen, tolerance, **settings)
 
 
 def voltage(time, volts, **conditions):

@@ -12,8 +12,9 @@ from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step, volt
 
 from deabayes.experiment import Quantity
 from deabayes.faults import UserError
-from deabayes.fitted import CalibratedRecord, Fitted, records_to_json
+from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.noise_origin import CalibratedRecord, records_to_json
 
 TIME = np.linspace(1.0, 600.0, 300)
 COUNT = 400
@@ -33,7 +34,7 @@ def fitted(calibrated=None, specimen=PLAIN, relative=False):
         CalibratedRecord.of(each, "step", scale)
         for each, scale in zip(calibrated, scales, strict=True)
     )
-    system = membrane("kv_gm_3")
+    system = membrane("kv_gm_3", specimen=specimen)
     noise = NOISE["ornstein_uhlenbeck"]()
     return Fitted("kv_gm_3", specimen, system, noise, relative, "record", draws, records, True)
 

@@ -106,7 +106,7 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
     correlated, white = target.noise.sample(
         rng, record.experiment.coordinate, record.weights, draws
     )
-    noisy = (response + record.scale * (correlated + white))[0]
+    noisy = record.scale.with_residuals(response, correlated + white)[0]
     experiment = replace(record.experiment, response=noisy)
     return z[0], replace(target, records=(replace(record, experiment=experiment),))
 

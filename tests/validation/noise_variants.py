@@ -60,7 +60,7 @@ def left_out(
     correlated, white = target.noise.sample(
         rng, record.noise_coordinate, record.weights, noise_draws
     )
-    predicted = mean + record.scale * (correlated + white)
+    predicted = record.scale.with_residuals(mean, correlated + white)
     observed = record.experiment.response
     low, high = np.quantile(predicted, [0.05, 0.95], axis=0)
     spread = np.ptp(observed)

@@ -10,7 +10,8 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.pooling import PooledResult, pool
 from deabayes.posterior import LogPosterior
-from deabayes.posterior_file import convergence_summary, quantities
+from deabayes.posterior_content import convergence_summary
+from deabayes.posterior_summary import quantities
 from deabayes.sampling import run_ensemble
 from deabayes.study import Sampling
 from deabayes.unit_hop import UnitHop

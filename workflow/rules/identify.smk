@@ -4,6 +4,8 @@ MODEL = modules(
     "distribution*.py",
     "prior*.py",
     "posterior.py",
+    "record_noise.py",
+    "residual_scale.py",
     "electrostatics.py",
     "integrate/*.py",
     "springs/*.py",
@@ -25,7 +27,7 @@ SAMPLING = modules(
     "checkpoint.py",
     "diagnostics.py",
 )
-POOLING = modules("pooling.py", "diagnostics.py", "posterior_file.py", "storage.py")
+POOLING = modules("pooling.py", "diagnostics.py", "posterior_*.py", "storage.py")
 
 
 rule compile:

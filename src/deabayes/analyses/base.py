@@ -83,10 +83,7 @@ class StudyContext:
         """The model's response to a record (S, N), one row per draw with a finite one."""
         key = candidate, experiment.name
         if key not in self._responses:
-            fitted = self.candidates[candidate]
-            curves = fitted.system.predict(
-                experiment.excitation, experiment.coordinate, experiment.response_name, fitted.draws
-            )
+            curves = self.candidates[candidate].responses(experiment)
             self._responses[key] = curves[np.all(np.isfinite(curves), axis=1)]
         return self._responses[key]
 

@@ -62,7 +62,10 @@ def pool_candidate(
     from deabayes import sampling
     from deabayes.ensemble import Ensemble
     from deabayes.files import write_atomically
-    from deabayes.posterior_file import PosteriorContent, posterior_tree, quantities
+    from deabayes.posterior import further_prior
+    from deabayes.posterior_content import PosteriorContent
+    from deabayes.posterior_file import posterior_tree
+    from deabayes.posterior_summary import quantities
     from deabayes.storage import write_tree
     from deabayes.unit_hop import UnitHop
 
@@ -78,7 +81,12 @@ def pool_candidate(
         hop=UnitHop.of(target.prior),
     )
     content = PosteriorContent.of(
-        study, candidate, target, pooled, seed_of(study, candidate, "prior")
+        study,
+        candidate,
+        target,
+        pooled,
+        seed_of(study, candidate, "prior"),
+        further_prior(study, target, inherited_prior(study)),
     )
     tree = posterior_tree(content)
     table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")

@@ -13,8 +13,11 @@ from deabayes.study import Study
 
 
 def prepare_study(study: Study, output: Path) -> list[Experiment]:
-    """Read, check and prepare every record of a study into `output/{experiment}.nc`."""
-    from deabayes.preparation import prepare
+    """Read, check and prepare every record of a study into `output/{experiment}.nc`.
+
+    A frequency response gives two, its gain and its phase.
+    """
+    from deabayes.preparation import measured_rows, prepare
     from deabayes.preparation.prepared import write_prepared
     from deabayes.reading.folder import read_folder
 
@@ -23,12 +26,13 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     output.mkdir(parents=True, exist_ok=True)
     experiments = []
     for row in rows:
-        raw = folder.record(row)
-        experiment = prepare(row, raw, folder.specimen, study.preparation.get(row.protocol))
-        unseen = [w for w in folder.warnings(row) if w not in experiment.warnings]
-        experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
-        write_prepared(experiment, output / f"{experiment.name}.nc", raw)
-        experiments.append(experiment)
+        raw, steps = folder.record(row), study.preparation.get(row.protocol)
+        for each in measured_rows(row, raw):
+            experiment = prepare(each, raw, folder.specimen, steps)
+            unseen = [w for w in folder.warnings(row) if w not in experiment.warnings]
+            experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
+            write_prepared(experiment, output / f"{experiment.name}.nc", raw)
+            experiments.append(experiment)
     return experiments
 
 

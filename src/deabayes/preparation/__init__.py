@@ -12,12 +12,18 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.preparation.opening import conditions, coordinate_name, open_record
+from deabayes.preparation.opening import (
+    conditions,
+    coordinate_name,
+    measured_rows,
+    open_record,
+)
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.instruments import instrument
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.registry import load
 
+__all__ = ["DEFAULT_STEPS", "REGISTRY", "default_steps", "measured_rows", "prepare"]
 Step = Callable[[WorkingRecord, Mapping[str, object]], WorkingRecord]
 
 REGISTRY: Mapping[str, Step] = load(
@@ -87,7 +93,8 @@ def default_steps(row: ExperimentRow, specimen: Specimen) -> list[Mapping[str, o
     """The protocol's usual steps; an exactly known sensor delay is undone first."""
     steps: list[Mapping[str, object]] = list(DEFAULT_STEPS.get(row.protocol, ()))
     sensor = instrument(specimen, "delay", row.response, "s")
-    known = sensor is not None and sensor.sd is None and coordinate_name(row) == "time"
+    delayed = coordinate_name(row) in ("time", "frequency")
+    known = sensor is not None and sensor.sd is None and delayed
     return [{"delay": {}}, *steps] if known else steps
 
 
@@ -98,7 +105,8 @@ def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingR
         raise UserError(
             f"preparation of {record.row.protocol}: unknown step {name!r}{nearest(name, REGISTRY)}"
         )
-    if name in NEEDS_TIME and not record.in_time:
+    delayed = name == "delay" and record.coordinate_name == "frequency"
+    if name in NEEDS_TIME and not record.in_time and not delayed:
         raise UserError(
             f"preparation of {record.row.name}: step {name!r} needs a record in time, and "
             f"a {record.row.protocol} record has none; remove the step"

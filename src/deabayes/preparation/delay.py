@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from deabayes.faults import UserError
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
@@ -15,7 +17,8 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
     """Shift the response to when it happened: a value stamped t belongs to t - delay.
 
     Values that then lie before the first sample of the excitation are hidden,
-    because what drove them was not recorded.
+    because what drove them was not recorded. The phase of a frequency response, which a
+    delay makes lag by 2 pi f times it, gets that back; a gain stays as it is.
 
     Settings
     --------
@@ -26,6 +29,10 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
     if not read.has("time") and sensor is None:
         raise UserError(f"{read.where}: give `time`, or `instruments: delay:` in specimen.yaml")
     shift = read.quantity("time", "s", None if sensor is None else sensor.value)
+    if record.coordinate_name == "frequency":
+        phase = record.row.response == "phase"
+        lag = 2.0 * np.pi * record.coordinate * shift
+        return replace(record, response=record.response + lag) if phase else record
     coordinate = record.coordinate - shift
     hidden = coordinate < record.excitation_coordinate[0]
     return replace(record.mask(hidden), coordinate=coordinate, delay=record.delay + shift)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deabayes.experiment import Specimen
+from deabayes.experiment import PHASE, FloatArray, Specimen
 from deabayes.faults import Faults, UserError
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -24,7 +24,8 @@ def coordinate_name(row: ExperimentRow) -> str:
 def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
     """The channels that the row names, checked; nothing else is changed.
 
-    A record without time is put in ascending order of its coordinate.
+    A record without time is put in ascending order of its coordinate, and a phase, which is
+    known but for whole turns, is made continuous (see `continuous_phase`).
 
     Raises
     ------
@@ -51,7 +52,33 @@ def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> Worki
         excitation=np.asarray(raw.columns[row.excitation], dtype=float),
         warnings=tuple(record_warnings(row, raw, specimen, where)),
     )
-    return record if record.in_time else _ascending(record)
+    if record.in_time:
+        return record
+    record = _ascending(record)
+    if row.response != "phase":
+        return record
+    return replace(record, response=continuous_phase(record.response))
+
+
+def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:
+    """The rows that a row of experiments.csv stands for.
+
+    A frequency response's gain brings the phase of the same record with it, called
+    `NAME_phase`.
+    """
+    if (row.protocol, row.response) != ("frequency_response", "gain") or "phase" not in raw.columns:
+        return [row]
+    return [row, replace(row, name=f"{row.name}{PHASE}", response="phase")]
+
+
+def continuous_phase(phase: FloatArray) -> FloatArray:
+    """The phase [rad] without jumps of a turn, its first value above -3/4 turn, up to +1/4.
+
+    An actuator lags; a quarter of a turn is left for what noise and rounding make of zero.
+    """
+    unwrapped = np.unwrap(phase)
+    turn = 2.0 * np.pi
+    return np.asarray(unwrapped - turn * np.ceil((unwrapped[0] - 0.25 * turn) / turn))
 
 
 def _ascending(record: WorkingRecord) -> WorkingRecord:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from deabayes.experiment import FREQUENCY_RESPONSE
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.schema import schema, violations
@@ -16,7 +17,6 @@ from deabayes.reading.text import DELIMITERS
 
 FILE = "experiments.csv"
 WITHOUT_TIME = ("quasi_static", "frequency_response")
-FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
@@ -148,10 +148,12 @@ def _row(content: Mapping[str, Any]) -> ExperimentRow:
 def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:
     """Excitation and response channels of a system -> SI units, for one protocol."""
     kind = system_class(system)
-    if protocol == "frequency_response":
-        gain = {k: v for k, v in FREQUENCY_RESPONSE.items() if k != "frequency"}
-        return {"frequency": "Hz"}, {**gain, **kind.responses}
-    return dict(kind.excitations), dict(kind.responses)
+    harmonic = protocol == "frequency_response"
+    excitations, responses = (
+        {name: unit for name, unit in known.items() if (name in FREQUENCY_RESPONSE) == harmonic}
+        for known in (kind.excitations, kind.responses)
+    )
+    return excitations, responses
 
 
 def _system_faults(row: ExperimentRow, system: str, where: str) -> list[str]:

@@ -10,7 +10,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
+from deabayes.experiment import (
+    FREQUENCY_RESPONSE,
+    Excitation,
+    FloatArray,
+    Quantity,
+    Specimen,
+)
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 
@@ -48,6 +54,8 @@ class System(ABC):
     """Excitation channels whose sign makes no difference to any response."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
+    proportional: ClassVar[tuple[str, ...]] = ()
+    """Response channels whose errors are in proportion to the response (see `ResidualScale`)."""
     required_quantities: ClassVar[Mapping[str, str]]
     """Quantity of the specimen -> SI unit."""
     optional_quantities: ClassVar[Mapping[str, str]] = {}
@@ -134,3 +142,8 @@ class System(ABC):
                 raise UserError(
                     f"{kind} {name!r} is unknown for system {self.name!r}{nearest(name, known)}"
                 )
+        if (excitation in FREQUENCY_RESPONSE) != (response in FREQUENCY_RESPONSE):
+            raise UserError(
+                f"response {response!r} does not go with excitation {excitation!r}: a frequency "
+                "response has excitation 'frequency' and response 'gain' or 'phase'"
+            )

@@ -106,13 +106,21 @@ def pressure_series(circuit: Circuit, sine: BiasedSine, per_square: FloatArray) 
 
 
 def fundamental_pressure(
-    circuit: Circuit, amplitude: float, bias: float, frequency: FloatArray, per_square: FloatArray
+    circuit: Circuit | None,
+    amplitude: float,
+    bias: float,
+    frequency: FloatArray,
+    per_square: FloatArray,
 ) -> ComplexArray:
     """The steady term of frequency f against the sine of v_AMP, beta_1 + i alpha_1 (W, F) [Pa].
 
     alpha_1 cos(omega t) + beta_1 sin(omega t) is the imaginary part of it times
-    exp(i omega t). Frequencies (F,), or (W, F), in Hz.
+    exp(i omega t). Frequencies (F,), or (W, F), in Hz. Without circuit v_C is v_AMP, and the
+    term is 2 k A B.
     """
+    if circuit is None:
+        in_phase = 2.0 * per_square[:, None] * amplitude * bias
+        return np.broadcast_to(in_phase, (per_square.size, np.shape(frequency)[-1])).astype(complex)
     angular = 2.0 * np.pi * np.asarray(frequency)
     a_1, a_2, _, a_4 = charge_coefficients(circuit, amplitude, bias, angular)
     return np.asarray(2.0 * per_square[:, None] * a_4 * (a_1 - 1j * a_2))

@@ -15,9 +15,11 @@ from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.biased_sine import fundamental_pressure
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.tubular_sine import harmonic_strain, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
@@ -70,9 +72,15 @@ class Tubular(System):
     """
 
     name: ClassVar[str] = "tubular"
-    protocols: ClassVar[tuple[str, ...]] = ("creep", "sine")
-    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
-    responses: ClassVar[Mapping[str, str]] = {"strain": "1", "displacement": "m"}
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "frequency_response")
+    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    responses: ClassVar[Mapping[str, str]] = {
+        "strain": "1",
+        "displacement": "m",
+        "gain": "1/V",
+        "phase": "rad",
+    }
+    proportional: ClassVar[tuple[str, ...]] = ("gain",)
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",
         "relative_permittivity": "1",
@@ -121,6 +129,8 @@ class Tubular(System):
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         self.check_channels(excitation.name, response)
+        if excitation.name == "frequency":
+            return self._harmonic_simulator(excitation, coordinate, response)
         if response == "displacement":
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
@@ -140,6 +150,27 @@ class Tubular(System):
                 gain[:, None] * chain.compliances,
                 chain.time_constants,
             )
+
+        return simulate
+
+    def _harmonic_simulator(
+        self, excitation: Excitation, frequency: FloatArray, response: str
+    ) -> Simulator:
+        """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
+        bias = _bias(excitation)
+        mass = _hung(excitation) if self.inertia else 0.0
+
+        def simulate(draws: Draws) -> FloatArray:
+            chain: voigt_kelvin.Chain | MovingChain
+            chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+            if self.inertia:
+                chain = MovingChain(chain, self._inertial_parameter(mass, draws))
+            circuit = self._circuit(draws) if self.circuit else None
+            pressure = fundamental_pressure(
+                circuit, 1.0, bias, frequency, self._pressure(1.0, draws)
+            )
+            harmonic = harmonic_strain(chain, pressure, frequency)
+            return np.abs(harmonic) if response == "gain" else phase(harmonic, frequency)
 
         return simulate
 
@@ -183,9 +214,12 @@ class Tubular(System):
             space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
         if not self.circuit:
             return space.response(driven)
+        return self._circuit(draws).drive(space, driven)
+
+    def _circuit(self, draws: Draws) -> Circuit:
+        """R_S, R_L and C of the draws."""
         parts = (self._quantity(name, draws) for name in CIRCUIT_SYMBOLS)
-        circuit = Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
-        return circuit.drive(space, driven)
+        return Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""
@@ -207,6 +241,18 @@ class Tubular(System):
     def _quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen: its draws where it is a parameter, else its value."""
         return np.asarray(draws.get(name, self.specimen.quantities[name].value))
+
+
+def _bias(excitation: Excitation) -> float:
+    """B [V] of a frequency response: the pressure, a square, follows a sine only about a bias."""
+    given = excitation.conditions.get("bias_kV")
+    if given is None or isinstance(given, str) or not given > 0.0:
+        found = "none" if given is None else repr(given)
+        raise UserError(
+            "a frequency response needs its bias voltage as bias_kV (a column of "
+            f"experiments.csv, in kV, larger than 0); found {found}"
+        )
+    return KILOVOLT * given
 
 
 def _hung(excitation: Excitation) -> float:

@@ -6,7 +6,8 @@ state space from minus what these terms are at t = 0. No mode has to be told fro
 so repeated poles are no special case.
 
 In frequency: the term of frequency f of the strain, the one that the paper's frequency
-responses show, is H(i omega) (beta_1 + i alpha_1) against the sine of v_AMP.
+responses show, is H(i omega) (beta_1 + i alpha_1) against the sine of v_AMP. A candidate
+without circuit, or without mass, has that term too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from deabayes.integrate.linear import hold
 from deabayes.systems.biased_sine import BiasedSine, Series, fundamental_pressure, pressure_series
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.peak import peak
-from deabayes.systems.voigt_kelvin import ComplexArray
+from deabayes.systems.voigt_kelvin import Chain, ComplexArray
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 
@@ -53,7 +54,7 @@ class SineResponse:
         pressure = fundamental_pressure(
             self.circuit, amplitude, bias, frequency, self.pressure_per_square
         )
-        return pressure * self.chain.transfer(2j * np.pi * frequency) / amplitude
+        return harmonic_strain(self.chain, pressure, frequency) / amplitude
 
     def resonance(self, bias: float) -> tuple[FloatArray, FloatArray]:
         """Frequency [Hz] and gain [1/V] of the peak of |harmonic|, each (W,).
@@ -74,6 +75,16 @@ class SineResponse:
         forced = self.chain.states(pressure.rates) * pressure.coefficients[:, None]
         start = -np.sum(forced, axis=2).real
         return self.chain.state_space().response(hold([0.0], [0.0], time), start)
+
+
+def harmonic_strain(
+    chain: Chain | MovingChain, pressure: ComplexArray, frequency: FloatArray
+) -> ComplexArray:
+    """Term of frequency f of the strain (W, F) that this term of the pressure [Pa] makes."""
+    rate = 2j * np.pi * np.asarray(frequency)
+    if isinstance(chain, MovingChain):
+        return np.asarray(pressure * chain.transfer(rate))
+    return np.asarray(pressure * chain.complex_compliance(rate))
 
 
 def phase(harmonic: ComplexArray, frequency: FloatArray, sensor_delay: float = 0.0) -> FloatArray:

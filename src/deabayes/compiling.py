@@ -1,0 +1,74 @@
+"""Every kernel that a study's later stages use, used once: numba keeps what it compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.by_hand import find_study
+
+if TYPE_CHECKING:
+    from deabayes.experiment import Experiment
+    from deabayes.posterior import LogPosterior
+    from deabayes.study import Study
+
+TRIAL_WALKERS = 2
+
+
+def compile_study(study: str, config: Path) -> None:
+    """Do once, for each candidate, all that later stages do with kernels: numba keeps them."""
+    from deabayes.pipeline import build_target, read_experiments
+
+    found = find_study(study, config)
+    prepared = Path(study).parent / "prepared"
+    experiments = read_experiments(prepared)
+    for candidate in found.candidates:
+        target = build_target(found, candidate, prepared)
+        _use_every_kernel(target, experiments)
+        _use_wider_systems(found, target, experiments)
+    _use_the_proposal()
+
+
+def _use_the_proposal() -> None:
+    """The sampler's straightening map, there and back."""
+    from deabayes.warp import fit_warp
+
+    samples = np.random.default_rng(0).standard_normal((200, 2))
+    warp = fit_warp(samples)
+    assert warp is not None
+    warp.inverse(warp.forward(samples))
+
+
+def _use_wider_systems(
+    study: Study, target: LogPosterior, experiments: Sequence[Experiment]
+) -> None:
+    """What `predict_with` asks for, at the median of the prior."""
+    from deabayes.posterior import further_prior, wider_systems
+
+    draws = target.draws(target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension))))
+    further = further_prior(study, target)
+    if further is not None:
+        theta = further.to_parameters(np.zeros((TRIAL_WALKERS, len(further.names))))
+        draws |= dict(zip(further.names, np.ascontiguousarray(theta.T), strict=True))
+    for protocol, system in wider_systems(study, target.system).items():
+        for each in experiments:
+            if each.protocol == protocol:
+                system.predict(each.excitation, each.coordinate, each.response_name, draws)
+
+
+def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
+    """Likelihood, derived quantities, every record's response; noise and its innovations."""
+    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
+    draws = target.draws(theta)
+    target.log_likelihood(theta)
+    target.pointwise_log_likelihood(theta)
+    target.system.derived(draws)
+    for each in experiments:
+        target.system.predict(each.excitation, each.coordinate, each.response_name, draws)
+    record, random = target.records[0], np.random.default_rng(0)
+    coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
+    correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
+    target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)

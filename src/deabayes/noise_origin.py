@@ -1,0 +1,175 @@
+"""Whose noise a predicted record is taken to have."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.faults import UserError
+from deabayes.reading.instruments import instrument
+from deabayes.record_noise import ANGLE
+from deabayes.systems.base import Draws, System
+
+
+@dataclass(frozen=True)
+class CalibratedRecord:
+    """What a posterior file remembers of a record it was calibrated on."""
+
+    name: str
+    protocol: str
+    group: str
+    scale: float
+    response_name: str
+    coordinate_name: str
+    span: float
+    excitation_name: str
+    lowest: float
+    highest: float
+    response_range: float = float("nan")
+    """NaN in files written before it was kept."""
+
+    @classmethod
+    def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
+        values = experiment.excitation.values
+        return cls(
+            experiment.name,
+            experiment.protocol,
+            group,
+            scale,
+            experiment.response_name,
+            experiment.coordinate_name,
+            float(np.ptp(experiment.coordinate)),
+            experiment.excitation.name,
+            float(values.min()),
+            float(values.max()),
+            experiment.response_range,
+        )
+
+
+def records_to_json(records: list[CalibratedRecord]) -> str:
+    """The calibrated records as a JSON list, kept in a posterior file's attributes."""
+    return json.dumps([asdict(record) for record in records])
+
+
+@dataclass(frozen=True)
+class NoiseOrigin:
+    """Whose noise a record is taken to have, and what its residuals are divided by.
+
+    Attributes
+    ----------
+    group : of calibrated records, whose noise parameters are taken.
+    scale : what the noise is relative to; None takes each draw's own predicted range over
+        `calibrated_range`, since a new record's range is not known beforehand.
+    calibrated_range : range of the group's records, where noise in their response's unit is
+        carried over to another response.
+    proportional : whether residuals are logarithms of ratios (see `ResidualScale`).
+    white : standard deviation of the white noise of one raw sample, in the response's unit,
+        where the sensor's own noise takes the place of the group's.
+    stretch : what the record's coordinate is multiplied by before the group's correlation
+        length applies to it, where the group's records have another coordinate.
+    note : what a reader must know; empty where nothing was carried over.
+    """
+
+    group: str
+    scale: float | None = 1.0
+    calibrated_range: float = 1.0
+    proportional: bool = False
+    stretch: float = 1.0
+    white: float | None = None
+    note: str = ""
+
+    def scales(self, mean: FloatArray) -> FloatArray:
+        """What each draw's residuals (W, N) are divided by, (W,)."""
+        if self.scale is None:
+            return np.ptp(mean, axis=1) / self.calibrated_range
+        return np.full(mean.shape[0], self.scale)
+
+    def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
+        """The group's noise parameters, the sensor's own white noise in place of theirs."""
+        if self.white is None or "sigma_white" not in noise_draws:
+            return noise_draws
+        return {**noise_draws, "sigma_white": self.white / scales}
+
+
+def find_noise(
+    experiment: Experiment,
+    records: Sequence[CalibratedRecord],
+    system: System,
+    relative: bool,
+    along: str,
+) -> NoiseOrigin:
+    """Whose noise an experiment is taken to have.
+
+    A calibrated record has its own. Another one takes the group of a calibrated
+    record of its response's unit, of its protocol if there is one; relative noise then
+    scales with each draw's predicted range. Where none has that unit, noise is carried
+    over (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
+    record has another coordinate, the noise's length is in proportion to the records'.
+
+    Parameters
+    ----------
+    records : the calibrated ones.
+    relative : whether noise is in proportion to a record's range (`noise_scale: range`).
+    along : along what it is correlated (`noise_coordinate`).
+
+    Raises
+    ------
+    UserError
+        If noise has to be carried over, and the posterior file is too old for it.
+    """
+    proportional = experiment.response_name in system.proportional
+    for record in records:
+        if record.name == experiment.name:
+            return NoiseOrigin(record.group, record.scale, proportional=proportional)
+    alike = [r for r in records if system.responses[r.response_name] == experiment.response_unit]
+    matches = alike or records
+    first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
+    stretch = 1.0 if along == "grid" else _stretch(experiment, first)
+    if alike:
+        ratio = proportional or experiment.response_unit == ANGLE
+        scale = None if relative and not ratio else 1.0
+        return NoiseOrigin(first.group, scale, proportional=proportional, stretch=stretch)
+    group = [r for r in records if r.group == first.group]
+    calibrated = 1.0 if relative else float(np.mean([r.response_range for r in group]))
+    return replace(_carried_over(experiment, first, calibrated, system), stretch=stretch)
+
+
+def _carried_over(
+    experiment: Experiment, source: CalibratedRecord, calibrated: float, system: System
+) -> NoiseOrigin:
+    """The noise of a record that measured something else, over a range `calibrated`."""
+    name, unit = experiment.response_name, experiment.response_unit
+    if not np.isfinite(calibrated):
+        raise UserError(
+            f"{system.candidate}: no calibrated record measured {name}, and "
+            "this posterior does not keep the ranges that its noise would be carried over "
+            "by; fit again"
+        )
+    note = f"no calibrated record measured {name}: its noise is that of {source.response_name}"
+    if (proportional := name in system.proportional) or unit == ANGLE:
+        return NoiseOrigin(
+            source.group,
+            scale=1.0 / calibrated,
+            proportional=proportional,
+            note=f"{note}, as a fraction of its range" + ("" if proportional else ", in radians"),
+        )
+    sensor = instrument(system.specimen, "noise", name, unit)
+    return NoiseOrigin(
+        source.group,
+        scale=None,
+        calibrated_range=calibrated,
+        white=None if sensor is None else sensor.value,
+        note=f"{note}, in proportion to the response's range"
+        + ("" if sensor is None else "; white noise as specimen.yaml states it"),
+    )
+
+
+def _stretch(experiment: Experiment, source: CalibratedRecord) -> float:
+    """From a record's coordinate to another's whose noise it is taken to have."""
+    if source.coordinate_name == experiment.coordinate_name:
+        return 1.0
+    return source.span / float(np.ptp(experiment.coordinate))

@@ -1,0 +1,96 @@
+"""The pieces of a posterior file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from deabayes.experiment import FloatArray, Specimen
+from deabayes.pooling import PooledResult
+from deabayes.posterior import LogPosterior
+from deabayes.prior import Prior
+from deabayes.study import Study
+
+STORED_DRAWS = 2000
+
+
+@dataclass(frozen=True)
+class PosteriorContent:
+    """Draws, and what is said of them.
+
+    `z` (E, S, d) are thinned draws of the E independent ensembles in the
+    prior's standard-normal coordinate, `log_posterior` (E, S) their density;
+    `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
+    is the prior of parameters that only predictions need (see `posterior.further_prior`).
+    """
+
+    study: Study
+    candidate: str
+    specimen: Specimen
+    target: LogPosterior
+    z: FloatArray
+    log_posterior: FloatArray
+    diagnostics: pd.DataFrame
+    convergence: Mapping[str, object]
+    warnings: Sequence[str]
+    seed: np.random.SeedSequence
+    further: Prior | None = None
+
+    @classmethod
+    def of(
+        cls,
+        study: Study,
+        candidate: str,
+        target: LogPosterior,
+        pooled: PooledResult,
+        seed: np.random.SeedSequence,
+        further: Prior | None = None,
+    ) -> PosteriorContent:
+        """Thin the pooled draws to at most `STORED_DRAWS` per ensemble, spread over time."""
+        ensembles, steps, walkers, dimension = pooled.chain.shape
+        picked = np.linspace(0, steps * walkers - 1, min(STORED_DRAWS, steps * walkers)).astype(int)
+        z = pooled.chain.reshape(ensembles, -1, dimension)[:, picked]
+        experiments = [record.experiment for record in target.records]
+        return cls(
+            study,
+            candidate,
+            target.system.specimen,
+            target,
+            z,
+            pooled.log_posterior.reshape(ensembles, -1)[:, picked],
+            pooled.convergence.table,
+            convergence_summary(pooled),
+            [f"{e.name}: {warning}" for e in experiments for warning in e.warnings],
+            seed,
+            further,
+        )
+
+
+def convergence_summary(pooled: PooledResult) -> dict[str, object]:
+    """What a reader needs to know of how the draws were made."""
+    convergence, runs = pooled.convergence, pooled.ensembles
+    table = convergence.table
+    shares = convergence.mode_shares
+    return {
+        "converged": bool(convergence.converged),
+        "reasons": list(convergence.reasons),
+        "r_hat_max": float(table["r_hat"].max()),
+        "ess_bulk_min": float(table["ess_bulk"].min()),
+        "ess_tail_min": float(table["ess_tail"].min()),
+        "autocorrelation_times_min": float(np.min(convergence.autocorrelation_times)),
+        "tau_max": max(float(run.autocorrelation_time) for run in runs),
+        "steps": max(run.steps for run in runs),
+        "walkers": int(pooled.chain.shape[2]),
+        "ensembles": len(runs),
+        "acceptance": float(np.mean([run.acceptance for run in runs])),
+        "refitted": any(run.refitted for run in runs),
+        "replaced_walkers": sum(run.replaced_walkers for run in runs),
+        "failures": {
+            "evaluations": sum(run.evaluations for run in runs),
+            "failed": sum(run.failures for run in runs),
+        },
+        "mode_shares": [] if shares is None else shares.to_numpy().tolist(),
+    }
