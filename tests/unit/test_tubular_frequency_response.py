@@ -175,7 +175,9 @@ def test_gain_and_phase_share_their_noise():
 def test_the_likelihood_is_that_of_a_complex_ratio(scale):
     """White noise of sd s: independent normals in log gain and phase, s the same for both."""
     found = target(noise_scale=scale)
-    theta = found.prior.to_parameters(np.random.default_rng(1).standard_normal((3, found.dimension)))
+    theta = found.prior.to_parameters(
+        np.random.default_rng(1).standard_normal((3, found.dimension))
+    )
     named = found.draws(theta)
     sigma, expected = named["frequency_response.sigma_white"], np.zeros(3)
     for load in (100, 500):

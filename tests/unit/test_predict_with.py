@@ -1,0 +1,158 @@
+"""Held-out records predicted with a wider candidate than the fitted one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.unit.test_tubular_frequency_response import SPECIMEN, draws, driven, experiments
+
+from deabayes.experiment import Excitation, Experiment, Quantity
+from deabayes.fitted import Fitted
+from deabayes.posterior import build, further_prior
+from deabayes.posterior_content import PosteriorContent
+from deabayes.posterior_file import posterior_tree
+from deabayes.prior import PriorFromPosterior
+from deabayes.study import Study
+from deabayes.study_checks import check_names
+from deabayes.systems.tubular import Tubular
+
+UNCERTAIN = replace(
+    SPECIMEN,
+    quantities={
+        **SPECIMEN.quantities,
+        "active_mass": replace(SPECIMEN.quantities["active_mass"], sd=1e-3),
+        "series_resistance": Quantity(954.0, "ohm", 200.0),
+    },
+)
+ENDING = "_inertia_circuit"
+STUDY = Study(
+    "creep", Path("data/tubular"), ("voigt_kelvin_2",), noise="white",
+    predict_with={"frequency_response": ENDING},
+)  # fmt: skip
+TIME = np.geomspace(1e-3, 0.5, 40)
+
+
+def creep():
+    step = Excitation("voltage", "V", np.array([0.0, 0.5]), np.array([2e3, 2e3]))
+    strain = Tubular("voigt_kelvin_2", UNCERTAIN).predict(step, TIME, "strain", draws())[0]
+    return Experiment(
+        "creep", "creep", "calibrate", "time", "s", TIME, "strain", "1", strain,
+        np.ones(TIME.size), step,
+    )  # fmt: skip
+
+
+def target():
+    return build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
+
+
+def file(further):
+    fitted = target()
+    z = np.random.default_rng(1).standard_normal((2, 300, fitted.dimension))
+    names = [*fitted.names, *fitted.system.derived(draws())]
+    table = pd.DataFrame(index=names, columns=["ess_bulk"], data=1.0).reindex(
+        columns="mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat".split()
+    )
+    return posterior_tree(
+        PosteriorContent(
+            STUDY, "voigt_kelvin_2", UNCERTAIN, fitted, z, np.zeros(z.shape[:2]), table,
+            {"converged": True, "reasons": []}, [], np.random.SeedSequence(3), further,
+        )
+    )  # fmt: skip
+
+
+def test_what_the_fit_left_out_is_drawn_from_its_prior():
+    further = further_prior(STUDY, target())
+    assert further.names == ("active_mass", "series_resistance")
+    group = file(further)["posterior"]
+    assert group["active_mass"].attrs["kind"] == "prior"
+    assert "not fitted" in group["active_mass"].attrs["description"]
+    values = group["series_resistance"].values
+    assert values.shape == (2, 300)
+    assert values.mean() == pytest.approx(954.0, abs=4 * 200 / np.sqrt(600))
+    assert values.std() == pytest.approx(200.0, rel=0.12)
+
+
+def test_or_from_another_posterior_correlations_kept():
+    rng = np.random.default_rng(1)
+    mass = 46.2e-3 + 1e-4 * rng.standard_normal(2000)
+    resistance = 900.0 + 3e5 * (mass - 46.2e-3) + 5.0 * rng.standard_normal(2000)
+    inherited = PriorFromPosterior(
+        ("active_mass", "series_resistance"), np.column_stack([mass, resistance])
+    )
+    further = further_prior(STUDY, target(), inherited)
+    drawn = further.sample(np.random.default_rng(2), 4000)
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(
+        np.corrcoef(mass, resistance)[0, 1], abs=0.02
+    )
+    # The fit itself knows none of these parameters, and is left as it is.
+    alone = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()], inherited)
+    assert alone.prior.inherited == ()
+
+
+def test_a_study_that_predicts_with_nothing_else_has_nothing_further():
+    plain = replace(STUDY, predict_with={})
+    assert further_prior(plain, target()) is None
+    assert "active_mass" not in file(None)["posterior"]
+
+
+def test_a_held_out_record_is_predicted_with_the_wider_candidate():
+    fitted = Fitted.from_tree(file(further_prior(STUDY, target())), 50, 1)
+    gain = replace(experiments(300)[0], role="validate")
+    assert fitted.system_for(gain).candidate == "voigt_kelvin_2" + ENDING
+    assert fitted.system_for(creep()).candidate == "voigt_kelvin_2"
+    expected = Tubular("voigt_kelvin_2" + ENDING, UNCERTAIN).predict(
+        gain.excitation, gain.coordinate, "gain", fitted.draws
+    )
+    np.testing.assert_array_equal(fitted.responses(gain), expected)
+    # Its noise is that of creep, as a fraction of its range, and as long beside the record.
+    origin = fitted.noise_of(gain)
+    assert origin.proportional and "no calibrated record measured gain" in origin.note
+    assert origin.scale == pytest.approx(1.0 / creep().response_range)
+    assert origin.stretch == pytest.approx(np.ptp(TIME) / np.ptp(gain.coordinate))
+    samples = fitted.sample(gain, np.random.default_rng(1))
+    sigma = fitted.draws["creep.sigma_white"][:, None] * origin.scale
+    scores = np.log(samples.predictive / samples.parameter) / sigma
+    assert scores.std() == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * scores.size))
+    assert "no calibration record was driven by frequency" in fitted.extrapolation(gain)
+
+
+def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
+    study = Study("shaken", Path("data/tubular"), ("voigt_kelvin_2" + ENDING,), noise="white")
+    fitted = build(study, "voigt_kelvin_2" + ENDING, SPECIMEN, experiments(100))
+    from deabayes.noise_origin import CalibratedRecord, find_noise
+
+    records = [
+        CalibratedRecord.of(r.experiment, r.group, float(r.scale.scale)) for r in fitted.records
+    ]
+    for relative in (False, True):
+        gain, phase = (
+            find_noise(e, records, fitted.system, relative, "record") for e in experiments(500)
+        )
+        assert (gain.scale, gain.proportional, gain.stretch) == (1.0, True, 1.0)
+        assert (phase.scale, phase.proportional) == (1.0, False)
+        assert gain.note == phase.note == ""
+
+
+def test_an_ending_that_no_candidate_has():
+    wrong = replace(STUDY, predict_with={"sine": "_inertai"})
+    faults = check_names(wrong)
+    assert any("predict_with" in f and "voigt_kelvin_2_inertai" in f for f in faults)
+
+
+def test_driven_by_frequency_is_even_a_simulation():
+    import deabayes
+
+    found = deabayes.simulate(
+        "tubular", "voigt_kelvin_2", {n: v[0] for n, v in draws().items()},
+        {n: q.value for n, q in SPECIMEN.quantities.items()}, response="gain",
+        conditions={"bias_kV": 2.0}, frequency=np.array([1.0, 2.0]),
+    )  # fmt: skip
+    expected = Tubular("voigt_kelvin_2", SPECIMEN).predict(
+        driven(np.array([1.0, 2.0])), np.array([1.0, 2.0]), "gain", draws()
+    )
+    np.testing.assert_allclose(found["gain"].values, expected[0], rtol=1e-12)
+    assert found["gain"].attrs["units"] == "1/V"
