@@ -70,9 +70,9 @@ class Tubular(System):
     """
 
     name: ClassVar[str] = "tubular"
-    protocols: ClassVar[tuple[str, ...]] = ("creep", "sine")
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
-    responses: ClassVar[Mapping[str, str]] = {"strain": "1", "displacement": "m"}
+    responses: ClassVar[Mapping[str, str]] = {"strain": "1", "displacement": "m", "current": "A"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",
         "relative_permittivity": "1",
@@ -121,6 +121,8 @@ class Tubular(System):
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         self.check_channels(excitation.name, response)
+        if response == "current":
+            raise UserError("response 'current' of system 'tubular' has no model yet")
         if response == "displacement":
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
