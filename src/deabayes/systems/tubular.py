@@ -77,6 +77,7 @@ class Tubular(System):
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",
         "displacement": "m",
+        "current": "A",
         "gain": "1/V",
         "phase": "rad",
     }
@@ -131,6 +132,8 @@ class Tubular(System):
         self.check_channels(excitation.name, response)
         if excitation.name == "frequency":
             return self._harmonic_simulator(excitation, coordinate, response)
+        if response == "current":
+            raise UserError("response 'current' of system 'tubular' has no model yet")
         if response == "displacement":
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
