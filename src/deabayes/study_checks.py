@@ -46,6 +46,8 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         warnings += _too_short_for(system, records, where)
     experiments = _prepared(study, read, rows, faults)
     if not faults:
+        faults += _without_model(study, systems, experiments)
+    if not faults:
         faults += _prior_faults(study, systems, experiments)
     return faults, warnings
 
@@ -100,6 +102,26 @@ def _prepared(
             found[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
     faults += found.values()
     return experiments
+
+
+def _without_model(
+    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
+) -> list[str]:
+    """Records that a candidate has no model of; each complaint is said once."""
+    from deabayes.posterior import wider_systems
+
+    found: dict[str, str] = {}
+    for candidate, system in systems.items():
+        wider = wider_systems(study, system)
+        for each in experiments:
+            held_out = each.role == "validate"
+            predicts = wider.get(each.protocol, system) if held_out else system
+            try:
+                predicts.simulator(each.excitation, each.coordinate, each.response_name)
+            except UserError as error:
+                where = f"study {study.name}, {candidate}, {each.name}"
+                found.setdefault(str(error), f"{where}: {error}")
+    return list(found.values())
 
 
 def _prior_faults(

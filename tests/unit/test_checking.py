@@ -160,3 +160,21 @@ def test_every_shipped_folder_is_sound(folder: str) -> None:
         pytest.skip("public data not here")
     report = check_folder(path, REAL_DATA)
     assert report.faults == ()
+
+
+@pytest.mark.parametrize(
+    ("candidates", "calibrate", "words"),
+    [
+        (("circuit",), ("electrical_10Hz", "leakage_2000V"), ()),
+        (("voigt_kelvin_2",), ("creep_2000V", "leakage_2000V"), ("leakage_2000V", "no circuit")),
+        (("circuit",), ("leakage_2000V", "creep_2000V"), ("creep_2000V", "'displacement'")),
+    ],
+)
+def test_a_candidate_is_asked_only_for_what_it_computes(
+    candidates: tuple[str, ...], calibrate: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    study = Study("s", SPECIMENS / "tubular", candidates, calibrate=calibrate, validate=())
+    faults, _ = check_study(study)
+    assert len(faults) == (1 if words else 0), faults
+    for word in words:
+        assert word in faults[0]

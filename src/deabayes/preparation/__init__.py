@@ -35,6 +35,7 @@ REGISTRY: Mapping[str, Step] = load(
         "decimate": "decimate",
         "delay": "delay",
         "excitation_knots": "excitation_knots",
+        "excitation_spline": "excitation_spline",
         "mask_after": "mask_after",
         "mask_before": "mask_before",
         "mask_ramp_end": "mask_ramp_end",
@@ -42,7 +43,14 @@ REGISTRY: Mapping[str, Step] = load(
     },
 )
 """Step -> its function in the module of the same name."""
-NEEDS_TIME = ("baseline", "delay", "excitation_knots", "mask_ramp_end", "mask_slack")
+NEEDS_TIME = (
+    "baseline",
+    "delay",
+    "excitation_knots",
+    "excitation_spline",
+    "mask_ramp_end",
+    "mask_slack",
+)
 FEWEST_POINTS = 4
 
 DEFAULT_STEPS: Mapping[str, Sequence[Mapping[str, Mapping[str, object]]]] = {

@@ -44,7 +44,7 @@ def build(system: str, candidate: str, specimen: Specimen) -> System:
     UserError
         If the system or the candidate is unknown, or the specimen lacks a quantity.
     """
-    return system_class(system)(candidate, specimen)
+    return system_class(system).of(candidate, specimen)
 
 
 def candidates(system: str) -> Sequence[str]:

@@ -75,6 +75,11 @@ class System(ABC):
         """
 
     @classmethod
+    def of(cls, candidate: str, specimen: Specimen) -> System:
+        """Build the system; a class may leave candidates of another kind to another class."""
+        return cls(candidate, specimen)
+
+    @classmethod
     @abstractmethod
     def candidates(cls) -> Sequence[str]:
         """Candidates that can be built (examples, where a name has free numbers)."""

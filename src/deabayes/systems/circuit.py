@@ -7,7 +7,7 @@ v_C' + v_C / tau_e = v_AMP / (R_S C),   tau_e = R_L R_S C / (R_L + R_S).     (4)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,46 @@ from deabayes.experiment import FloatArray
 from deabayes.integrate.charged import charged_response
 from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.integrate.state_space import StateSpace
+from deabayes.systems.base import Derived
+
+
+@dataclass(frozen=True)
+class Supply:
+    """An amplifier's voltage cut for `Circuit.supplied`.
+
+    Attributes
+    ----------
+    coordinate : (N,) where the current is wanted [s].
+    voltage : (N,) there; at a jump, its value after the jump [V].
+    slopes : its slope between knots, held.
+    jumps : when it jumps and by how much; at the first knot from zero.
+    """
+
+    coordinate: FloatArray
+    voltage: FloatArray
+    slopes: Hold
+    jumps: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, time: FloatArray, amplifier: FloatArray, coordinate: FloatArray) -> Supply:
+        """A voltage linear between `time` (M,), a repeated time being a jump."""
+        voltage = hold(time, amplifier, coordinate)
+        slope = voltage.polynomials[:, 1] / voltage.lengths[voltage.length_index]
+        none = np.zeros_like(slope)
+        slopes = replace(
+            voltage,
+            polynomials=np.stack([slope, none, none], axis=1),
+            input=np.zeros_like(voltage.input),
+        )
+        before = np.append(0.0, amplifier[:-1])
+        at = np.append(True, np.diff(time) == 0.0) & (amplifier != before)
+        sizes = (amplifier - before)[at]
+        return cls(
+            np.asarray(coordinate, dtype=float),
+            voltage.input,
+            slopes,
+            tuple(zip(time[at].tolist(), sizes.tolist(), strict=True)),
+        )
 
 
 @dataclass(frozen=True)
@@ -52,6 +92,27 @@ class Circuit:
         """The amplifier's current (v_AMP - v_C) / R_S (W, N) [A]."""
         return (amplifier - charged) / self.series_resistance[:, None]
 
+    def supplied(self, supply: Supply) -> FloatArray:
+        r"""The amplifier's current (v_AMP - v_C) / R_S (W, N) [A], exact.
+
+        v_AMP - v_C is a millionth of either under a steady voltage, so the difference is not
+        taken: with g = R_L / (R_L + R_S),
+
+        i = v_AMP / (R_L + R_S) + g^2 C s,   tau_e s' = v_AMP' - s,
+
+        from (4) and R_S i = v_AMP - v_C. A jump of v_AMP by J raises s by J / tau_e.
+        """
+        constant = np.where(self.time_constant > 0.0, self.time_constant, np.nan)[:, None]
+        lagged = relaxation_response(
+            supply.slopes, np.zeros_like(self.gain), np.ones_like(constant), constant
+        )
+        for at, size in supply.jumps:
+            since = np.maximum(supply.coordinate - at, 0.0)
+            left = size / constant * np.exp(-since / constant)
+            lagged += np.where(supply.coordinate >= at, left, 0.0)
+        leaking = supply.voltage / (self.leakage_resistance + self.series_resistance)[:, None]
+        return leaking + (self.gain**2 * self.capacitance)[:, None] * lagged
+
     def current_amplitude(self, amplitude: float, frequency: FloatArray) -> FloatArray:
         r"""I = omega C V / sqrt(1 + (omega R_S C)^2) (W, F) [A], (16), leakage neglected.
 
@@ -63,6 +124,20 @@ class Circuit:
         return (
             amplitude * susceptance / np.hypot(1.0, susceptance * self.series_resistance[:, None])
         )
+
+    def derived(self) -> dict[str, Derived]:
+        """`electrical_time_constant` tau_e and `series_time_constant` R_S C, which (15) gives."""
+        return {
+            "electrical_time_constant": Derived(
+                r"\tau_e", "s", "time constant of the circuit", self.time_constant
+            ),
+            "series_time_constant": Derived(
+                "R_S C",
+                "s",
+                "series resistance times capacitance",
+                self.series_resistance * self.capacitance,
+            ),
+        }
 
 
 def time_constant_from_phase(phase: FloatArray, frequency: float) -> FloatArray:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,36 +15,24 @@ from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.biased_sine import fundamental_pressure
-from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
-from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.tubular_base import (
+    CIRCUIT_SYMBOLS,
+    INERTIA_SYMBOLS,
+    KILOVOLT,
+    QUANTITY_SYMBOLS,
+    TubularBase,
+    bias,
+    hung,
+)
+from deabayes.systems.tubular_circuit import TubularCircuit
 from deabayes.systems.tubular_sine import harmonic_strain, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
-KILOVOLT, GRAM = 1e3, 1e-3
-QUANTITY_SYMBOLS = {
-    "relative_permittivity": r"\varepsilon_r",
-    "thickness": "d",
-    "active_length": "L_0",
-}
-"""The quantities every candidate computes with."""
-INERTIA_SYMBOLS = {
-    "total_mass": r"m_\mathrm{total}",
-    "active_mass": r"m_\mathrm{active}",
-    "sensor_mass": r"m_\mathrm{LVDT}",
-    "cross_section": "A_0",
-}
-"""Those that `_inertia` adds; it needs them all, and the active length."""
-CIRCUIT_SYMBOLS = {
-    "series_resistance": "R_S",
-    "leakage_resistance": "R_L",
-    "capacitance": "C",
-}
-"""Those that `_circuit` adds and needs."""
 
 
-class Tubular(System):
+class Tubular(TubularBase):
     r"""The core-free tubular actuator of Sarban et al. (2012).
 
     The strain S is the response of K Kelvin units and a spring in series to the
@@ -68,34 +55,8 @@ class Tubular(System):
     Creep fixes only the ratios sigma / E_n; the moduli inherit the
     uncertainty of `relative_permittivity` and `thickness`, which are parameters
     where the specimen gives them an sd. A record of displacement is strain times
-    `active_length`.
+    `active_length`; one of current needs the circuit, and knows nothing of the chain.
     """
-
-    name: ClassVar[str] = "tubular"
-    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "frequency_response")
-    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
-    responses: ClassVar[Mapping[str, str]] = {
-        "strain": "1",
-        "displacement": "m",
-        "current": "A",
-        "gain": "1/V",
-        "phase": "rad",
-    }
-    proportional: ClassVar[tuple[str, ...]] = ("gain",)
-    required_quantities: ClassVar[Mapping[str, str]] = {
-        "thickness": "m",
-        "relative_permittivity": "1",
-    }
-    optional_quantities: ClassVar[Mapping[str, str]] = {
-        "active_length": "m",
-        "cross_section": "m^2",
-        "total_mass": "kg",
-        "active_mass": "kg",
-        "sensor_mass": "kg",
-        "series_resistance": "ohm",
-        "leakage_resistance": "ohm",
-        "capacitance": "F",
-    }
 
     def __init__(self, candidate: str, specimen: Specimen) -> None:
         match = CANDIDATE.fullmatch(candidate)
@@ -103,7 +64,8 @@ class Tubular(System):
             raise UserError(
                 f"candidate {candidate!r} is unknown for system 'tubular'; "
                 "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2, and "
-                "_inertia, _circuit or _inertia_circuit behind it if wanted"
+                "_inertia, _circuit or _inertia_circuit behind it if wanted; or circuit, for "
+                "records of current alone"
             )
         self.candidate = candidate
         self.specimen = specimen
@@ -117,34 +79,46 @@ class Tubular(System):
             self.require(name, "a circuit")
 
     @classmethod
+    def of(cls, candidate: str, specimen: Specimen) -> System:
+        """The chain, or the circuit alone."""
+        kind = TubularCircuit if candidate in TubularCircuit.candidates() else cls
+        return kind(candidate, specimen)
+
+    @classmethod
     def candidates(cls) -> tuple[str, ...]:
         """The usual candidates, of 3, 5 and 7 parameters; any K and the endings work."""
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
-        units = {**self.required_quantities, **self.optional_quantities}
         used = QUANTITY_SYMBOLS | (INERTIA_SYMBOLS if self.inertia else {})
         used |= CIRCUIT_SYMBOLS if self.circuit else {}
-        uncertain = uncertain_quantities(self.specimen, used, units)
-        return (*voigt_kelvin.parameters(self.order), *uncertain)
+        return (*voigt_kelvin.parameters(self.order), *self.uncertain(used))
+
+    def check_channels(self, excitation: str, response: str) -> None:
+        super().check_channels(excitation, response)
+        if response == "current" and not self.circuit:
+            raise UserError(
+                f"candidate {self.candidate!r} has no circuit, so no response 'current'; write "
+                f"{self.candidate}_circuit or circuit, or leave records of current out of its study"
+            )
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         self.check_channels(excitation.name, response)
         if excitation.name == "frequency":
             return self._harmonic_simulator(excitation, coordinate, response)
         if response == "current":
-            raise UserError("response 'current' of system 'tubular' has no model yet")
+            return self.current_simulator(excitation, coordinate)
         if response == "displacement":
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
-        mass = _hung(excitation) if self.inertia else 0.0
+        mass = hung(excitation) if self.inertia else 0.0
 
         def simulate(draws: Draws) -> FloatArray:
             chain = voigt_kelvin.Chain.from_draws(draws, self.order)
             gain = self._pressure(1.0, draws)
             if response == "displacement":
-                gain = gain * self._quantity("active_length", draws)
+                gain = gain * self.quantity("active_length", draws)
             if self.inertia or self.circuit:
                 return gain[:, None] * self._per_square(load, mass, chain, draws)
             return relaxation_response(
@@ -160,17 +134,17 @@ class Tubular(System):
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
         """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        bias = _bias(excitation)
-        mass = _hung(excitation) if self.inertia else 0.0
+        offset = bias(excitation)
+        mass = hung(excitation) if self.inertia else 0.0
 
         def simulate(draws: Draws) -> FloatArray:
             chain: voigt_kelvin.Chain | MovingChain
             chain = voigt_kelvin.Chain.from_draws(draws, self.order)
             if self.inertia:
                 chain = MovingChain(chain, self._inertial_parameter(mass, draws))
-            circuit = self._circuit(draws) if self.circuit else None
+            circuit = self.circuit_of(draws) if self.circuit else None
             pressure = fundamental_pressure(
-                circuit, 1.0, bias, frequency, self._pressure(1.0, draws)
+                circuit, 1.0, offset, frequency, self._pressure(1.0, draws)
             )
             harmonic = harmonic_strain(chain, pressure, frequency)
             return np.abs(harmonic) if response == "gain" else phase(harmonic, frequency)
@@ -184,7 +158,8 @@ class Tubular(System):
         that spring n reaches at 1 kV (and `_total`, their sum), is fixed by creep
         records whatever the permittivity and the thickness. Compliances and
         viscosities: see `voigt_kelvin.Chain.derived`; with inertia, M and the resonance
-        of the unloaded actuator too: `voigt_kelvin_inertia.MovingChain.derived`.
+        of the unloaded actuator too: `voigt_kelvin_inertia.MovingChain.derived`; with a
+        circuit its time constants: `circuit.Circuit.derived`.
         """
         chain = voigt_kelvin.Chain.from_draws(draws, self.order)
         springs = np.column_stack([chain.instantaneous, chain.compliances])
@@ -203,6 +178,8 @@ class Tubular(System):
         )
         if self.inertia:
             result |= MovingChain(chain, self._inertial_parameter(0.0, draws)).derived()
+        if self.circuit:
+            result |= self.circuit_of(draws).derived()
         return result | chain.derived()
 
     def _per_square(
@@ -217,50 +194,21 @@ class Tubular(System):
             space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
         if not self.circuit:
             return space.response(driven)
-        return self._circuit(draws).drive(space, driven)
-
-    def _circuit(self, draws: Draws) -> Circuit:
-        """R_S, R_L and C of the draws."""
-        parts = (self._quantity(name, draws) for name in CIRCUIT_SYMBOLS)
-        return Circuit(*(np.broadcast_to(part, np.shape(draws["E_0"])) for part in parts))
+        return self.circuit_of(draws).drive(space, driven)
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""
         names = ("active_length", *INERTIA_SYMBOLS)
         parameter = inertial_parameter(
-            load=load, **{name: self._quantity(name, draws) for name in names}
+            load=load, **{name: self.quantity(name, draws) for name in names}
         )
         return np.broadcast_to(parameter, np.shape(draws["E_0"]))
 
     def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
         """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
-        thickness = self._quantity("thickness", draws)
+        thickness = self.quantity("thickness", draws)
         thickness = np.where(thickness > 0.0, thickness, np.nan)
         pressure = maxwell_pressure(
-            voltage, thickness, self._quantity("relative_permittivity", draws)
+            voltage, thickness, self.quantity("relative_permittivity", draws)
         )
         return np.broadcast_to(pressure, np.shape(draws["E_0"]))
-
-    def _quantity(self, name: str, draws: Draws) -> FloatArray:
-        """A quantity of the specimen: its draws where it is a parameter, else its value."""
-        return np.asarray(draws.get(name, self.specimen.quantities[name].value))
-
-
-def _bias(excitation: Excitation) -> float:
-    """B [V] of a frequency response: the pressure, a square, follows a sine only about a bias."""
-    given = excitation.conditions.get("bias_kV")
-    if given is None or isinstance(given, str) or not given > 0.0:
-        found = "none" if given is None else repr(given)
-        raise UserError(
-            "a frequency response needs its bias voltage as bias_kV (a column of "
-            f"experiments.csv, in kV, larger than 0); found {found}"
-        )
-    return KILOVOLT * given
-
-
-def _hung(excitation: Excitation) -> float:
-    """m_LOAD [kg] of a record."""
-    given = excitation.conditions.get("load_g", 0.0)
-    if isinstance(given, str) or not given >= 0.0:
-        raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")
-    return GRAM * given

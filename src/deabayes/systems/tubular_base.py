@@ -1,0 +1,105 @@
+"""What all candidates of the tubular actuator share: channels, quantities, circuit, conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from deabayes.experiment import Excitation, FloatArray
+from deabayes.faults import UserError
+from deabayes.parameter import Parameter
+from deabayes.systems.base import Draws, Simulator, System
+from deabayes.systems.circuit import Circuit, Supply
+from deabayes.systems.specimen_quantities import uncertain_quantities
+
+KILOVOLT, GRAM = 1e3, 1e-3
+QUANTITY_SYMBOLS = {
+    "relative_permittivity": r"\varepsilon_r",
+    "thickness": "d",
+    "active_length": "L_0",
+}
+"""The quantities every candidate that strains computes with."""
+INERTIA_SYMBOLS = {
+    "total_mass": r"m_\mathrm{total}",
+    "active_mass": r"m_\mathrm{active}",
+    "sensor_mass": r"m_\mathrm{LVDT}",
+    "cross_section": "A_0",
+}
+"""Those that `_inertia` adds; it needs them all, and the active length."""
+CIRCUIT_SYMBOLS = {
+    "series_resistance": "R_S",
+    "leakage_resistance": "R_L",
+    "capacitance": "C",
+}
+"""Those that a circuit adds and needs."""
+
+
+class TubularBase(System):
+    """A candidate for the tubular actuator: of its strain, of its current, or of both."""
+
+    name: ClassVar[str] = "tubular"
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "frequency_response")
+    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    responses: ClassVar[Mapping[str, str]] = {
+        "strain": "1",
+        "displacement": "m",
+        "current": "A",
+        "gain": "1/V",
+        "phase": "rad",
+    }
+    proportional: ClassVar[tuple[str, ...]] = ("gain",)
+    required_quantities: ClassVar[Mapping[str, str]] = {
+        "thickness": "m",
+        "relative_permittivity": "1",
+    }
+    optional_quantities: ClassVar[Mapping[str, str]] = {
+        "active_length": "m",
+        "cross_section": "m^2",
+        "total_mass": "kg",
+        "active_mass": "kg",
+        "sensor_mass": "kg",
+        "series_resistance": "ohm",
+        "leakage_resistance": "ohm",
+        "capacitance": "F",
+    }
+
+    def uncertain(self, symbols: Mapping[str, str]) -> tuple[Parameter, ...]:
+        """The quantities among these that carry an sd, as parameters."""
+        units = {**self.required_quantities, **self.optional_quantities}
+        return uncertain_quantities(self.specimen, symbols, units)
+
+    def quantity(self, name: str, draws: Draws) -> FloatArray:
+        """A quantity of the specimen (W,): its draws where it is a parameter, else its value."""
+        given = np.asarray(draws.get(name, self.specimen.quantities[name].value), dtype=float)
+        return np.broadcast_to(given, np.shape(next(iter(draws.values()), np.zeros(1))))
+
+    def circuit_of(self, draws: Draws) -> Circuit:
+        """R_S, R_L and C of the draws."""
+        return Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS))
+
+    def current_simulator(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
+        """The amplifier's current (W, N) [A] while it puts out the recorded voltage."""
+        supply = Supply.of(excitation.coordinate, excitation.values, coordinate)
+        return lambda draws: self.circuit_of(draws).supplied(supply)
+
+
+def bias(excitation: Excitation) -> float:
+    """B [V] of a frequency response: the pressure, a square, follows a sine only about a bias."""
+    given = excitation.conditions.get("bias_kV")
+    if given is None or isinstance(given, str) or not given > 0.0:
+        found = "none" if given is None else repr(given)
+        raise UserError(
+            "a frequency response needs its bias voltage as bias_kV (a column of "
+            f"experiments.csv, in kV, larger than 0); found {found}"
+        )
+    return KILOVOLT * given
+
+
+def hung(excitation: Excitation) -> float:
+    """m_LOAD [kg] of a record."""
+    given = excitation.conditions.get("load_g", 0.0)
+    if isinstance(given, str) or not given >= 0.0:
+        raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")
+    return GRAM * given
