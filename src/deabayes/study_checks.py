@@ -47,6 +47,8 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
     experiments = _prepared(study, read, rows, faults)
     if not faults:
         faults += _without_model(study, systems, experiments)
+        each = [caution for s in systems.values() for e in experiments for caution in s.cautions(e)]
+        warnings += dict.fromkeys(each)
     if not faults:
         faults += _prior_faults(study, systems, experiments)
     return faults, warnings

@@ -176,3 +176,22 @@ def test_defaults_are_the_contract() -> None:
         "ensembles": 4, "walkers": 128, "max_steps": 20000, "ess": 400.0, "r_hat": 1.01,
         "autocorrelation_times": 50.0, "particles": 1024, "seed": 1,
     }  # fmt: skip
+
+
+def test_an_empty_list_holds_nothing_out(config: Path) -> None:
+    """As `deabayes check` understands it; a list that is not given leaves it to the role column."""
+    from dataclasses import replace
+
+    from deabayes.pipeline import select_rows
+    from deabayes.reading.table import read_table
+
+    (study,) = load_studies(config)
+    rows = read_table(study.specimen)
+
+    def held_out(validate: tuple[str, ...] | None) -> list[str]:
+        chosen = select_rows(replace(study, validate=validate), rows)
+        return [row.name for row in chosen if row.role == "validate"]
+
+    assert held_out(()) == []
+    assert held_out(("pull",)) == ["pull"]
+    assert held_out(None) == [row.name for row in rows if row.role == "validate"] != []

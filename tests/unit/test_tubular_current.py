@@ -117,7 +117,7 @@ def test_limits_and_draws_that_fail():
 def test_the_phase_of_the_current_gives_the_series_time_constant():
     """(15), leakage neglected: the angle by which the current leads is arctan(1/(R_S C omega))."""
     omega = 2.0 * np.pi * 10.0
-    tight = Circuit(np.array([954.0]), np.array([1e15]), np.array([180e-9]))
+    tight = Circuit(np.array([954.0]), np.array([1e18]), np.array([180e-9]))
     a_1, a_2, _, _ = charge_coefficients(tight, 1250.0, 0.0, np.array([omega]))
     phase = np.arctan2(a_2[0, 0], 1250.0 - a_1[0, 0])
     assert time_constant_from_phase(phase, 10.0) == pytest.approx(954.0 * 180e-9, rel=1e-9)

@@ -29,6 +29,9 @@ REGISTRY: Mapping[str, str] = {
     "amplitude_frequency": "deabayes.analyses.amplitude_frequency",
     "pull_in": "deabayes.analyses.pull_in",
     "influence": "deabayes.analyses.influence",
+    "inertial_parameter": "deabayes.analyses.inertial_parameter",
+    "circuit": "deabayes.analyses.circuit",
+    "amplifier_current": "deabayes.analyses.amplifier_current",
 }
 """Analysis -> its module, in the report's order."""
 

@@ -49,8 +49,8 @@ def read_experiments(prepared: Path) -> list[Experiment]:
 def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
     """The rows a study uses, with the roles the study gives them.
 
-    `calibrate` and `validate` of the study override the role column; `select`
-    keeps the rows whose metadata column has the wanted value.
+    `calibrate` and `validate` of the study override the role column, `validate: []` with no
+    held-out record; `select` keeps the rows whose metadata column has the wanted value.
     """
     kept = [
         row
@@ -65,8 +65,11 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
                     f"study {study.name}, {key}: {name!r} is no experiment of "
                     f"{study.specimen}{nearest(name, known)}"
                 )
-    calibrate = study.calibrate or [row.name for row in kept if row.role == "calibrate"]
-    validate = study.validate or [row.name for row in kept if row.role == "validate"]
+    by_role = {row.name: row.role for row in kept}
+    calibrate, validate = (
+        [name for name, own in by_role.items() if own == role] if names is None else names
+        for role, names in (("calibrate", study.calibrate), ("validate", study.validate))
+    )
     if not calibrate:
         raise UserError(
             f"study {study.name}: {study.specimen} has no record to calibrate on; give one the "

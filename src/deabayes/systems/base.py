@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from deabayes.experiment import (
     FREQUENCY_RESPONSE,
     Excitation,
+    Experiment,
     FloatArray,
     Quantity,
     Specimen,
@@ -110,6 +111,10 @@ class System(ABC):
         words, counts = np.unique(self.why_failed(draws), return_counts=True)
         order = np.argsort(-counts)
         return ", ".join(f"{counts[k]} × {words[k]}" for k in order)
+
+    def cautions(self, experiment: Experiment) -> tuple[str, ...]:
+        """What to know before trusting a record, as far as the specimen's quantities tell."""
+        return ()
 
     def predict(
         self, excitation: Excitation, coordinate: FloatArray, response: str, draws: Draws

@@ -7,12 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.experiment import Excitation, FloatArray
+from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Draws, Simulator, System
 from deabayes.systems.circuit import Circuit, Supply
 from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.steady_sine import drive_of
 
 KILOVOLT, GRAM = 1e3, 1e-3
 QUANTITY_SYMBOLS = {
@@ -65,6 +66,11 @@ class TubularBase(System):
         "capacitance": "F",
     }
 
+    circuit: bool
+    """Whether the candidate holds R_S, R_L and C."""
+    inertia: bool
+    """Whether it holds the mass."""
+
     def uncertain(self, symbols: Mapping[str, str]) -> tuple[Parameter, ...]:
         """The quantities among these that carry an sd, as parameters."""
         units = {**self.required_quantities, **self.optional_quantities}
@@ -78,6 +84,22 @@ class TubularBase(System):
     def circuit_of(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""
         return Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS))
+
+    def cautions(self, experiment: Experiment) -> tuple[str, ...]:
+        """A steady sine that asks the amplifier for more current than it has, (16)."""
+        limit = self.specimen.instruments.get("current_limit")
+        drive, given = drive_of(experiment), self.specimen.quantities
+        if limit is None or drive is None or not given.keys() >= CIRCUIT_SYMBOLS.keys():
+            return ()
+        stated = Circuit(*(np.array([given[name].value]) for name in CIRCUIT_SYMBOLS))
+        current = float(stated.current_amplitude(drive[0], np.array([drive[1]]))[0, 0])
+        if current <= limit.value:
+            return ()
+        return (
+            f"{experiment.name}: a sine of {drive[0]:.4g} V at {drive[1]:.4g} Hz takes "
+            f"{1e3 * current:.3g} mA by (16), more than the amplifier's {1e3 * limit.value:.3g} mA,"
+            " so its voltage is distorted",
+        )
 
     def current_simulator(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
         """The amplifier's current (W, N) [A] while it puts out the recorded voltage."""

@@ -32,6 +32,7 @@ class TubularCircuit(TubularBase):
         self.candidate = candidate
         self.specimen = specimen
         self.order = 0
+        self.circuit, self.inertia = True, False
         for name in CIRCUIT_SYMBOLS:
             self.require(name, "a circuit")
 

@@ -1,0 +1,67 @@
+"""Table II of the tubular actuator's paper: the inertial parameter under each load, (13)."""
+
+from __future__ import annotations
+
+from deabayes.analyses import tubular_paper as paper
+from deabayes.analyses.base import Analysis, StudyContext
+from deabayes.analyses.summaries import interval, labels
+from deabayes.analyses.tubular_sources import STATED, Labels, having, prior_draws, stated
+from deabayes.experiment import FloatArray
+from deabayes.systems.inertial_parameter import inertial_parameter
+from deabayes.systems.tubular_base import INERTIA_SYMBOLS
+
+SYSTEMS = ("tubular",)
+TITLE = "Inertial parameter (Table II)"
+CAPTION = (
+    "M = (m_DE + m_LVDT + m_LOAD) L0/A0, (13), with m_DE the active mass and half of the rest, "
+    "under the paper's loads and those of the records: medians with 5 to 95 % intervals. "
+    "specimen.yaml: from the masses and sizes as stated, before any record; a candidate with "
+    "inertia: from its posterior. The paper's own table is not in its text."
+)
+NAMES = ("active_length", *INERTIA_SYMBOLS)
+GRAM = 1e-3
+
+
+def compute(context: StudyContext) -> Analysis:
+    """One row per load, as stated and for every candidate with inertia."""
+    import pandas as pd
+
+    if not stated(context.specimen, NAMES):
+        return Analysis()
+    rows = [
+        first | row
+        for first, drawn in _sources(context)
+        for row in (load_row(load, drawn) for load in _loads(context))
+    ]
+    return Analysis({"table_2_inertial_parameter": pd.DataFrame(rows)})
+
+
+def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
+    """Moving mass [g] and M [kg/m] under a load [g]."""
+    parameter = inertial_parameter(load=GRAM * load, **drawn)
+    mass = parameter * drawn["cross_section"] / drawn["active_length"]
+    return {
+        "load_g": load,
+        **interval("moving_mass", "g", mass / GRAM),
+        **interval("inertial_parameter", "kgm", parameter),
+    }
+
+
+def _sources(context: StudyContext) -> list[tuple[Labels, dict[str, FloatArray]]]:
+    rng = context.rng("inertial_parameter")
+    found: list[tuple[Labels, dict[str, FloatArray]]] = [
+        (dict(STATED), prior_draws(context.specimen, NAMES, rng))
+    ]
+    for name, fitted in context.candidates.items():
+        system = having(fitted, "inertia")
+        if system is not None:
+            drawn = {each: system.quantity(each, fitted.draws) for each in NAMES}
+            found.append((labels(name, fitted), drawn))
+    return found
+
+
+def _loads(context: StudyContext) -> list[float]:
+    """The paper's loads and the records' [g]."""
+    hung = [each.metadata.get("load_g") for each in context.experiments]
+    given = [float(load) for load in hung if isinstance(load, int | float)]
+    return sorted({*paper.LOADS, *given})
