@@ -31,6 +31,7 @@ REGISTRY: Mapping[str, str] = {
     "influence": "deabayes.analyses.influence",
     "inertial_parameter": "deabayes.analyses.inertial_parameter",
     "circuit": "deabayes.analyses.circuit",
+    "resonance": "deabayes.analyses.resonance",
     "amplifier_current": "deabayes.analyses.amplifier_current",
 }
 """Analysis -> its module, in the report's order."""

@@ -107,6 +107,11 @@ class Record:
     def label(self) -> str:
         return plain(str(self.prediction.attrs["response_name"])) + self.unit.suffix
 
+    @property
+    def spans_decades(self) -> bool:
+        """Whether the response wants a logarithmic axis: a gain does."""
+        return str(self.prediction.attrs["response_name"]) == "gain"
+
     def response(self, name: str, **selection: object) -> FloatArray:
         """A variable of the response's kind, in its display unit."""
         variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]

@@ -14,7 +14,6 @@ from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
-from deabayes.systems.biased_sine import fundamental_pressure
 from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
@@ -26,7 +25,7 @@ from deabayes.systems.tubular_base import (
     hung,
 )
 from deabayes.systems.tubular_circuit import TubularCircuit
-from deabayes.systems.tubular_sine import harmonic_strain, phase
+from deabayes.systems.tubular_sine import Harmonic, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
@@ -134,22 +133,22 @@ class Tubular(TubularBase):
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
         """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        offset = bias(excitation)
-        mass = hung(excitation) if self.inertia else 0.0
+        bias(excitation), hung(excitation)  # said before a draw is made
 
         def simulate(draws: Draws) -> FloatArray:
-            chain: voigt_kelvin.Chain | MovingChain
-            chain = voigt_kelvin.Chain.from_draws(draws, self.order)
-            if self.inertia:
-                chain = MovingChain(chain, self._inertial_parameter(mass, draws))
-            circuit = self.circuit_of(draws) if self.circuit else None
-            pressure = fundamental_pressure(
-                circuit, 1.0, offset, frequency, self._pressure(1.0, draws)
-            )
-            harmonic = harmonic_strain(chain, pressure, frequency)
+            harmonic = self.harmonic(excitation, draws).per_volt(frequency)
             return np.abs(harmonic) if response == "gain" else phase(harmonic, frequency)
 
         return simulate
+
+    def harmonic(self, excitation: Excitation, draws: Draws) -> Harmonic:
+        """The answer to a small sine about the record's bias, under its load."""
+        chain: voigt_kelvin.Chain | MovingChain
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        if self.inertia:
+            chain = MovingChain(chain, self._inertial_parameter(hung(excitation), draws))
+        circuit = self.circuit_of(draws) if self.circuit else None
+        return Harmonic(chain, circuit, self._pressure(1.0, draws), bias(excitation))
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """What creep determines and what the chain means.
