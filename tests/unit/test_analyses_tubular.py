@@ -50,10 +50,10 @@ def made_up(name, protocol, values, response="current", time=TIME, read=None, **
 
 
 def electrical(amplitude=1250.0):
-    """A steady sine and the current that a circuit without leakage takes."""
-    volts = amplitude * (1.0 + np.sin(OMEGA * TIME))
+    """A steady sine, caught at any phase, and the current of a circuit without leakage."""
+    volts = amplitude * (1.0 + np.sin(OMEGA * TIME + 0.4))
     admittance = 1j * OMEGA * C / (1.0 + 1j * OMEGA * R_S * C)
-    current = amplitude * (admittance * np.exp(1j * OMEGA * TIME)).imag
+    current = amplitude * (admittance * np.exp(1j * (OMEGA * TIME + 0.4))).imag
     return made_up("electrical_10Hz", "sine", volts, read=current)
 
 

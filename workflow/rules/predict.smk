@@ -2,7 +2,13 @@ rule predict:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("prediction.py", "noise_origin.py", "fitted.py", "errors.py", "errors_table.py"),
+        modules=modules(
+            "prediction.py",
+            "noise_origin.py",
+            "fitted.py",
+            "errors.py",
+            "errors_table.py",
+        ),
     output:
         predictions=directory("<results>/{study}/{candidate}/predictions"),
         errors=report(
