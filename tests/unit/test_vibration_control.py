@@ -9,8 +9,10 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from tests.unit.tube_trees import CIRCUIT, specimen, tree
 
+from deabayes.cli import cli
 from deabayes.electrostatics import maxwell_pressure
 from deabayes.export import export
 from deabayes.systems.circuit import Circuit
@@ -23,13 +25,17 @@ MASSES = ("total_mass", "active_mass", "sensor_mass", "cross_section")
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def example():
-    file = ROOT / "docs/examples/vibration_control.py"
-    spec = importlib.util.spec_from_file_location("vibration_control", file)
+def script(name):
+    """A script of docs/examples as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/examples/{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def example():
+    return script("vibration_control")
 
 
 @pytest.fixture(scope="module")
@@ -113,3 +119,11 @@ def test_the_example_runs_and_draws_its_figure(example, file, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "40 draws" in said and "unstable in 0%" in said
     assert (tmp_path / "figure.png").stat().st_size > 1000
+
+
+def test_the_simulated_study_of_the_how_to_is_sound(tmp_path, monkeypatch):
+    script("vibration_study").main(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli, ["check", "isolator"])
+    assert result.exit_code == 0 and "0 faults" in result.output
+    assert "tubular, simulated" in result.output

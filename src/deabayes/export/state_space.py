@@ -65,7 +65,7 @@ def write(
 
 
 def evenly(total: int, size: int | None) -> np.ndarray:
-    """Indices of `size` of `total` draws, as many from the start of the row as from its end."""
+    """Indices of `size` of `total` draws in a row, each the middle of an equal part of it."""
     if size is not None and not 1 <= size <= total:
         raise UserError(f"--draws {size}: the posterior holds {total} draws; take 1 to {total}")
     size = min(DRAWS, total) if size is None else size
