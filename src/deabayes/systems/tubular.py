@@ -12,12 +12,15 @@ from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
+from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.tubular_linear import DrivenChain
 from deabayes.systems.tubular_sine import Harmonic, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
@@ -205,6 +208,24 @@ class Tubular(System):
             result |= MovingChain(chain, self._inertial_parameter(0.0, draws)).derived()
         return result | chain.derived()
 
+    def linear_model(
+        self, draws: Draws, load: float = 0.0, bias: float | None = None
+    ) -> LinearModel:
+        """From the squared voltage, or about a bias: see `tubular_linear`."""
+        if load and not self.inertia:
+            raise UserError(
+                f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
+                "take a candidate with _inertia or leave the load out"
+            )
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        driven = DrivenChain(
+            self._space(chain, load, draws),
+            self._pressure(1.0, draws),
+            self.inertia,
+            self._circuit(draws) if self.circuit else None,
+        )
+        return driven.squared() if bias is None else driven.about(bias)
+
     def _per_square(
         self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
     ) -> FloatArray:
@@ -212,12 +233,14 @@ class Tubular(System):
 
         driven : the amplifier's voltage if there is a circuit, else the voltage squared.
         """
-        space = chain.state_space()
-        if self.inertia:
-            space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
-        if not self.circuit:
-            return space.response(driven)
-        return self._circuit(draws).drive(space, driven)
+        space = self._space(chain, load, draws)
+        return self._circuit(draws).drive(space, driven) if self.circuit else space.response(driven)
+
+    def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
+        """From pressure to strain, under a load [kg] if the candidate has mass."""
+        if not self.inertia:
+            return chain.state_space()
+        return MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
 
     def _circuit(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""
