@@ -55,6 +55,9 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
         ax.plot(frequency, record.response("observed"), color=colour, linestyle="none",
                 marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
                 markeredgewidth=0, alpha=0.8)  # fmt: skip
+    if any(record.extrapolation for record in records):
+        ax.set_title("EXTRAPOLATION", loc="right", fontsize=5.5, color=style.VERMILLION,
+                     weight="bold")  # fmt: skip
     if records[0].spans_decades:
         ax.set_yscale("log")
     panels.logarithmic(ax, frequency)

@@ -11,10 +11,12 @@ from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.inertial_parameter import inertial_parameter
+from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
     INERTIA_SYMBOLS,
@@ -25,6 +27,7 @@ from deabayes.systems.tubular_base import (
     hung,
 )
 from deabayes.systems.tubular_circuit import TubularCircuit
+from deabayes.systems.tubular_linear import DrivenChain
 from deabayes.systems.tubular_sine import Harmonic, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
@@ -181,6 +184,24 @@ class Tubular(TubularBase):
             result |= self.circuit_of(draws).derived()
         return result | chain.derived()
 
+    def linear_model(
+        self, draws: Draws, load: float = 0.0, bias: float | None = None
+    ) -> LinearModel:
+        """From the squared voltage, or about a bias: see `tubular_linear`."""
+        if load and not self.inertia:
+            raise UserError(
+                f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
+                "take a candidate with _inertia or leave the load out"
+            )
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        driven = DrivenChain(
+            self._space(chain, load, draws),
+            self._pressure(1.0, draws),
+            self.inertia,
+            self.circuit_of(draws) if self.circuit else None,
+        )
+        return driven.squared() if bias is None else driven.about(bias)
+
     def _per_square(
         self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
     ) -> FloatArray:
@@ -188,12 +209,16 @@ class Tubular(TubularBase):
 
         driven : the amplifier's voltage if there is a circuit, else the voltage squared.
         """
-        space = chain.state_space()
-        if self.inertia:
-            space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
-        if not self.circuit:
-            return space.response(driven)
-        return self.circuit_of(draws).drive(space, driven)
+        space = self._space(chain, load, draws)
+        return (
+            self.circuit_of(draws).drive(space, driven) if self.circuit else space.response(driven)
+        )
+
+    def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
+        """From pressure to strain, under a load [kg] if the candidate has mass."""
+        if not self.inertia:
+            return chain.state_space()
+        return MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""
