@@ -15,7 +15,7 @@ from deabayes.systems.circuit import Circuit, Supply
 TUBE = Specimen("tube", "tubular", {"kind": "simulated"}, {})
 R_S, R_L, C, OMEGA = 1010.0, 1.1e9, 181.2e-9, 2.0 * np.pi * 10.0
 TIME = np.arange(2001) * 5e-4
-SPLINE = {"excitation_spline": {"interval": "5 ms", "spacing": "0.04 ms", "from": "0.05 s"}}
+SPLINE = {"excitation_spline": {"interval": "10 ms", "spacing": "0.04 ms", "from": "0.05 s"}}
 CROP = {"crop": {"from": "0.1 s", "to": "0.6 s"}}
 
 

@@ -12,12 +12,12 @@ from deabayes.faults import UserError
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
 
-DEGREE = 3
+DEGREE = 5
 SAMPLES_PER_PIECE = 4
 
 
 def excitation_spline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Replace the excitation after `from` by a cubic spline, sampled more finely than it was.
+    """Replace the excitation after `from` by a spline, sampled more finely than it was.
 
     The current into a capacitance follows the slope of the voltage. Straight lines between
     samples an interval h apart have a slope that lags by up to h/2, and noise of a volt is
@@ -28,7 +28,8 @@ def excitation_spline(record: WorkingRecord, settings: Mapping[str, object]) -> 
 
     Settings
     --------
-    interval : length of the spline's pieces; at most a twentieth of a sine's period.
+    interval : length of the spline's pieces, of degree five; at most a tenth of a sine's period.
+        Longer pieces let less of the monitor's noise through.
     spacing : of the new knots; a fraction of the fastest time constant.
     from : where the smooth stretch begins; default the first sample.
     from_step : count `from` from the start of the excitation; default false.
