@@ -41,8 +41,8 @@ def test_a_measured_peak_lies_between_the_points(load):
     excitation = Excitation("frequency", "Hz", grid, grid, {"bias_kV": 2.0, "load_g": load})
     response = Tubular(WHOLE, SPECIMEN).predict(excitation, grid, "gain", draws())[0]
     found = resonance.measured_peak(grid, response)
-    assert found[0] == pytest.approx(frequency, abs=0.03)
-    assert 100.0 * found[1] == pytest.approx(gain, rel=4e-3)
+    assert found[0] == pytest.approx(frequency, rel=1e-4)
+    assert 100.0 * found[1] == pytest.approx(gain, rel=1e-3)
     assert 100.0 * response.max() < 0.994 * gain
 
 
