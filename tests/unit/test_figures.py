@@ -25,9 +25,11 @@ from deabayes.figures.quantities import (
 from deabayes.figures.results import StudyResults
 
 OF_CANDIDATES = [
-    n for n in figures.names("candidate") if not hasattr(figures.module(n), "ANALYSIS")
+    n
+    for n in figures.names("candidate")
+    if not hasattr(figures.module(n), "ANALYSIS") and not hasattr(figures.module(n), "SYSTEMS")
 ]
-"""Those that need no analysis, which these studies do not have."""
+"""Those that need no analysis, and no system, that these studies do not have."""
 
 
 @pytest.fixture(scope="module")

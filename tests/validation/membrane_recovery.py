@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.noise_origin import NoiseOrigin
 from deabayes.prediction import sample_response
 from tests.validation import rows
 from tests.validation.sampled import Sampled, sample
@@ -114,11 +115,19 @@ def _held_out(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> ro
     """
     target = sampled.target
     draws = target.draws(sampled.thinned(PREDICTIVE_DRAWS))
-    noise = target.noise_draws(draws, target.records[0].group)
+    origin = NoiseOrigin(target.records[0].group)
+    noise = target.noise_draws(draws, origin.group)
     row: rows.Row = {}
     for experiment in data.held_out:
         samples = sample_response(
-            target.system, target.noise, draws, noise, experiment, 1.0, experiment.coordinate, rng
+            target.system,
+            target.noise,
+            draws,
+            noise,
+            experiment,
+            origin,
+            experiment.coordinate,
+            rng,
         )
         for level, (low, high) in zip((50, 90), samples.band(samples.predictive), strict=True):
             inside = (low <= experiment.response) & (experiment.response <= high)

@@ -3,7 +3,8 @@
 A figure module has `SCOPE` (candidate | study), `TITLE`, `CAPTION` and
 `draw(results)`, which returns a Figure or a list of them (one per sheet) from a
 `CandidateResults` or a `StudyResults`. One that draws an analysis names it in `ANALYSIS`,
-and returns no figure where it was not computed.
+and returns no figure where it was not computed; one for some systems only names them in
+`SYSTEMS`.
 """
 
 from __future__ import annotations
@@ -93,6 +94,9 @@ def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
     from deabayes.figures import style
     from deabayes.figures.results import CandidateResults
 
+    systems = getattr(module(name), "SYSTEMS", ())
+    if systems and results.study.system not in systems:
+        return []
     with style.applied():
         drawn = module(name).draw(results)
         figures = list(drawn) if isinstance(drawn, list | tuple) else [drawn]

@@ -14,6 +14,7 @@ from deabayes.figures.quantities import ROLES, short
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
+SYSTEMS = ("tubular",)
 TITLE = "Frequency responses"
 CAPTION = (
     "Gain and phase of the strain's term of the driving frequency, against the sine of the "

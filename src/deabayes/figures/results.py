@@ -87,6 +87,10 @@ class StudyResults:
     def provenance(self) -> str:
         return self.recommended.provenance
 
+    @property
+    def system(self) -> str:
+        return str(self.candidates[0].attributes.get("system", ""))
+
     @cached_property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that a figure may have been drawn from."""

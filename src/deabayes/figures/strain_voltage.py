@@ -11,7 +11,7 @@ from deabayes.figures.quantities import display_unit
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
-SYSTEM = "tubular"
+SYSTEMS = ("tubular",)
 TITLE = "Strain under a sine"
 CAPTION = (
     "Left: the first cycles, from rest. Middle: the last cycles. Right: the last cycle against "
@@ -22,8 +22,6 @@ CYCLES = 2.5
 
 def draw(results: CandidateResults) -> list[Figure]:
     """One row per sine of a tubular actuator."""
-    if results.attributes.get("system") != SYSTEM:
-        return []
     found = [
         panels.Record(p) for p in results.predictions.values() if p.attrs["protocol"] == "sine"
     ]
