@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,10 +20,13 @@ TRIAL_WALKERS = 2
 
 
 def compile_study(study: str, config: Path) -> None:
-    """Do once, for each candidate, all that later stages do with kernels: numba keeps them."""
+    """Do once, for each candidate, all that later stages do with kernels: numba keeps them.
+
+    A posterior that `prior_from` names may be still to come, and has no kernel of its own.
+    """
     from deabayes.pipeline import build_target, read_experiments
 
-    found = find_study(study, config)
+    found = replace(find_study(study, config), prior_from=None)
     prepared = Path(study).parent / "prepared"
     experiments = read_experiments(prepared)
     for candidate in found.candidates:

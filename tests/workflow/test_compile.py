@@ -18,12 +18,14 @@ import numpy as np
 from pathlib import Path
 from deabayes import prediction
 from deabayes.pipeline import build_target, read_experiments
+from dataclasses import replace
+from deabayes.posterior import further_prior, wider_systems
 from deabayes.study import load_study
 from deabayes.warp import fit_warp
 
 samples = np.random.default_rng(2).standard_normal((500, 4))
 fit_warp(samples).inverse(fit_warp(samples).forward(samples))
-study, prepared = load_study(Path(sys.argv[1])), Path(sys.argv[2])
+study, prepared = replace(load_study(Path(sys.argv[1])), prior_from=None), Path(sys.argv[2])
 for candidate in study.candidates:
     target = build_target(study, candidate, prepared)
     theta = target.prior.sample(np.random.default_rng(1), 3)
@@ -37,12 +39,21 @@ for candidate in study.candidates:
         r = e.response - f
         target.noise.innovations(r, e.coordinate, weights, draws)
         target.noise.sample(np.random.default_rng(1), e.coordinate, weights, draws)
+    further = further_prior(study, target)
+    wide = target.draws(theta) | dict(zip(further.names, further.sample(np.random.default_rng(1), 3).T))
+    for protocol, system in wider_systems(study, target.system).items():
+        for e in read_experiments(prepared):
+            if e.protocol == protocol:
+                system.predict(e.excitation, e.coordinate, e.response_name, wide)
 """
 
 
 def test_later_stages_find_everything_compiled(tmp_path: Path) -> None:
+    """Also where the posterior that is to be the prior is still to come."""
     study = load_study(ROOT / "config.yaml", "tubular")
     study = replace(study, candidates=("voigt_kelvin_1", "voigt_kelvin_2"))
+    assert study.prior_from is not None and study.predict_with
+    study = replace(study, prior_from=str(tmp_path / "still_to_come.nc"))
     settings = tmp_path / "study.yaml"
     write_study(study, settings)
     prepare_study(study, tmp_path / "prepared")
