@@ -31,7 +31,7 @@ from deabayes.noise_origin import NoiseOrigin
 from deabayes.prediction import sample_response
 from tests.validation import rows
 from tests.validation.sampled import Sampled, sample
-from tests.validation.worlds import OU, Simulated, given, membrane, simulate
+from tests.validation.worlds import OU, Simulated, given, group_of, membrane, simulate
 
 OUTPUT = Path("docs/validation")
 SEED = 20261122
@@ -70,8 +70,11 @@ def replicate(task: rows.Task) -> rows.Row:
     data = simulate(world, world.target(order, variant.data), np.random.default_rng(data_stream))
     # Noise priors of the median specimen, as the truth's: else ranks need not be uniform.
     fit = given(world.target(order, variant.fit), data.records)
-    sampled = sample(fit, fit_stream)
-    rng = np.random.default_rng(pick_stream)
+    return compared(sample(fit, fit_stream), data, np.random.default_rng(pick_stream))
+
+
+def compared(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> rows.Row:
+    """How the sampling went, and the posterior against the truth and the records held out."""
     return {
         **sampled.row(),
         **_held_out(sampled, data, rng),
@@ -111,14 +114,15 @@ def comparison(name: str, draws: FloatArray, ranked: FloatArray, truth: float) -
 def _held_out(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> rows.Row:
     """Share of the points of held-out records inside the predictive bands.
 
-    The noise of a record held out is taken to be that of the steps, which it is.
+    The noise of a record held out is that of its protocol's, or of the first record.
     """
     target = sampled.target
     draws = target.draws(sampled.thinned(PREDICTIVE_DRAWS))
-    origin = NoiseOrigin(target.records[0].group)
-    noise = target.noise_draws(draws, origin.group)
     row: rows.Row = {}
     for experiment in data.held_out:
+        proportional = experiment.response_name in target.system.proportional
+        origin = NoiseOrigin(group_of(target, experiment), proportional=proportional)
+        noise = target.noise_draws(draws, origin.group)
         samples = sample_response(
             target.system,
             target.noise,

@@ -10,8 +10,12 @@ stay uniform. Records are those of the joint fit in mixing.md: steps to 2, 3 and
 155 points each on a grid whose spacing doubles from 0.25 to 8 s, to 595 s. Held out are a
 step to 3.5 kV and five periods of a sine of 2 kV at 0.05 Hz.
 
+The tubular actuator's whole model (mass and circuit) has a creep record and frequency
+responses under 100 and 500 g, gain and phase each; held out are creep at 2.5 kV and the
+response under 300 g.
+
 The noise is drawn from the noise priors at the scale of the records of the prior's median
-specimen, one set of noise parameters for all records of a specimen.
+specimen, one set of noise parameters for all records of a protocol.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Role, Specimen
 from deabayes.posterior import LogPosterior, build
+from deabayes.residual_scale import ResidualScale
 from deabayes.study import Settings, Study
 
 Discrepancy = Callable[[np.random.Generator, Experiment], FloatArray]
@@ -34,7 +39,7 @@ OU = "ornstein_uhlenbeck"
 
 @dataclass(frozen=True)
 class World:
-    """Models `{family}_{n}` of a specimen, and blank records of it.
+    """Models `{family}_{n}{ending}` of a specimen, and blank records of it.
 
     Attributes
     ----------
@@ -48,6 +53,7 @@ class World:
     records: tuple[Experiment, ...]
     held_out: tuple[Experiment, ...] = ()
     noise_groups: NoiseGroups = "protocol"
+    ending: str = ""
 
     def target(self, order: int, noise: str = OU) -> LogPosterior:
         """Log-posterior whose records are the median specimen's, which sets the noise priors."""
@@ -61,7 +67,7 @@ class World:
         self, order: int, records: Sequence[Experiment], noise: str = OU
     ) -> LogPosterior:
         """Log-posterior given records, as a study would put it together."""
-        candidate = f"{self.family}_{order}"
+        candidate = f"{self.family}_{order}{self.ending}"
         study = Study(
             "validation",
             Path(),
@@ -97,7 +103,7 @@ def simulate(
 ) -> Simulated:
     """Draw a specimen from the target's prior and simulate all records of the world with it.
 
-    All records have the noise parameters of the target's first noise group.
+    A record held out has the noise parameters of its protocol's, or of the first record.
 
     Parameters
     ----------
@@ -106,9 +112,10 @@ def simulate(
     """
     while True:
         truth = target.draws(target.prior.sample(rng, 1))
-        noise = target.noise_draws(truth, target.records[0].group)
-        blanks = (*world.records, *world.held_out)
-        noisy = [responded(target, truth, noise, each, rng) for each in blanks]
+        noisy = [
+            responded(target, truth, target.noise_draws(truth, group_of(target, each)), each, rng)
+            for each in (*world.records, *world.held_out)
+        ]
         if all(np.isfinite(each.response).all() for each in noisy):
             break
     count = len(world.records)
@@ -116,6 +123,14 @@ def simulate(
     if discrepancy is not None:
         records = [replace(e, response=e.response + discrepancy(rng, e)) for e in records]
     return Simulated(truth, tuple(records), tuple(noisy[count:]))
+
+
+def group_of(target: LogPosterior, experiment: Experiment) -> str:
+    """The noise group of a record: its own, that of its protocol, or the first."""
+    groups = {record.experiment.protocol: record.group for record in reversed(target.records)}
+    groups |= {record.experiment.name: record.group for record in target.records}
+    first = target.records[0].group
+    return groups.get(experiment.name, groups.get(experiment.protocol, first))
 
 
 def responded(
@@ -131,7 +146,8 @@ def responded(
     )
     weights = 1.0 / experiment.samples_averaged
     correlated, white = target.noise.sample(rng, experiment.coordinate, weights, noise)
-    return replace(experiment, response=(clean + correlated + white)[0])
+    scale = ResidualScale(1.0, experiment.response_name in target.system.proportional)
+    return replace(experiment, response=scale.with_residuals(clean, correlated + white)[0])
 
 
 def smooth_in_log_time(
@@ -155,11 +171,12 @@ def blank(
     time: FloatArray,
     excitation: Excitation,
     role: Role = "calibrate",
+    coordinate: tuple[str, str] = ("time", "s"),
 ) -> Experiment:
     """An experiment whose response, here a ramp, is still to be simulated."""
     return Experiment(
-        name, protocol, role, "time", "s", time, *response,
-        np.linspace(0.0, 1.0, time.size), np.ones(time.size), excitation, provenance="simulated",
+        name, protocol, role, *coordinate, time, *response,
+        np.linspace(0.5, 1.0, time.size), np.ones(time.size), excitation, provenance="simulated",
     )  # fmt: skip
 
 
@@ -239,3 +256,44 @@ def tubular_priors(units: int) -> dict[str, Settings]:
             for i in range(1, units + 1)
         },
     }
+
+
+def tubular_full() -> World:
+    """The whole tubular actuator: creep and frequency responses under two loads."""
+    quantities = {
+        "thickness": Quantity(80e-6, "m", 2e-6),
+        "relative_permittivity": Quantity(3.1, "1", 0.1),
+        "active_length": Quantity(0.07, "m"),
+        "cross_section": Quantity(6e-4, "m^2", 0.15e-4),
+        "total_mass": Quantity(0.1005, "kg"),
+        "active_mass": Quantity(0.0462, "kg", 1e-3),
+        "sensor_mass": Quantity(0.01, "kg", 5e-4),
+        "series_resistance": Quantity(954.0, "ohm", 50.0),
+        "leakage_resistance": Quantity(1e9, "ohm", 0.2e9),
+        "capacitance": Quantity(180e-9, "F", 2e-9),
+    }
+    time, frequency = np.arange(2e-3, 0.5, 2e-3), np.arange(1.0, 100.5, 1.0)
+
+    def creep(kilovolts: float, role: Role = "calibrate") -> Experiment:
+        """Raised within 3 ms, as a current of 120 mA does it."""
+        volts = 1e3 * kilovolts * np.array([0.0, 1.0, 1.0])
+        excitation = Excitation("voltage", "V", np.array([0.0, 3e-3, 0.5]), volts)
+        return blank(f"creep_{kilovolts:g}kV", "creep", ("strain", "1"), time, excitation, role)
+
+    def shaken(load: float, role: Role = "calibrate") -> tuple[Experiment, Experiment]:
+        held = {"load_g": load, "bias_kV": 2.0}
+        excitation = Excitation("frequency", "Hz", frequency, frequency, held)
+        name, protocol, along = f"shaken_{load:g}g", "frequency_response", ("frequency", "Hz")
+        return (
+            blank(name, protocol, ("gain", "1/V"), frequency, excitation, role, along),
+            blank(f"{name}_phase", protocol, ("phase", "rad"), frequency, excitation, role, along),
+        )
+
+    return World(
+        "voigt_kelvin",
+        Specimen("validation", "tubular", {"kind": "simulated"}, quantities),
+        tubular_priors,
+        (creep(2.0), *shaken(100.0), *shaken(500.0)),
+        (creep(2.5, "validate"), *shaken(300.0, "validate")),
+        ending="_inertia_circuit",
+    )

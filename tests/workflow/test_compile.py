@@ -40,7 +40,8 @@ for candidate in study.candidates:
         target.noise.innovations(r, e.coordinate, weights, draws)
         target.noise.sample(np.random.default_rng(1), e.coordinate, weights, draws)
     further = further_prior(study, target)
-    wide = target.draws(theta) | dict(zip(further.names, further.sample(np.random.default_rng(1), 3).T))
+    wide = further.sample(np.random.default_rng(1), 3).T
+    wide = target.draws(theta) | dict(zip(further.names, wide))
     for protocol, system in wider_systems(study, target.system).items():
         for e in read_experiments(prepared):
             if e.protocol == protocol:
