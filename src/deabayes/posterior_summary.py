@@ -58,7 +58,7 @@ def _contraction(posterior: FloatArray, prior: FloatArray) -> float:
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:
     """Symbol, unit, description, prior and kind of every quantity."""
     target = content.target
-    quantity_names = set(content.specimen.quantities)
+    quantity_names = set(target.system.stated())
     found = {
         p.name: {
             "symbol": p.symbol,

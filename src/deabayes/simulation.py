@@ -131,7 +131,7 @@ def _excitation(
 def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
     """Every parameter as (W,), and whether each was given as a single value."""
     needed = {p.name: p for p in model.parameters()}
-    quantities = {n: q.value for n, q in model.specimen.quantities.items() if n in needed}
+    quantities = {n: q.value for n, q in model.stated().items() if n in needed}
     faults = [
         f"{model.candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
         for name, parameter in needed.items()

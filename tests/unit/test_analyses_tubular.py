@@ -70,8 +70,7 @@ def fitted(candidate, count=2000, **changes):
         "series_resistance": R_S * np.exp(0.02 * rng.standard_normal(count)),
         "leakage_resistance": np.full(count, R_L),
         "capacitance": np.full(count, C),
-        "active_mass": np.full(count, 0.0472),
-        "sensor_mass": np.full(count, 0.01),
+        "moving_mass": np.full(count, 0.0472 + 0.5 * (0.1005 - 0.0472) + 0.01),
         "cross_section": np.full(count, 6e-4),
         **{name: np.full(count, value) for name, value in CHAIN.items()},
     } | changes  # fmt: skip

@@ -66,10 +66,10 @@ def file(further, study=STUDY):
 
 def test_what_the_fit_left_out_is_drawn_from_its_prior():
     further = further_prior(STUDY, target())
-    assert further.names == ("active_mass", "series_resistance")
+    assert further.names == ("moving_mass", "series_resistance")
     group = file(further)["posterior"]
-    assert group["active_mass"].attrs["kind"] == "prior"
-    assert "not fitted" in group["active_mass"].attrs["description"]
+    assert group["moving_mass"].attrs["kind"] == "prior"
+    assert "not fitted" in group["moving_mass"].attrs["description"]
     values = group["series_resistance"].values
     assert values.shape == (2, 300)
     assert values.mean() == pytest.approx(954.0, abs=4 * 200 / np.sqrt(600))
@@ -78,10 +78,10 @@ def test_what_the_fit_left_out_is_drawn_from_its_prior():
 
 def test_or_from_another_posterior_correlations_kept():
     rng = np.random.default_rng(1)
-    mass = 46.2e-3 + 1e-4 * rng.standard_normal(2000)
-    resistance = 900.0 + 3e5 * (mass - 46.2e-3) + 5.0 * rng.standard_normal(2000)
+    mass = 83.4e-3 + 1e-4 * rng.standard_normal(2000)
+    resistance = 900.0 + 3e5 * (mass - 83.4e-3) + 5.0 * rng.standard_normal(2000)
     inherited = PriorFromPosterior(
-        ("active_mass", "series_resistance"), np.column_stack([mass, resistance])
+        ("moving_mass", "series_resistance"), np.column_stack([mass, resistance])
     )
     further = further_prior(STUDY, target(), inherited)
     drawn = further.sample(np.random.default_rng(2), 4000)
@@ -96,7 +96,7 @@ def test_or_from_another_posterior_correlations_kept():
 def test_a_study_that_predicts_with_nothing_else_has_nothing_further():
     plain = replace(STUDY, predict_with={})
     assert further_prior(plain, target()) is None
-    assert "active_mass" not in file(None)["posterior"]
+    assert "moving_mass" not in file(None)["posterior"]
 
 
 def test_a_held_out_record_is_predicted_with_the_wider_candidate():

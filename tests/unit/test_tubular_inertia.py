@@ -1,12 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import QUANTITIES, golden_inputs, inertia, moving_chain
 
+from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import hold, relaxation_response
+from deabayes.systems.inertial_parameter import moving_quantity
 from deabayes.systems.tubular import Tubular
 from deabayes.systems.voigt_kelvin import Chain
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
@@ -187,16 +191,27 @@ def test_the_candidate_adds_the_mass():
 
 def test_uncertain_masses_are_parameters_of_the_candidate_with_mass_only():
     uncertain = specimen(sensor_mass=Quantity(0.01, "kg", 0.001, "scales"))
-    assert "sensor_mass" not in {p.name for p in Tubular("voigt_kelvin_2", uncertain).parameters()}
+    assert "moving_mass" not in {p.name for p in Tubular("voigt_kelvin_2", uncertain).parameters()}
     system = Tubular("voigt_kelvin_2_inertia", uncertain)
-    assert system.parameters()[-1].name == "sensor_mass"
-    draws = parameters(2) | {"sensor_mass": np.array([0.01, 0.11])}
+    mass = system.parameters()[-1]
+    assert mass.name == "moving_mass"
+    moving = 0.0462 + 0.5 * (0.1005 - 0.0462) + 0.01
+    assert mass.prior == LogNormal(moving, np.sqrt(np.log1p((0.001 / moving) ** 2)))
+    draws = parameters(2) | {"moving_mass": np.array([moving, moving + 0.1])}
     step = Excitation("voltage", "V", np.zeros(2), np.array([0.0, 2e3]))
     loaded = Excitation("voltage", "V", np.zeros(2), np.array([0.0, 2e3]), {"load_g": 100.0})
     time = np.linspace(0.0, 0.2, 21)
     strain = system.predict(step, time, "strain", draws)
     hung = system.predict(loaded, time, "strain", draws)
     np.testing.assert_allclose(strain[1], hung[0], rtol=1e-12, atol=1e-15)
+
+
+def test_masses_add_up_and_their_sds_in_squares():
+    masses = (Quantity(0.1, "kg", 4e-3), Quantity(0.05, "kg"), Quantity(0.01, "kg", 1e-3))
+    found = moving_quantity(*masses)
+    assert found.value == pytest.approx(0.05 + 0.025 + 0.01)
+    assert found.sd == pytest.approx(np.hypot(2e-3, 1e-3))
+    assert moving_quantity(*(replace(mass, sd=None) for mass in masses)).sd is None
 
 
 def test_failing_draws_are_nan_rows():

@@ -7,8 +7,8 @@ from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import interval, labels
 from deabayes.analyses.tubular_sources import STATED, Labels, having, prior_draws, stated
 from deabayes.experiment import FloatArray
-from deabayes.systems.inertial_parameter import inertial_parameter
-from deabayes.systems.tubular_base import INERTIA_SYMBOLS
+from deabayes.systems.inertial_parameter import moving_mass
+from deabayes.systems.tubular_base import MASSES
 
 SYSTEMS = ("tubular",)
 TITLE = "Inertial parameter (Table II)"
@@ -18,7 +18,7 @@ CAPTION = (
     "specimen.yaml: from the masses and sizes as stated, before any record; a candidate with "
     "inertia: from its posterior. The paper's own table is not in its text."
 )
-NAMES = ("active_length", *INERTIA_SYMBOLS)
+SIZES = ("cross_section", "active_length")
 GRAM = 1e-3
 
 
@@ -26,7 +26,7 @@ def compute(context: StudyContext) -> Analysis:
     """One row per load, as stated and for every candidate with inertia."""
     import pandas as pd
 
-    if not stated(context.specimen, NAMES):
+    if not stated(context.specimen, (*MASSES, *SIZES)):
         return Analysis()
     rows = [
         first | row
@@ -38,8 +38,8 @@ def compute(context: StudyContext) -> Analysis:
 
 def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
     """Moving mass [g] and M [kg/m] under a load [g]."""
-    parameter = inertial_parameter(load=GRAM * load, **drawn)
-    mass = parameter * drawn["cross_section"] / drawn["active_length"]
+    mass = drawn["moving_mass"] + GRAM * load
+    parameter = mass * drawn["active_length"] / drawn["cross_section"]
     return {
         "load_g": load,
         **interval("moving_mass", "g", mass / GRAM),
@@ -49,13 +49,14 @@ def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
 
 def _sources(context: StudyContext) -> list[tuple[Labels, dict[str, FloatArray]]]:
     rng = context.rng("inertial_parameter")
-    found: list[tuple[Labels, dict[str, FloatArray]]] = [
-        (dict(STATED), prior_draws(context.specimen, NAMES, rng))
-    ]
+    given = prior_draws(context.specimen, (*MASSES, *SIZES), rng)
+    given["moving_mass"] = moving_mass(*(given[name] for name in MASSES))
+    found: list[tuple[Labels, dict[str, FloatArray]]] = [(dict(STATED), given)]
     for name, fitted in context.candidates.items():
         system = having(fitted, "inertia")
         if system is not None:
-            drawn = {each: system.quantity(each, fitted.draws) for each in NAMES}
+            names = ("moving_mass", *SIZES)
+            drawn = {each: system.quantity(each, fitted.draws) for each in names}
             found.append((labels(name, fitted), drawn))
     return found
 

@@ -143,6 +143,10 @@ class System(ABC):
         """`simulator(...)(draws)`: the response (W, N)."""
         return self.simulator(excitation, coordinate, response)(draws)
 
+    def stated(self) -> Mapping[str, Quantity]:
+        """The specimen's quantities, and those that the system makes of them."""
+        return self.specimen.quantities
+
     def require(self, quantity: str, purpose: str = "") -> Quantity:
         """A quantity that the specimen must give, for all purposes or for this one.
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deabayes.experiment import FloatArray
+from deabayes.experiment import FloatArray, Quantity
+
+SOURCE = "from total_mass, active_mass and sensor_mass"
 
 
 def inertial_parameter(
@@ -26,5 +30,20 @@ def inertial_parameter(
         np.asarray(given, dtype=float)
         for given in (total_mass, active_mass, sensor_mass, load, active_length, cross_section)
     )
-    moving = active + 0.5 * (total - active)
-    return np.asarray((moving + sensor + hung) * length / area)
+    return np.asarray((moving_mass(total, active, sensor) + hung) * length / area)
+
+
+def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
+    """m_DE + m_LVDT [kg]: what moves without a load."""
+    total, active, sensor = (np.asarray(given, dtype=float) for given in (total, active, sensor))
+    return np.asarray(active + 0.5 * (total - active) + sensor)
+
+
+def moving_quantity(total: Quantity, active: Quantity, sensor: Quantity) -> Quantity:
+    """The same of stated masses, with the sd that theirs make; None where none has one."""
+    parts = ((total, 0.5), (active, 0.5), (sensor, 1.0))
+    value = float(moving_mass(total.value, active.value, sensor.value))
+    if all(mass.sd is None for mass, _ in parts):
+        return Quantity(value, "kg", None, SOURCE)
+    sd = math.sqrt(sum((weight * (mass.sd or 0.0)) ** 2 for mass, weight in parts))
+    return Quantity(value, "kg", sd, SOURCE)

@@ -15,12 +15,12 @@ from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
-from deabayes.systems.inertial_parameter import inertial_parameter
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
     INERTIA_SYMBOLS,
     KILOVOLT,
+    MASSES,
     QUANTITY_SYMBOLS,
     TubularBase,
     bias,
@@ -75,7 +75,7 @@ class Tubular(TubularBase):
         self.inertia, self.circuit = match.group(2) is not None, match.group(3) is not None
         for name in self.required_quantities:
             self.require(name)
-        for name in ("active_length", *INERTIA_SYMBOLS) if self.inertia else ():
+        for name in ("active_length", "cross_section", *MASSES) if self.inertia else ():
             self.require(name, "inertia")
         for name in CIRCUIT_SYMBOLS if self.circuit else ():
             self.require(name, "a circuit")
@@ -92,8 +92,11 @@ class Tubular(TubularBase):
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
-        used = QUANTITY_SYMBOLS | (INERTIA_SYMBOLS if self.inertia else {})
-        used |= CIRCUIT_SYMBOLS if self.circuit else {}
+        used: dict[str, str | tuple[str, str]] = {**QUANTITY_SYMBOLS}
+        if self.inertia:
+            used.update(INERTIA_SYMBOLS)
+        if self.circuit:
+            used.update(CIRCUIT_SYMBOLS)
         return (*voigt_kelvin.parameters(self.order), *self.uncertain(used))
 
     def check_channels(self, excitation: str, response: str) -> None:
@@ -222,11 +225,10 @@ class Tubular(TubularBase):
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
         """M (W,) [kg/m] under a load [kg]."""
-        names = ("active_length", *INERTIA_SYMBOLS)
-        parameter = inertial_parameter(
-            load=load, **{name: self.quantity(name, draws) for name in names}
+        moving, area, length = (
+            self.quantity(name, draws) for name in (*INERTIA_SYMBOLS, "active_length")
         )
-        return np.broadcast_to(parameter, np.shape(draws["E_0"]))
+        return np.asarray((moving + load) * length / area)
 
     def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
         """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Draws, Simulator, System
 from deabayes.systems.circuit import Circuit, Supply
+from deabayes.systems.inertial_parameter import moving_quantity
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.steady_sine import drive_of
 
@@ -22,13 +24,13 @@ QUANTITY_SYMBOLS = {
     "active_length": "L_0",
 }
 """The quantities every candidate that strains computes with."""
-INERTIA_SYMBOLS = {
-    "total_mass": r"m_\mathrm{total}",
-    "active_mass": r"m_\mathrm{active}",
-    "sensor_mass": r"m_\mathrm{LVDT}",
+MASSES = ("total_mass", "active_mass", "sensor_mass")
+"""Their sum (13) is the quantity `moving_mass`: no record can tell them apart."""
+INERTIA_SYMBOLS: Mapping[str, str | tuple[str, str]] = {
+    "moving_mass": (r"m_\mathrm{DE}+m_\mathrm{LVDT}", "mass that moves without a load"),
     "cross_section": "A_0",
 }
-"""Those that `_inertia` adds; it needs them all, and the active length."""
+"""Those that `_inertia` adds; it needs the masses, the cross-section and the active length."""
 CIRCUIT_SYMBOLS = {
     "series_resistance": "R_S",
     "leakage_resistance": "R_L",
@@ -71,14 +73,25 @@ class TubularBase(System):
     inertia: bool
     """Whether it holds the mass."""
 
-    def uncertain(self, symbols: Mapping[str, str]) -> tuple[Parameter, ...]:
+    def uncertain(self, symbols: Mapping[str, str | tuple[str, str]]) -> tuple[Parameter, ...]:
         """The quantities among these that carry an sd, as parameters."""
-        units = {**self.required_quantities, **self.optional_quantities}
-        return uncertain_quantities(self.specimen, symbols, units)
+        units = {**self.required_quantities, **self.optional_quantities, "moving_mass": "kg"}
+        return uncertain_quantities(
+            replace(self.specimen, quantities=self.stated()), symbols, units
+        )
+
+    def stated(self) -> Mapping[str, Quantity]:
+        """The specimen's quantities and, of its masses, what moves without a load."""
+        given = self.specimen.quantities
+        if not set(MASSES) <= set(given):
+            return given
+        return {**given, "moving_mass": moving_quantity(*(given[name] for name in MASSES))}
 
     def quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen (W,): its draws where it is a parameter, else its value."""
-        given = np.asarray(draws.get(name, self.specimen.quantities[name].value), dtype=float)
+        given = draws.get(name)
+        if given is None:
+            given = np.asarray(self.stated()[name].value)
         return np.broadcast_to(given, np.shape(next(iter(draws.values()), np.zeros(1))))
 
     def circuit_of(self, draws: Draws) -> Circuit:
