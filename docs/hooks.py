@@ -1,7 +1,8 @@
-"""Tables in the pages come from measured CSV files and the command line, not from typing."""
+"""Tables, help and code in the pages come from measured CSV files, the command line and scripts."""
 
 from __future__ import annotations
 
+import ast
 import csv
 import re
 from pathlib import Path
@@ -9,15 +10,20 @@ from typing import Any
 
 TABLE = re.compile(r"<!-- table: (?P<path>\S+) -->")
 FIGURE = re.compile(r"<!-- figure: (?P<path>\S+) (?P<text>[^>]+?) -->")
+CODE = re.compile(r"<!-- code: (?P<path>\S+)(?P<names>( \w+)*) -->")
 COMMANDS = "<!-- commands -->"
 NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
 
 
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Fill the places of tables, figures (`<!-- figure: file.png what it shows -->`), commands."""
+    """Fill the places of tables, figures (`<!-- figure: file.png what it shows -->`), commands.
+
+    `<!-- code: file.py f g -->` quotes the functions f and g, without names the whole file.
+    """
     docs = Path(config["docs_dir"])
     markdown = TABLE.sub(lambda match: table(docs, match["path"]), markdown)
     markdown = FIGURE.sub(lambda match: figure(docs, match["path"], match["text"]), markdown)
+    markdown = CODE.sub(lambda match: code(docs / match["path"], match["names"].split()), markdown)
     return markdown.replace(COMMANDS, commands()) if COMMANDS in markdown else markdown
 
 
@@ -37,6 +43,14 @@ def figure(docs: Path, name: str, text: str) -> str:
     if not (docs / name).is_file():
         return NOT_MEASURED.format(path=f"docs/{name}")
     return f"![{text}]({name})"
+
+
+def code(path: Path, names: list[str]) -> str:
+    """A Python file, or functions of it, as a code block."""
+    text = path.read_text(encoding="utf-8")
+    found = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)}
+    parts = [ast.get_source_segment(text, found[name]) or "" for name in names] or [text.rstrip()]
+    return "```python\n" + "\n\n\n".join(parts) + "\n```"
 
 
 def commands() -> str:

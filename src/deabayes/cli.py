@@ -255,13 +255,21 @@ def simulate(
 
 @cli.command()
 @click.argument("posterior", type=EXISTING)
-@click.option("--to", required=True, help="csv, json, mat, parquet")
+@click.option("--to", required=True, help="csv, json, mat, state-space")
 @click.option("-o", "--output", type=TARGET, required=True)
-def export(posterior: Path, to: str, output: Path) -> None:
-    """Write the draws of POSTERIOR in another program's format."""
+@click.option("--rate", help="state-space: also discrete, at this sample rate ('10 kHz').")
+@click.option("--draws", type=click.IntRange(min=1), help="state-space: how many  [default: 200]")
+@click.option("--load-g", type=float, help="state-space: hung mass in g  [default: 0]")
+@click.option("--bias", help="state-space: linearise about this voltage ('2 kV').")
+def export(posterior: Path, to: str, output: Path, **options: object) -> None:
+    """Write the draws of POSTERIOR in another program's format.
+
+    state-space: A, B, C, D of every draw of a linear model, as .json or .mat by
+    OUTPUT's ending. The input is the squared voltage, with --bias the voltage.
+    """
     from deabayes.pipeline import export_posterior
 
-    export_posterior(posterior, to, output)
+    export_posterior(posterior, to, output, **options)
 
 
 @cli.command()

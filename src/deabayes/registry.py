@@ -8,8 +8,8 @@ from typing import Any
 
 
 def load(package: str, names: Mapping[str, str]) -> dict[str, Any]:
-    """Name -> the object that `names` says, from the module `package`.name."""
+    """Name -> the object that `names` says, from the module `package`.name, a dash written `_`."""
     return {
-        name: getattr(import_module(f"{package}.{name}"), attribute)
+        name: getattr(import_module(f"{package}.{name.replace('-', '_')}"), attribute)
         for name, attribute in names.items()
     }

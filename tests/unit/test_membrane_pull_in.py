@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time as clock
 
 import numpy as np
@@ -148,3 +150,27 @@ def test_lost_draws_cost_little_and_change_no_other():
             )
             np.testing.assert_array_equal(alone[0], found[w])
     assert clock.perf_counter() - start < 20.0
+
+
+STUCK = """
+import subprocess
+import sys
+
+import numpy as np
+from tests.unit.membranes import membrane, step
+draws = dict(mu_alpha=1.058e4, zeta_alpha=8.281e4, J_alpha=19.04, mu_beta_1=2080.0,
+             mu_beta_2=11.77, mu_beta_3=1.101e24, tau_beta_1=1.002, tau_beta_2=2.407,
+             tau_beta_3=4.815, J_beta=13.06)
+draws = {name: np.array([value, value]) for name, value in draws.items()}
+draws["mu_beta_3"][1] = 1.5e4
+found = membrane("kv_gm_3").predict(step(4e3), np.array([1.0, 600.0]), "stretch", draws)
+print(np.isnan(found).all(axis=1))
+"""
+
+
+def test_a_draw_whose_steps_stay_tiny_is_given_up():
+    """Steps may be good and yet never arrive: a proposal 56 prior sds out once took for ever."""
+    done = subprocess.run(
+        [sys.executable, "-c", STUCK], capture_output=True, text=True, timeout=180, check=False
+    )
+    assert done.stdout.strip() == "[ True False]", done

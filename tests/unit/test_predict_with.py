@@ -49,7 +49,7 @@ def target():
     return build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
 
 
-def file(further):
+def file(further, study=STUDY):
     fitted = target()
     z = np.random.default_rng(1).standard_normal((2, 300, fitted.dimension))
     names = [*fitted.names, *fitted.system.derived(draws())]
@@ -58,7 +58,7 @@ def file(further):
     )
     return posterior_tree(
         PosteriorContent(
-            STUDY, "voigt_kelvin_2", UNCERTAIN, fitted, z, np.zeros(z.shape[:2]), table,
+            study, "voigt_kelvin_2", UNCERTAIN, fitted, z, np.zeros(z.shape[:2]), table,
             {"converged": True, "reasons": []}, [], np.random.SeedSequence(3), further,
         )
     )  # fmt: skip

@@ -16,6 +16,8 @@ studies:
   tubular:
     specimen: data/tubular
     candidates: [voigt_kelvin_1, voigt_kelvin_2]
+    calibrate: [creep_2000V]
+    validate: [creep_2500V, creep_1500V]
     priors: {}
 """
 RECORD = Path("data/tubular/records/creep_1500V.csv")

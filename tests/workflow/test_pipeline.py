@@ -1,4 +1,4 @@
-"""The whole line in one process, on the shipped creep records with a small budget."""
+"""The whole line in one process, on creep records without mass, with a small budget."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.workflow.creep_study import write_creep_study
 
 import deabayes
 from deabayes import pipeline
@@ -43,6 +44,7 @@ def results(tmp_path_factory):
     settings = Sampling(ensembles=2, walkers=48, particles=256, max_steps=3000, seed=3)
     study = replace(
         study,
+        specimen=write_creep_study(ROOT / "data" / "tubular", folder / "creep"),
         candidates=CANDIDATES,
         calibrate=("creep_2000V", "creep_2500V"),
         validate=("creep_1500V",),

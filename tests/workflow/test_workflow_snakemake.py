@@ -18,6 +18,8 @@ studies:
   tiny:
     specimen: {root}/data/tubular
     candidates: [voigt_kelvin_1]
+    calibrate: [creep_2000V]
+    validate: [creep_2500V, creep_1500V]
     preparation:
       creep:
         - delay: {{}}

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from deabayes.analyses.base import Analysis, StudyContext
 
 REGISTRY: Mapping[str, str] = {
+    "resonance": "deabayes.analyses.resonance",
     "membrane_table_1": "deabayes.analyses.membrane_table_1",
     "error_against_time": "deabayes.analyses.error_against_time",
     "membrane_table_2": "deabayes.analyses.membrane_table_2",

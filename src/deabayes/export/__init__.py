@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -11,19 +13,49 @@ from deabayes.faults import UserError, nearest
 from deabayes.files import write_atomically
 from deabayes.registry import load
 
-REGISTRY: dict[str, Callable[[xr.DataTree, Path], None]] = load(
+REGISTRY: dict[str, Callable[..., None]] = load(
     __name__,
     {
         "csv": "write",
         "json": "write",
         "mat": "write",
+        "state-space": "write",
     },
 )
-"""Format -> its function in the module of the same name."""
+"""Format -> its function in the module of the same name: (tree, path, *, its options).
+
+One that takes `suffix` is told the ending of the file asked for: it writes to another path.
+"""
 
 
-def export(tree: xr.DataTree, to: str, output: Path) -> None:
-    """Write the posterior in `tree` to `output` in the format named `to`."""
+def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
+    """Write the posterior in `tree` to `output` in the format named `to`.
+
+    Parameters
+    ----------
+    **options : those of the format, see its module; None counts as not given.
+
+    Raises
+    ------
+    UserError
+        If there is no such format, or it takes no such option.
+    """
     if to not in REGISTRY:
         raise UserError(f"--to {to!r} is no export format{nearest(to, REGISTRY)}")
-    write_atomically(lambda path: REGISTRY[to](tree, path), Path(output))
+    output, given = Path(output), {name: v for name, v in options.items() if v is not None}
+    for name in given:
+        takers = [form for form in REGISTRY if name in _options(form)]
+        if to not in takers:
+            option = f"--{name.replace('_', '-')}"
+            raise UserError(
+                f"{option} belongs to --to {' or '.join(takers) or '(no format)'}; "
+                f"--to {to} takes no such option"
+            )
+    if "suffix" in _options(to):
+        given["suffix"] = output.suffix
+    write_atomically(lambda path: REGISTRY[to](tree, path, **given), output)
+
+
+def _options(to: str) -> list[str]:
+    parameters = inspect.signature(REGISTRY[to]).parameters.values()
+    return [p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]

@@ -41,6 +41,8 @@ REGISTRY: Mapping[str, str] = {
     "comparison": "deabayes.figures.comparison",
     "errors": "deabayes.figures.errors",
     "preparation": "deabayes.figures.preparation",
+    "frequency_response": "deabayes.figures.frequency_response",
+    "strain_voltage": "deabayes.figures.strain_voltage",
     "error_against_time": "deabayes.figures.error_against_time",
     "response_stages": "deabayes.figures.response_stages",
     "hysteresis": "deabayes.figures.hysteresis",

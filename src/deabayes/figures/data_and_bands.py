@@ -14,7 +14,8 @@ TITLE = "Data and predictions"
 CAPTION = (
     "Observed points, the posterior median and three separate 90 % bands. The blue band says how "
     "well the parameters are known; only the grey one says where new data would fall. Relaxation, "
-    "creep and frequency responses over more than a factor of 30 on a logarithmic axis, "
+    "creep and frequency responses over more than a factor of 30 on a logarithmic axis, gains on "
+    "two, "
     "load–unload records as loops."
 )
 
@@ -33,6 +34,8 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
         panels.draw_observed(ax, x.values, record.response("observed"))
         ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
         ax.set_ylabel(record.label)
+        if record.spans_decades:
+            ax.set_yscale("log")
         panels.set_horizontal(ax, x)
         panels.title(ax, record)
     panels.legend_below(figure, panels.band_handles())

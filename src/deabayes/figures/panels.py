@@ -107,6 +107,11 @@ class Record:
     def label(self) -> str:
         return plain(str(self.prediction.attrs["response_name"])) + self.unit.suffix
 
+    @property
+    def spans_decades(self) -> bool:
+        """Whether the response wants a logarithmic axis: a gain does."""
+        return str(self.prediction.attrs["response_name"]) == "gain"
+
     def response(self, name: str, **selection: object) -> FloatArray:
         """A variable of the response's kind, in its display unit."""
         variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]
@@ -205,7 +210,9 @@ def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> 
 def title(ax: Axes, record: Record) -> None:
     """Name, role and protocol of a record above its panel, and the extrapolation flag."""
     attributes = record.prediction.attrs
-    words = f"{ROLES.get(str(attributes['role']), attributes['role'])}, {plain(record.protocol)}"
+    words = str(ROLES.get(str(attributes["role"]), attributes["role"]))
+    if not record.name.startswith(record.protocol):
+        words += f", {plain(record.protocol)}"
     if record.shown.start:
         words += f", last {CYCLES_SHOWN} cycles"
     size = 7.0 if len(record.name) <= 30 else 210.0 / len(record.name)

@@ -91,6 +91,10 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
     magnitudes = np.abs(np.asarray(values, dtype=float))
     finite = magnitudes[np.isfinite(magnitudes)]
     magnitude = float(finite.max()) if finite.size else 1.0
+    if unit == "rad":
+        return DisplayUnit(np.pi / 180.0, "°")
+    if name == "gain":
+        return DisplayUnit(0.01, "%/V")
     if unit in DIMENSIONLESS:
         return DisplayUnit(0.01, "%") if name in PERCENT_QUANTITIES else DisplayUnit(1.0, "")
     pretty = pretty_unit(unit)

@@ -42,6 +42,16 @@ class StateSpace:
         states = np.linalg.solve(resolvent, column)[..., 0]
         return np.einsum("wn,wrn->wr", self.c, states) + self.d[:, None]
 
+    def zero_order_hold(self, step: float) -> StateSpace:
+        """The systems z[k+1] = A z[k] + B w[k] of an input held for `step` [s]; exact.
+
+        A' = exp(A h), B' = (integral of exp(A s) over [0, h]) B, by `propagator`; C and D stay.
+        NaN for a draw whose matrices are not finite.
+        """
+        a, b = np.empty_like(self.a), np.empty_like(self.b)
+        _fill_held(np.ascontiguousarray(self.a), np.ascontiguousarray(self.b), step, a, b)
+        return StateSpace(a, b, self.c, self.d)
+
     def response(self, load: Hold, start: FloatArray | None = None) -> FloatArray:
         """The output (W, N) for an input that starts with the first knot.
 
@@ -73,6 +83,19 @@ class StateSpace:
             response,
         )
         return response[:walkers]
+
+
+@njit(cache=True)
+def _fill_held(matrices, vectors, length, a, b) -> None:  # type: ignore[no-untyped-def]
+    """Fill exp(A h) (W, n, n) and the drive of a constant input (W, n)."""
+    states = vectors.shape[1]
+    scratch = np.empty((2, states, states + 1))
+    drive = np.empty((states, 3))
+    for draw in range(vectors.shape[0]):
+        fill_propagator(matrices[draw], vectors[draw], length, scratch, a[draw], drive)
+        b[draw] = drive[:, 0]
+        for i in range(states):
+            a[draw, i, i] += 1.0
 
 
 @njit(cache=True)

@@ -22,9 +22,9 @@ def build_report(
     build(folders, output, tables, left_out)
 
 
-def export_posterior(posterior: Path, to: str, output: Path) -> None:
-    """Write a posterior's draws in another program's format."""
+def export_posterior(posterior: Path, to: str, output: Path, **options: object) -> None:
+    """Write a posterior in another program's format, which may take options."""
     from deabayes.export import export
     from deabayes.storage import read_tree
 
-    export(read_tree(posterior), to, output)
+    export(read_tree(posterior), to, output, **options)

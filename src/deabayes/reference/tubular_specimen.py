@@ -5,12 +5,13 @@ from __future__ import annotations
 STAND_IN = "stand-in, not in the paper's text"
 
 PROVENANCE = (
-    "Simulated by deabayes.reference.tubular with scipy's DOP853: three Kelvin units with "
-    "stand-in constants for the actuator of Sarban, Lassen and Willatzen (2012), of which "
-    "the third is slow (1.5 s), behind an amplifier limited to 120 mA that takes milliseconds "
-    "to charge the capacitance through its series resistance, read by a sensor with 0.4 ms "
-    "delay, offset, drift, Ornstein-Uhlenbeck and white noise and quantisation. Inertia is "
-    "left out: a real actuator also rings at tens of hertz within the first tenths of a second."
+    "Simulated by deabayes.reference.tubular, in time with scipy's DOP853, in frequency by "
+    "harmonic balance: three Kelvin units with stand-in constants for the actuator of Sarban, "
+    "Lassen and Willatzen (2012), of which the third is slow (1.5 s), moving the masses of (13), "
+    "so that it rings at tens of hertz, behind an amplifier limited to 120 mA that takes "
+    "milliseconds to charge the capacitance through its series resistance; a dielectric that "
+    "goes on absorbing charge for tens of seconds; a displacement sensor with 0.4 ms delay, and "
+    "offset, drift, Ornstein-Uhlenbeck and white noise and quantisation in what is read."
 )
 
 
@@ -31,8 +32,10 @@ SPECIMEN: dict[str, object] = {
         "active_length": _quantity(70, "mm", STAND_IN + "; taken as exact"),
         "cross_section": _quantity(6.0e-4, "m^2", sd=0.15e-4),
         "total_mass": _quantity(100.5, "g", "Sarban et al. 2012"),
-        "active_mass": _quantity(46.2, "g", "1100 kg/m^3 (stand-in) x cross_section x length"),
-        "sensor_mass": _quantity(10, "g"),
+        "active_mass": _quantity(
+            46.2, "g", "1100 kg/m^3 (stand-in) x cross_section x length; sd is a stand-in", 1
+        ),
+        "sensor_mass": _quantity(10, "g", sd=0.5),
         "series_resistance": _quantity(
             954,
             "ohm",
@@ -48,5 +51,6 @@ SPECIMEN: dict[str, object] = {
         "resolution": {"value": 0.2, "unit": "um"},
         "noise": {"value": 1.4, "unit": "um"},
         "current_limit": {"value": 120, "unit": "mA"},
+        "current": {"delay": {"value": 0, "unit": "ms"}},
     },
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from deabayes.experiment import (
 )
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
+
+if TYPE_CHECKING:
+    from deabayes.systems.linear_model import LinearModel
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]
@@ -95,6 +98,24 @@ class System(ABC):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Quantities in the papers' terms, computed from draws."""
         return {}
+
+    def linear_model(
+        self, draws: Draws, load: float = 0.0, bias: float | None = None
+    ) -> LinearModel | None:
+        """The state space of every draw, for control; None if the system is not linear.
+
+        Parameters
+        ----------
+        draws : name -> (W,).
+        load : the hung mass [kg].
+        bias : the voltage [V] to linearise about; None for what is linear as it is.
+
+        Raises
+        ------
+        UserError
+            If the candidate has no mass to which the load could be added.
+        """
+        return None
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
         """In a few words, why each of these draws (W,), which failed, has no response."""

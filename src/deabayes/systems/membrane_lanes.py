@@ -137,6 +137,9 @@ def integrate(
                     lane_draw[i], running = IDLE, running - 1
                 elif output[i] == times.size or reached >= end:
                     lane_draw[i], running = IDLE, running - 1
+                elif steps[w] > most:
+                    stretch[w], ended[w] = np.nan, now[i]
+                    lane_draw[i], running = IDLE, running - 1
                 elif last:
                     piece[i] += 1
                     _enter_piece(c, i, piece[i], edges, volts)

@@ -12,14 +12,16 @@ from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
-from deabayes.systems.biased_sine import fundamental_pressure
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.inertial_parameter import inertial_parameter
+from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.specimen_quantities import uncertain_quantities
-from deabayes.systems.tubular_sine import harmonic_strain, phase
+from deabayes.systems.tubular_linear import DrivenChain
+from deabayes.systems.tubular_sine import Harmonic, phase
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
@@ -77,6 +79,7 @@ class Tubular(System):
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",
         "displacement": "m",
+        "current": "A",
         "gain": "1/V",
         "phase": "rad",
     }
@@ -131,6 +134,8 @@ class Tubular(System):
         self.check_channels(excitation.name, response)
         if excitation.name == "frequency":
             return self._harmonic_simulator(excitation, coordinate, response)
+        if response == "current":
+            raise UserError("response 'current' of system 'tubular' has no model yet")
         if response == "displacement":
             self.require("active_length")
         power: Literal[1, 2] = 1 if self.circuit else 2
@@ -157,22 +162,23 @@ class Tubular(System):
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
         """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        bias = _bias(excitation)
-        mass = _hung(excitation) if self.inertia else 0.0
+        _bias(excitation), _hung(excitation)  # said before a draw is made
 
         def simulate(draws: Draws) -> FloatArray:
-            chain: voigt_kelvin.Chain | MovingChain
-            chain = voigt_kelvin.Chain.from_draws(draws, self.order)
-            if self.inertia:
-                chain = MovingChain(chain, self._inertial_parameter(mass, draws))
-            circuit = self._circuit(draws) if self.circuit else None
-            pressure = fundamental_pressure(
-                circuit, 1.0, bias, frequency, self._pressure(1.0, draws)
-            )
-            harmonic = harmonic_strain(chain, pressure, frequency)
+            harmonic = self.harmonic(excitation, draws).per_volt(frequency)
             return np.abs(harmonic) if response == "gain" else phase(harmonic, frequency)
 
         return simulate
+
+    def harmonic(self, excitation: Excitation, draws: Draws) -> Harmonic:
+        """The answer to a small sine about the record's bias, under its load."""
+        chain: voigt_kelvin.Chain | MovingChain
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        bias = _bias(excitation)
+        if self.inertia:
+            chain = MovingChain(chain, self._inertial_parameter(_hung(excitation), draws))
+        circuit = self._circuit(draws) if self.circuit else None
+        return Harmonic(chain, circuit, self._pressure(1.0, draws), bias)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """What creep determines and what the chain means.
@@ -202,6 +208,24 @@ class Tubular(System):
             result |= MovingChain(chain, self._inertial_parameter(0.0, draws)).derived()
         return result | chain.derived()
 
+    def linear_model(
+        self, draws: Draws, load: float = 0.0, bias: float | None = None
+    ) -> LinearModel:
+        """From the squared voltage, or about a bias: see `tubular_linear`."""
+        if load and not self.inertia:
+            raise UserError(
+                f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
+                "take a candidate with _inertia or leave the load out"
+            )
+        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        driven = DrivenChain(
+            self._space(chain, load, draws),
+            self._pressure(1.0, draws),
+            self.inertia,
+            self._circuit(draws) if self.circuit else None,
+        )
+        return driven.squared() if bias is None else driven.about(bias)
+
     def _per_square(
         self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
     ) -> FloatArray:
@@ -209,12 +233,14 @@ class Tubular(System):
 
         driven : the amplifier's voltage if there is a circuit, else the voltage squared.
         """
-        space = chain.state_space()
-        if self.inertia:
-            space = MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
-        if not self.circuit:
-            return space.response(driven)
-        return self._circuit(draws).drive(space, driven)
+        space = self._space(chain, load, draws)
+        return self._circuit(draws).drive(space, driven) if self.circuit else space.response(driven)
+
+    def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
+        """From pressure to strain, under a load [kg] if the candidate has mass."""
+        if not self.inertia:
+            return chain.state_space()
+        return MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
 
     def _circuit(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""

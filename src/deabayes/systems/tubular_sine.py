@@ -26,6 +26,45 @@ from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 
 @dataclass(frozen=True)
+class Harmonic:
+    """The strain's term of frequency f under v_AMP = A sin(2 pi f t) + B, per volt of A.
+
+    Draws of the chain, of the circuit where there is one, and of k (W,); B [V]. The term is
+    in proportion to the amplitude; the bias is what makes the pressure, a square, follow it.
+    """
+
+    chain: Chain | MovingChain
+    circuit: Circuit | None
+    pressure_per_square: FloatArray
+    bias: float
+
+    def per_volt(self, frequency: FloatArray) -> ComplexArray:
+        """H(i omega) (beta_1 + i alpha_1) / A (W, F) [1/V], at frequencies (F,) or (W, F) [Hz].
+
+        Its modulus is the gain, its argument the phase against the sine of v_AMP.
+        """
+        frequency = np.asarray(frequency, dtype=float)
+        pressure = fundamental_pressure(
+            self.circuit, 1.0, self.bias, frequency, self.pressure_per_square
+        )
+        rate = 2j * np.pi * frequency
+        if isinstance(self.chain, MovingChain):
+            return np.asarray(pressure * self.chain.transfer(rate))
+        return np.asarray(pressure * self.chain.complex_compliance(rate))
+
+    def peak(self) -> tuple[FloatArray, FloatArray]:
+        """Frequency [Hz] and gain [1/V] where the gain of a moving chain is greatest, (W,).
+
+        The peak is the continuous one; that of a grid of frequencies lies lower.
+        """
+        if not isinstance(self.chain, MovingChain):
+            raise TypeError("a chain without mass has no resonance")
+        stiffness = 1.0 / self.chain.chain.instantaneous
+        highest = np.sqrt(stiffness / self.chain.inertia) / (2.0 * np.pi)
+        return peak(lambda frequency: np.abs(self.per_volt(frequency)), highest)
+
+
+@dataclass(frozen=True)
 class SineResponse:
     """Draws of the actuator: its circuit, its chain and k = epsilon_0 epsilon_r / d^2 (W,)."""
 
@@ -44,27 +83,19 @@ class SineResponse:
         pressure = pressure_series(self.circuit, sine, self.pressure_per_square)
         return self._forced(pressure.lasting())(np.asarray(time, dtype=float))
 
-    def harmonic(self, amplitude: float, bias: float, frequency: FloatArray) -> ComplexArray:
+    def harmonic(self, bias: float, frequency: FloatArray) -> ComplexArray:
         """Term of frequency f of the strain per volt of amplitude (W, F) [1/V].
 
         Its modulus is the gain, its argument the phase against the sine of v_AMP. The
         bias [V] is what makes the pressure, a square, follow the sine.
         """
-        frequency = np.asarray(frequency, dtype=float)
-        pressure = fundamental_pressure(
-            self.circuit, amplitude, bias, frequency, self.pressure_per_square
+        return Harmonic(self.chain, self.circuit, self.pressure_per_square, bias).per_volt(
+            frequency
         )
-        return harmonic_strain(self.chain, pressure, frequency) / amplitude
 
     def resonance(self, bias: float) -> tuple[FloatArray, FloatArray]:
-        """Frequency [Hz] and gain [1/V] of the peak of |harmonic|, each (W,).
-
-        The gain does not depend on the amplitude. The peak is the continuous one; that
-        of a grid of frequencies lies lower.
-        """
-        inertia, instantaneous = self.chain.inertia, self.chain.chain.instantaneous
-        highest = np.sqrt(1.0 / (instantaneous * inertia)) / (2.0 * np.pi)
-        return peak(lambda f: np.abs(self.harmonic(1.0, bias, f)), highest)
+        """Frequency [Hz] and gain [1/V] of the peak of `harmonic`'s modulus, each (W,)."""
+        return Harmonic(self.chain, self.circuit, self.pressure_per_square, bias).peak()
 
     def _forced(self, pressure: Series) -> Series:
         gain = self.chain.transfer(pressure.rates)
@@ -75,16 +106,6 @@ class SineResponse:
         forced = self.chain.states(pressure.rates) * pressure.coefficients[:, None]
         start = -np.sum(forced, axis=2).real
         return self.chain.state_space().response(hold([0.0], [0.0], time), start)
-
-
-def harmonic_strain(
-    chain: Chain | MovingChain, pressure: ComplexArray, frequency: FloatArray
-) -> ComplexArray:
-    """Term of frequency f of the strain (W, F) that this term of the pressure [Pa] makes."""
-    rate = 2j * np.pi * np.asarray(frequency)
-    if isinstance(chain, MovingChain):
-        return np.asarray(pressure * chain.transfer(rate))
-    return np.asarray(pressure * chain.complex_compliance(rate))
 
 
 def phase(harmonic: ComplexArray, frequency: FloatArray, sensor_delay: float = 0.0) -> FloatArray:

@@ -1,0 +1,170 @@
+"""Linear models for control: A, B, C, D of draws, continuous and at a sample rate."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import FloatArray
+from deabayes.export.state_space_files import WRITERS
+from deabayes.faults import UserError
+from deabayes.integrate.state_space import StateSpace
+from deabayes.storage import specimen_from_json, stacked
+from deabayes.systems import Draws, System, build
+from deabayes.systems.linear_model import LinearModel, Signal
+from deabayes.units import parse_quantity
+
+DRAWS, GRAM = 200, 1e-3
+DISCRETISATION = "zero-order hold: exact for an input held between samples (matrix exponential)"
+
+
+def write(
+    tree: xr.DataTree,
+    path: Path,
+    *,
+    suffix: str,
+    rate: str | float | None = None,
+    draws: int | None = None,
+    load_g: float = 0.0,
+    bias: str | float | None = None,
+) -> None:
+    """x' = A x + B u, y = C x + D u of draws taken evenly from all ensembles.
+
+    Parameters
+    ----------
+    suffix : `.json` or `.mat`, which says what is written. Arrays have the draws as their
+        first axis in JSON, as their last in MATLAB, where `ss` takes them as they are.
+    rate : sample rate, e.g. ``"10 kHz"``, for the discrete model; none by default.
+    draws : how many; 200 by default, or all if there are fewer.
+    load_g : hung mass [g].
+    bias : voltage to linearise about, e.g. ``"2 kV"``; by default the input is the squared
+        voltage, in which the model is linear as it is.
+
+    Raises
+    ------
+    UserError
+        If the system is not linear, or an option cannot be.
+    """
+    if suffix not in WRITERS:
+        raise UserError(
+            f"--to state-space writes {' or '.join(WRITERS)}, by the ending of -o; "
+            f"found {suffix or 'no ending'!r}"
+        )
+    hertz, volts = _positive(rate, "Hz", "--rate"), _positive(bias, "V", "--bias")
+    picked = evenly(tree["posterior"].sizes["chain"] * tree["posterior"].sizes["draw"], draws)
+    system, values = _system(tree, picked)
+    model = _linear_model(system, values, load_g, volts)
+    content = _content(tree, system, model, GRAM * load_g)
+    content |= {"draws": _draws(tree, system, values, picked), "continuous": _matrices(model.space)}
+    if hertz is not None:
+        content["discrete"] = _discrete(model.space, hertz)
+    WRITERS[suffix](content, path)
+
+
+def evenly(total: int, size: int | None) -> np.ndarray:
+    """Indices of `size` of `total` draws in a row, each the middle of an equal part of it."""
+    if size is not None and not 1 <= size <= total:
+        raise UserError(f"--draws {size}: the posterior holds {total} draws; take 1 to {total}")
+    size = min(DRAWS, total) if size is None else size
+    return (2 * np.arange(size) + 1) * total // (2 * size)
+
+
+def _positive(given: str | float | None, unit: str, option: str) -> float | None:
+    if given is None:
+        return None
+    value = parse_quantity(given, unit, option)
+    if not 0.0 < value < np.inf:
+        raise UserError(f"{option} must be more than zero; found {given!r}")
+    return value
+
+
+def _system(tree: xr.DataTree, picked: np.ndarray) -> tuple[System, Draws]:
+    """The candidate and the picked draws of its parameters."""
+    specimen = specimen_from_json(tree.attrs["specimen"])
+    system = build(specimen.system, tree.attrs["candidate"], specimen)
+    names = [parameter.name for parameter in system.parameters()]
+    return system, {name: stacked(tree["posterior"], name)[picked] for name in names}
+
+
+def _linear_model(system: System, values: Draws, load_g: float, bias: float | None) -> LinearModel:
+    """Of a system that has one, with finite matrices."""
+    if not 0.0 <= load_g < np.inf:
+        raise UserError(f"--load-g must be a mass in g, zero or more; found {load_g:g}")
+    model = system.linear_model(values, GRAM * load_g, bias)
+    if model is None:
+        raise UserError(
+            f"{system.candidate} of system {system.name!r} is not linear, so it has no "
+            "state space; export its draws with --to json or --to mat"
+        )
+    space = model.space
+    columns = np.column_stack([space.a.reshape(len(space.a), -1), space.b, space.c, space.d])
+    lost = int(np.sum(~np.all(np.isfinite(columns), axis=1)))
+    if lost:
+        raise UserError(f"{lost} of {len(columns)} draws have no state space: not finite numbers")
+    return model
+
+
+def _content(
+    tree: xr.DataTree, system: System, model: LinearModel, load: float
+) -> dict[str, object]:
+    """What the matrices are of."""
+    simulated = tree.attrs["provenance"] == "simulated"
+    delay = system.specimen.instruments.get("delay")
+    content: dict[str, object] = {
+        "candidate": tree.attrs["candidate"],
+        "system": tree.attrs["system"],
+        "provenance": tree.attrs["provenance"],
+        "provenance_note": "from simulated records, not from measurements" if simulated else "",
+        "converged": bool(json.loads(tree.attrs["convergence"])["converged"]),
+        "deabayes_version": tree.attrs["deabayes_version"],
+        "equations": "x' = A x + B u, y = C x + D u; discrete: x[k+1] = A x[k] + B u[k]",
+        "validity": model.validity,
+        "input": _signals(model.input)[0],
+        "output": _signals(model.output)[0],
+        "states": _signals(*model.states),
+        "load": {"unit": "kg", "value": load},
+        "operating_point": {
+            name: {"unit": at.unit, "description": at.description, "values": at.values}
+            for name, at in model.operating_point.items()
+        },
+    }
+    if delay is not None:
+        note = "the sensor's, not in the matrices"
+        content["sensor_delay"] = {"unit": "s", "value": delay.value, "description": note}
+    return content
+
+
+def _signals(*signals: Signal) -> list[dict[str, str]]:
+    return [{"name": s.name, "unit": s.unit, "description": s.description} for s in signals]
+
+
+def _draws(
+    tree: xr.DataTree, system: System, values: Draws, picked: np.ndarray
+) -> dict[str, object]:
+    """Where in the posterior each draw stands, and its parameters."""
+    ensemble, draw = np.divmod(picked, tree["posterior"].sizes["draw"])
+    units = {parameter.name: parameter.unit for parameter in system.parameters()}
+    parameters = {n: {"unit": units[n], "values": drawn} for n, drawn in values.items()}
+    return {"ensemble": ensemble, "draw": draw, "parameters": parameters}
+
+
+def _matrices(space: StateSpace) -> dict[str, FloatArray]:
+    """A (W, n, n), B (W, n, 1), C (W, 1, n) and D (W, 1, 1)."""
+    return {
+        "A": space.a,
+        "B": space.b[:, :, None],
+        "C": space.c[:, None, :],
+        "D": space.d[:, None, None],
+    }
+
+
+def _discrete(space: StateSpace, rate: float) -> dict[str, object]:
+    held = space.zero_order_hold(1.0 / rate)
+    return {
+        "sample_time": {"unit": "s", "value": 1.0 / rate},
+        "discretisation": DISCRETISATION,
+        **_matrices(held),
+    }

@@ -1,0 +1,81 @@
+"""Gain and phase against frequency, all loads together: Fig. 10 of the tubular paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from deabayes.figures import panels, style
+from deabayes.figures.quantities import ROLES, short
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+TITLE = "Frequency responses"
+CAPTION = (
+    "Gain and phase of the strain's term of the driving frequency, against the sine of the "
+    "amplifier's voltage, the sensor's delay taken out: measured points, the posterior median and "
+    "the 90 % predictive band (parameters, discrepancy and noise)."
+)
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """Gain above phase; one colour per record."""
+    records = [panels.Record(p) for p in results.predictions.values()]
+    responses = {
+        kind: [r for r in records if r.prediction.attrs["response_name"] == kind]
+        for kind in ("gain", "phase")
+    }
+    shown = {kind: found for kind, found in responses.items() if found}
+    if not shown:
+        return []
+    height = 2.1 * len(shown) + 0.5 + style.HEADER
+    figure = Figure(figsize=(0.75 * style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, found in zip(axes, shown.values(), strict=True):
+        _draw_all(ax, found)
+    axes[-1].set_xlabel("frequency (Hz)")
+    panels.legend_below(figure, _handles(results, next(iter(shown.values()))), 3)
+    return [figure]
+
+
+def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
+    """Every record of one response; a factor of display units is shared."""
+    for index, record in enumerate(records):
+        frequency = record.against_coordinate().values
+        colour = style.SERIES[index % len(style.SERIES)]
+        lower, upper = (
+            record.response("predictive", level=0.9, bound=bound) for bound in ("lower", "upper")
+        )
+        ax.fill_between(frequency, lower, upper, color=colour, alpha=0.22, linewidth=0)
+        ax.plot(frequency, record.response("median"), color=colour, linewidth=1.0)
+        ax.plot(frequency, record.response("observed"), color=colour, linestyle="none",
+                marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
+                markeredgewidth=0, alpha=0.8)  # fmt: skip
+    if any(record.extrapolation for record in records):
+        ax.set_title("EXTRAPOLATION", loc="right", fontsize=5.5, color=style.VERMILLION,
+                     weight="bold")  # fmt: skip
+    if records[0].spans_decades:
+        ax.set_yscale("log")
+    panels.logarithmic(ax, frequency)
+    ax.set_ylabel(records[0].label)
+
+
+def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> list[Line2D | Patch]:
+    entries: list[Line2D | Patch] = [
+        Line2D([], [], color=style.SERIES[k % len(style.SERIES)], marker=style.MARKERS[k],
+               markersize=3, linewidth=1.0, label=_label(results, record))
+        for k, record in enumerate(records)
+    ]  # fmt: skip
+    return [*entries, Patch(color=style.GREY, alpha=0.25, label="90 % predictive band")]
+
+
+def _label(results: CandidateResults, record: panels.Record) -> str:
+    """The load where the record says it, else its name; whether it was fitted."""
+    load = results.study.experiments[record.name].metadata.get("load_g")
+    name = record.name if load is None else f"{short(float(load))} g"
+    role = str(record.prediction.attrs["role"])
+    return f"{name}, {ROLES.get(role, role)}"

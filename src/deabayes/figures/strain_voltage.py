@@ -1,0 +1,77 @@
+"""A sine against time and against voltage: Fig. 9 of the tubular paper."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deabayes.figures import panels, style
+from deabayes.figures.quantities import display_unit
+from deabayes.figures.results import CandidateResults
+
+SCOPE = "candidate"
+SYSTEM = "tubular"
+TITLE = "Strain under a sine"
+CAPTION = (
+    "Left: the first cycles, from rest. Middle: the last cycles. Right: the last cycle against "
+    "the voltage. Measured points, the posterior median and the three 90 % bands."
+)
+CYCLES = 2.5
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """One row per sine of a tubular actuator."""
+    if results.attributes.get("system") != SYSTEM:
+        return []
+    found = [
+        panels.Record(p) for p in results.predictions.values() if p.attrs["protocol"] == "sine"
+    ]
+    return [_sheet(record) for record in found]
+
+
+def _sheet(record: panels.Record) -> Figure:
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, 2.2 + 0.4 + style.HEADER), layout="constrained")
+    first, last, loop = figure.subplots(1, 3)
+    time = record.prediction["coordinate"].values
+    crossings = panels.upward_crossings(record.prediction["excitation"].values)
+    period = float(np.median(np.diff(time[crossings]))) if crossings.size > 1 else np.ptp(time)
+    early = time <= time[0] + CYCLES * period
+    late = time >= time[-1] - CYCLES * period
+    cycle = time >= time[-1] - period
+    unit = display_unit("s", time)
+    for ax, part in ((first, early), (last, late)):
+        _curve(ax, record, time[part] / unit.factor, part)
+        ax.set_xlabel(f"time{unit.suffix}")
+    volts = record.prediction["excitation"].values
+    volt = display_unit("V", volts)
+    _curve(loop, record, volts[cycle] / volt.factor, cycle)
+    loop.set_xlabel(f"voltage{volt.suffix}")
+    first.set_ylabel(record.label)
+    for ax, words in ((first, "from rest"), (last, "steady"), (loop, "last cycle")):
+        ax.set_title(words, loc="left")
+    panels.legend_below(figure, panels.band_handles())
+    return figure
+
+
+def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
+    """Bands, points and median of a stretch against time or voltage."""
+    whole = {
+        (name, bound): _of(record, name, bound)[part]
+        for name in style.BANDS
+        for bound in ("lower", "upper")
+    }
+    for name, (colour, _) in style.BANDS.items():
+        for branch in panels.branches(x):
+            lower, upper = whole[name, "lower"][branch], whole[name, "upper"][branch]
+            ax.fill_between(x[branch], lower, upper, color=colour, linewidth=0.4)
+    panels.draw_observed(ax, x, _of(record, "observed")[part])
+    ax.plot(x, _of(record, "median")[part], color=style.BLUE, linewidth=1.1, zorder=4)
+
+
+def _of(record: panels.Record, name: str, bound: str = "") -> np.ndarray:
+    """A variable of the response's kind over the whole record, in its display unit."""
+    variable = record.prediction[name]
+    if bound:
+        variable = variable.sel(level=0.9, bound=bound)
+    return np.asarray(variable.values / record.unit.factor)
