@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from deabayes.mixture import Mixture, RandomSource, two_clusters
 from deabayes.mixture import fit as fit_mixture
 from deabayes.warp import Warp, fit_warp
 
-STRAIGHTENED, PLAIN, COVERING = 0.85, 0.05, 0.1
+STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
+FINE_COVERING = 0.2
 SPLIT_GAIN = 0.1
 """Nats per held-out sample by which a split must describe them better."""
 TRIAL_COMPONENTS = 4
@@ -94,6 +95,7 @@ def fit(
     rng: np.random.Generator,
     log_density: FloatArray | None = None,
     may_split: bool = False,
+    fine: bool = False,
 ) -> Proposal:
     """Fit a proposal to samples (n, d) and freeze it.
 
@@ -112,52 +114,60 @@ def fit(
     """
     finite = np.isfinite(samples).all(axis=1)
     samples = samples[finite]
-    parts = _parts(samples, components, rng)
-    if may_split and _better_split(samples, rng):
-        parts = _split_parts(samples, components, rng)
+    parts = _parts(samples, components, rng, fine=fine)
+    if may_split and _better_split(samples, rng, fine):
+        parts = _split_parts(samples, components, rng, fine)
     if log_density is not None:
         excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
         weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
         chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
-        missed = fit_mixture(samples[chosen], max(components // 2, 1), rng)
-        kept = [Part((1 - COVERING) * part.weight, part.mixture, part.warp) for part in parts]
-        parts = [*kept, Part(COVERING, missed)]
+        half = max(components // 2, 1)
+        share = FINE_COVERING if fine else COVERING
+        if fine:
+            missed = _parts(samples[chosen], half, rng, share, fine)
+        else:
+            missed = [Part(share, fit_mixture(samples[chosen], half, rng))]
+        parts = [*(replace(part, weight=(1 - share) * part.weight) for part in parts), *missed]
     return Proposal(tuple(parts))
 
 
 def _parts(
-    samples: FloatArray, components: int, rng: np.random.Generator, weight: float = 1.0
+    samples: FloatArray,
+    components: int,
+    rng: np.random.Generator,
+    weight: float = 1.0,
+    fine: bool = False,
 ) -> list[Part]:
     """Parts of a total weight, fitted to samples (n, d): straightened and plain, or plain only."""
     plain = fit_mixture(samples, components, rng)
-    warp = fit_warp(samples)
+    warp = fit_warp(samples, fine)
     if warp is None:
         return [Part(weight, plain)]
     straightened = fit_mixture(warp.forward(samples), components, rng)
-    share = weight * STRAIGHTENED / (STRAIGHTENED + PLAIN)
-    return [Part(share, straightened, warp), Part(weight - share, plain)]
+    return [Part(weight * STRAIGHTENED, straightened, warp), Part(weight * PLAIN, plain)]
 
 
-def _split_parts(samples: FloatArray, components: int, rng: np.random.Generator) -> list[Part]:
+def _split_parts(
+    samples: FloatArray, components: int, rng: np.random.Generator, fine: bool
+) -> list[Part]:
     """Parts of each half of a split by size, or of the whole where there is none."""
     halves = two_clusters(samples, rng)
     parts: list[Part] = []
     for half in halves:
         share = len(half) / len(samples)
         own = max(1, round(components * max(share, 0.25)))
-        parts += _parts(half, own, rng, share)
+        parts += _parts(half, own, rng, share, fine)
     return parts
 
 
-def _better_split(samples: FloatArray, rng: np.random.Generator) -> bool:
+def _better_split(samples: FloatArray, rng: np.random.Generator, fine: bool) -> bool:
     """Whether a split describes a held-out fifth of the samples better than none."""
     order = rng.permutation(len(samples))
     order = order[:MOST_TRIAL_SAMPLES]
     held_out, train = np.split(samples[order], [len(order) // 5])
     if len(two_clusters(train, rng)) < 2:
         return False
-    scores = [
-        Proposal(tuple(trial(train, TRIAL_COMPONENTS, rng))).log_density(held_out).mean()
-        for trial in (_parts, _split_parts)
-    ]
+    whole = _parts(train, TRIAL_COMPONENTS, rng, fine=fine)
+    split = _split_parts(train, TRIAL_COMPONENTS, rng, fine)
+    scores = [Proposal(tuple(parts)).log_density(held_out).mean() for parts in (whole, split)]
     return bool(scores[1] > scores[0] + SPLIT_GAIN)

@@ -11,6 +11,8 @@ from deabayes.experiment import FloatArray
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
 """Standard deviations beyond which terms stay constant: polynomials must not run away."""
+KNOTS = (-2.2, -1.2, -0.4, 0.4, 1.2, 2.2)
+"""Where a coordinate's spline bends: squares of what lies beyond a knot, outwards."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -30,9 +32,15 @@ def _lead(
         for later in range(k + 1, dimension):
             shift[later] += term * shifts[k, j, later]
     cube = bounded**3
+    for index, knot in enumerate(KNOTS):
+        beyond = bounded - knot if knot > 0 else knot - bounded
+        if beyond > 0:
+            for later in range(k + 1, dimension):
+                shift[later] += beyond**2 * shifts[k, dimension + 2 + index, later]
     near = min(max(y[k], -SCALE_LIMIT), SCALE_LIMIT)
     for later in range(k + 1, dimension):
-        shift[later] += bounded * shifts[k, -2, later] + cube * shifts[k, -1, later]
+        shift[later] += bounded * shifts[k, dimension, later]
+        shift[later] += cube * shifts[k, dimension + 1, later]
         log_scale[later] += near * (scales[k, 0, later] + near * scales[k, 1, later])
 
 
