@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TAU_TOLERANCE = 0.05
+LONG_ENOUGH, LOOSE_TAU_TOLERANCE = 1.5, 0.15
+"""Where every run is half as long again as asked for, tau may change by this much.
+
+A walker that now and then sits still makes tau itself uncertain: of simulated stationary runs
+of 120 tau that hold such walkers, the tolerance of 5 % alone lets 28 % pass, this rule 53 %; of
+runs that are too short (33 and 46 tau) 12 and 45 % pass by either, or 12 and 47 %
+(docs/validation.md)."""
 BURN_IN_TIMES = 5.0
 GATE_STEPS = 400
 """Steps per walker that statistics are computed from; more change none of them visibly."""
@@ -102,7 +109,7 @@ def assess(
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
     reasons = _table_reasons(table, settings) + _length_reasons(times, settings)
-    reasons += _tau_reasons(quantities)
+    reasons += _tau_reasons(quantities, times, settings)
     if dropped is not None:
         reasons += _burn_in_reasons(np.asarray(dropped) * times)
     if log_posterior is not None:
@@ -143,19 +150,23 @@ def _length_reasons(times: FloatArray, settings: Sampling) -> list[str]:
     ]
 
 
-def _tau_reasons(quantities: Mapping[str, FloatArray]) -> list[str]:
+def _tau_reasons(
+    quantities: Mapping[str, FloatArray], times: FloatArray, settings: Sampling
+) -> list[str]:
     """Compare tau of all runs with tau of their first four fifths."""
+    ample = bool(np.all(times >= LONG_ENOUGH * settings.autocorrelation_times))
+    tolerance = LOOSE_TAU_TOLERANCE if ample else TAU_TOLERANCE
     steps = next(iter(quantities.values())).shape[1]
     early = {name: values[:, : steps * 4 // 5] for name, values in quantities.items()}
     slowest = min(quantities, key=lambda name: _pooled_ess(quantities[name]))
     tau = steps / _pooled_ess(quantities[slowest])
     before = (steps * 4 // 5) / _pooled_ess(early[slowest])
     change = abs(tau / before - 1)
-    if change <= TAU_TOLERANCE:
+    if change <= tolerance:
         return []
     reason = (
         f"{slowest}: the autocorrelation time still changes by {change:.0%} over the last fifth "
-        f"of the runs, more than {TAU_TOLERANCE:.0%}; sample longer"
+        f"of the runs, more than {tolerance:.0%}; sample longer"
     )
     return [reason]
 

@@ -167,7 +167,9 @@ def _refit(
         density = np.concatenate([each.log_posterior[half].ravel() for each, half in pairs])
         rng = np.random.default_rng(stage_seed(seed, REFIT, index))
         chosen = rng.choice(len(draws), min(REFIT_SAMPLE, len(draws)), replace=False)
-        proposal = fit(draws[chosen], REFITTED_COMPONENTS, rng, density[chosen], may_split=True, fine=True)
+        proposal = fit(
+            draws[chosen], REFITTED_COMPONENTS, rng, density[chosen], may_split=True, fine=True
+        )
         return proposal.arrays()
 
     return Proposal.from_arrays(store.once(f"refitted_{index}", compute))

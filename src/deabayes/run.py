@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes import chains
 from deabayes.checkpoint import Arrays, Store, random_state_arrays, random_state_from
-from deabayes.diagnostics import TAU_TOLERANCE
+from deabayes.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
@@ -21,8 +21,6 @@ MOST_STORED_STEPS = 4000
 MINIMUM_STEPS = 1000
 """Just after the warm-up, effective sample sizes mostly count its independent particles."""
 DROPPED_SHARE = 0.2
-LONG_ENOUGH = 1.5
-"""Times the wanted length at which the scatter of one run's estimated time no longer matters."""
 MARGIN = 1.05
 """A run goes on a little beyond the wanted length, so that thinning does not undo it."""
 

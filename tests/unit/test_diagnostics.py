@@ -147,3 +147,31 @@ def test_a_curved_ridge_is_one_mode():
     table, reasons = mode_shares(ridge)
     assert len(table) == 1
     assert reasons == []
+
+
+def drifting(steps, late=4.0):
+    """Runs whose last fifth holds a walker that sits still: tau rises in the last fifth."""
+    values = autoregression(0.5, (4, steps, 16), seed=4)
+    values[:, int(0.82 * steps) : int(0.86 * steps), 0] = late
+    return {"mu": values}
+
+
+def tau_reasons(quantities, **settings):
+    found = assess(quantities, Sampling(walkers=16, **settings))
+    return [reason for reason in found.reasons if "autocorrelation time still" in reason], found
+
+
+def test_a_tau_that_changes_is_said():
+    """By 10 % in runs of 92 tau: too much where 70 were asked for, not where 50 were."""
+    asked = {
+        wanted: tau_reasons(drifting(300, late=2.0), autocorrelation_times=wanted)
+        for wanted in (70.0, 50.0)
+    }
+    assert asked[50.0][1].autocorrelation_times.min() == pytest.approx(92.0, abs=1.0)
+    assert "10%" in asked[70.0][0][0] and "more than 5%" in asked[70.0][0][0]
+    assert asked[50.0][0] == []
+
+
+def test_however_long_the_runs_a_tau_must_not_change_by_more():
+    (reason,), _ = tau_reasons(drifting(300, late=8.0), autocorrelation_times=1.0)
+    assert "16%" in reason and "more than 15%" in reason

@@ -27,20 +27,23 @@ def funnel(n=8000, seed=5):
     return np.column_stack([x, y * np.exp(x)])
 
 
-def test_a_width_that_varies_along_a_ridge_is_evened_out():
-    straight = fit_warp(funnel()).forward(funnel(seed=6))
+@pytest.mark.parametrize("fine", [False, True])
+def test_a_width_that_varies_along_a_ridge_is_evened_out(fine):
+    straight = fit_warp(funnel(), fine).forward(funnel(seed=6))
     wide, narrow = straight[straight[:, 0] > 1, 1], straight[straight[:, 0] < -1, 1]
     assert wide.std() == pytest.approx(narrow.std(), rel=0.25)
 
 
-def test_warp_and_its_inverse():
-    warp = fit_warp(ridge())
+@pytest.mark.parametrize("fine", [False, True])
+def test_warp_and_its_inverse(fine):
+    warp = fit_warp(ridge(), fine)
     z = 3 * np.random.default_rng(1).standard_normal((500, 3))
     assert warp.inverse(warp.forward(z)) == pytest.approx(z, abs=1e-9)
 
 
-def test_log_jacobian_is_that_of_finite_differences():
-    warp = fit_warp(ridge())
+@pytest.mark.parametrize("fine", [False, True])
+def test_log_jacobian_is_that_of_finite_differences(fine):
+    warp = fit_warp(ridge(), fine)
     for z in np.random.default_rng(1).standard_normal((5, 3)):
         shifts = 1e-5 * np.eye(3)
         jacobian = (warp.forward(z + shifts) - warp.forward(z - shifts)) / 2e-5
@@ -49,9 +52,10 @@ def test_log_jacobian_is_that_of_finite_differences():
         )
 
 
-def test_density_and_samples_are_the_same_law():
+@pytest.mark.parametrize("fine", [False, True])
+def test_density_and_samples_are_the_same_law(fine):
     """E_g[h / g] = 1 for the ridge's density h, and E_h[g / h] <= 1."""
-    proposal = fit(ridge(), 4, np.random.default_rng(1))
+    proposal = fit(ridge(), 4, np.random.default_rng(1), fine=fine)
     assert len(proposal.parts) == 2
     z = proposal.sample(np.random.default_rng(2), 100_000)
     ratio = np.exp(log_ridge(z) - proposal.log_density(z))
