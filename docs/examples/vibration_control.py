@@ -71,15 +71,16 @@ def interval(values: np.ndarray, digits: int) -> str:
     return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
-def draw_figure(passive: np.ndarray, active: np.ndarray, output: str) -> None:
-    """Transmissibility of every draw, passive and controlled."""
+def draw_figure(passive: np.ndarray, active: np.ndarray, output: str, source: str) -> None:
+    """Transmissibility of every draw, passive and controlled; `source` says what of."""
     figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
     for curves, colour, label in ((passive, "0.6", "passive"), (active, "C0", "controlled")):
         low, middle, high = np.quantile(curves, [0.05, 0.5, 0.95], axis=0)
         axes.fill_between(FREQUENCY, low, high, color=colour, alpha=0.4, lw=0)
         axes.loglog(FREQUENCY, middle, color=colour, label=label)
-    axes.set(xlabel="frequency [Hz]", ylabel="|mass / base acceleration|")
-    axes.legend(frameon=False)
+    axes.set(xlabel="frequency (Hz)", ylabel="|mass / base acceleration|")
+    axes.set_title(f"{source} data", loc="right", color="#D55E00", style="italic", fontsize=9)
+    axes.legend(frameon=False, title="median, 90 % interval of the draws")
     figure.savefig(output, dpi=150)
 
 
@@ -109,7 +110,8 @@ def main(file: str, output: str = "vibration_control.png") -> None:
         ("voltage per m/s^2 of the base at 5 Hz [V]", voltage[:, FREQUENCY > 5.0][:, 0], 0),
     ):
         print(f"{name}: {interval(values, digits)}")
-    draw_figure(passive, active, output)
+    source = json.loads(Path(file).read_text(encoding="utf-8"))["provenance"]
+    draw_figure(passive, active, output, source)
 
 
 if __name__ == "__main__":
