@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.faults import UserError
-from deabayes.reading.instruments import instrument
+from deabayes.instruments import instrument
 from deabayes.record_noise import ANGLE
 from deabayes.systems.base import Draws, System
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from deabayes.distributions import LogNormal
 from deabayes.experiment import Experiment, FloatArray, Quantity
+from deabayes.instruments import instrument
 from deabayes.noise.base import NoiseModel
 from deabayes.parameter import Parameter
-from deabayes.reading.instruments import instrument
 from deabayes.residual_scale import ResidualScale
 from deabayes.study import Study
 from deabayes.systems.base import System

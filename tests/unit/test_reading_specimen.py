@@ -9,8 +9,8 @@ import yaml
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.faults import Faults, UserError
+from deabayes.instruments import PROPERTIES, instrument
 from deabayes.reading.columns import CHANNELS
-from deabayes.reading.instruments import PROPERTIES, instrument
 from deabayes.reading.schema import schema
 from deabayes.reading.specimen import read_specimen, specimen_from_quantities
 from deabayes.reading.yaml_file import read_yaml

@@ -2,6 +2,7 @@ MODEL = modules(
     "experiment.py",
     "parameter.py",
     "distribution*.py",
+    "instruments.py",
     "prior*.py",
     "posterior.py",
     "record_noise.py",

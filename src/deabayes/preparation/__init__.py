@@ -12,6 +12,7 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
+from deabayes.instruments import instrument
 from deabayes.preparation.opening import (
     conditions,
     coordinate_name,
@@ -19,7 +20,6 @@ from deabayes.preparation.opening import (
     open_record,
 )
 from deabayes.preparation.working import WorkingRecord
-from deabayes.reading.instruments import instrument
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.registry import load
 

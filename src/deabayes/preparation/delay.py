@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.faults import UserError
+from deabayes.instruments import instrument
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
-from deabayes.reading.instruments import instrument
 
 
 def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:

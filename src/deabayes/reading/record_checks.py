@@ -8,8 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from deabayes.experiment import Specimen
+from deabayes.instruments import instrument
 from deabayes.reading import checks
-from deabayes.reading.instruments import instrument
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.instruments import PROPERTIES
 from deabayes.reading.columns import CHANNELS
-from deabayes.reading.instruments import PROPERTIES
 from deabayes.reading.schema import violations
 from deabayes.reading.yaml_file import read_yaml
 from deabayes.units import parse_quantity, si_unit, to_si

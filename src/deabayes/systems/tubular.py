@@ -15,6 +15,7 @@ from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.delayed import delayed
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
@@ -25,6 +26,7 @@ from deabayes.systems.tubular_base import (
     TubularBase,
     bias,
     hung,
+    refuse_two_delays,
 )
 from deabayes.systems.tubular_circuit import TubularCircuit
 from deabayes.systems.tubular_linear import DrivenChain
@@ -79,6 +81,7 @@ class Tubular(TubularBase):
             self.require(name, "inertia")
         for name in CIRCUIT_SYMBOLS if self.circuit else ():
             self.require(name, "a circuit")
+        refuse_two_delays(specimen)
 
     @classmethod
     def of(cls, candidate: str, specimen: Specimen) -> System:
@@ -115,6 +118,21 @@ class Tubular(TubularBase):
             return self.current_simulator(excitation, coordinate)
         if response == "displacement":
             self.require("active_length")
+        delay = self.specimen.quantities.get("sensor_delay")
+        if delay is None:
+            return self._strain_simulator(excitation, coordinate, response)
+        return delayed(
+            lambda times: self._strain_simulator(excitation, times, response),
+            coordinate,
+            delay,
+            "sensor_delay",
+            float(excitation.coordinate[0]),
+        )
+
+    def _strain_simulator(
+        self, excitation: Excitation, coordinate: FloatArray, response: str
+    ) -> Simulator:
+        """Strain, or displacement, when it happens (W, N)."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
         mass = hung(excitation) if self.inertia else 0.0
@@ -143,7 +161,12 @@ class Tubular(TubularBase):
 
         def simulate(draws: Draws) -> FloatArray:
             harmonic = self.harmonic(excitation, draws).per_volt(frequency)
-            return np.abs(harmonic) if response == "gain" else phase(harmonic, frequency)
+            if response == "gain":
+                return np.abs(harmonic)
+            lag = phase(harmonic, frequency)
+            if "sensor_delay" not in self.specimen.quantities:
+                return lag
+            return lag - 2.0 * np.pi * self.quantity("sensor_delay", draws)[:, None] * frequency
 
         return simulate
 

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity
+from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
+from deabayes.instruments import instrument
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Draws, Simulator, System
 from deabayes.systems.circuit import Circuit, Supply
@@ -18,10 +19,11 @@ from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.steady_sine import drive_of
 
 KILOVOLT, GRAM = 1e3, 1e-3
-QUANTITY_SYMBOLS = {
+QUANTITY_SYMBOLS: Mapping[str, str | tuple[str, str]] = {
     "relative_permittivity": r"\varepsilon_r",
     "thickness": "d",
     "active_length": "L_0",
+    "sensor_delay": (r"T_\mathrm{s}", "time by which the sensor of the motion lags"),
 }
 """The quantities every candidate that strains computes with."""
 MASSES = ("total_mass", "active_mass", "sensor_mass")
@@ -66,6 +68,7 @@ class TubularBase(System):
         "series_resistance": "ohm",
         "leakage_resistance": "ohm",
         "capacitance": "F",
+        "sensor_delay": "s",
     }
 
     circuit: bool
@@ -130,6 +133,25 @@ def bias(excitation: Excitation) -> float:
             f"experiments.csv, in kV, larger than 0); found {found}"
         )
     return KILOVOLT * given
+
+
+def refuse_two_delays(specimen: Specimen) -> None:
+    """A delay that is modelled must not be taken out of the records too.
+
+    Raises
+    ------
+    UserError
+    """
+    if "sensor_delay" not in specimen.quantities:
+        return
+    for response in ("strain", "displacement", "phase"):
+        known = instrument(specimen, "delay", response, "s")
+        if known is not None and known.value != 0.0:
+            raise UserError(
+                f"specimen {specimen.name!r} states the sensor's delay twice: as "
+                "instruments.delay, which is taken out of the records, and as "
+                "quantities.sensor_delay, which is modelled; keep the second if it has an sd"
+            )
 
 
 def hung(excitation: Excitation) -> float:

@@ -1,0 +1,75 @@
+"""A sensor's delay that is known with an error: a parameter of the tubular actuator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.golden import golden_table
+from tests.unit.test_tubular_frequency_response import CIRCUIT, WHOLE, draws, driven
+from tests.unit.tubes import QUANTITIES
+
+from deabayes.experiment import Excitation, Quantity, Specimen
+from deabayes.faults import UserError
+from deabayes.systems.tubular import Tubular
+
+LATE = np.array([4e-4, 3.2e-4, 5.1e-4])
+TIME = np.arange(0.0, 0.3, 1e-3)
+
+
+def specimen(sd=5e-5, **instruments):
+    delay = {"sensor_delay": Quantity(4e-4, "s", sd)}
+    kind = {"kind": "simulated"}
+    return Specimen("tube", "tubular", kind, QUANTITIES | CIRCUIT | delay, instruments)
+
+
+def raised():
+    """A voltage raised within 3 ms after 10 ms of rest: the tube rings at 62 Hz."""
+    return Excitation("voltage", "V", np.array([0.0, 0.01, 0.013, 0.3]), np.array([0, 0, 2e3, 2e3]))
+
+
+def on_time(time):
+    exact = replace(specimen(), quantities=QUANTITIES | CIRCUIT)
+    return Tubular(WHOLE, exact).predict(raised(), time, "strain", draws())[0]
+
+
+def test_it_is_a_parameter_if_it_has_an_sd():
+    names = {p.name: p.unit for p in Tubular(WHOLE, specimen()).parameters()}
+    assert names["sensor_delay"] == "s"
+    assert "sensor_delay" not in {p.name for p in Tubular(WHOLE, specimen(None)).parameters()}
+
+
+def test_an_exact_delay_shifts_the_response():
+    found = Tubular(WHOLE, specimen(None)).predict(raised(), TIME, "strain", draws())[0]
+    np.testing.assert_array_equal(found, on_time(np.maximum(TIME - 4e-4, 0.0)))
+
+
+def test_every_draw_has_its_own_delay():
+    three = {name: np.repeat(values, 3) for name, values in draws().items()}
+    found = Tubular(WHOLE, specimen()).predict(
+        raised(), TIME, "strain", three | {"sensor_delay": LATE}
+    )
+    for row, late in zip(found, LATE, strict=True):
+        expected = on_time(np.maximum(TIME - late, 0.0))
+        assert np.abs(row - expected).max() < 2e-6 * np.ptp(expected)
+    assert np.abs(found[1] - found[2]).max() > 1e-2 * np.ptp(found[0])
+
+
+def test_it_is_in_the_phase_and_not_in_the_gain():
+    table = golden_table("tubular_frf", "load_100g")
+    at = driven(table["frequency"], load_g=100)
+    system = Tubular(WHOLE, specimen())
+    two = {name: np.repeat(values, 2) for name, values in draws().items()}
+    two["sensor_delay"] = np.array([4e-4, 5e-4])
+    gain, phase = (system.predict(at, table["frequency"], what, two) for what in ("gain", "phase"))
+    np.testing.assert_array_equal(gain[0], gain[1])
+    np.testing.assert_allclose(np.rad2deg(phase[0]), table["phase_as_measured"], rtol=1e-10)
+    np.testing.assert_allclose(phase[0] - phase[1], 2e-4 * np.pi * table["frequency"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("instrument", ["delay", "displacement.delay"])
+def test_a_delay_stated_twice_is_refused(instrument):
+    with pytest.raises(UserError, match="states the sensor's delay twice"):
+        Tubular(WHOLE, specimen(**{instrument: Quantity(4e-4, "s")}))
+    Tubular(WHOLE, specimen(**{instrument: Quantity(0.0, "s")}))
