@@ -4,8 +4,9 @@
 PYTHON ?= python3
 CORES ?= 2
 REPLICATES ?= 200
-# Simulated membranes to recover, and specimens to tell the order of, per kind.
+# Simulated membranes and tubes to recover, and specimens to tell the order of, per kind.
 MEMBRANES ?= 100
+TUBES ?= 100
 ORDERS ?= 50
 
 VENV := .venv
@@ -74,6 +75,7 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 	@for variant in white dense iid iid_white; do \
 		$(BIN)/python -m tests.validation.membrane_recovery 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
+	@$(BIN)/python -m tests.validation.tubular_recovery --replicates $(TUBES) --processes $(CORES)
 	@for case in "voigt_kelvin closed 1" "voigt_kelvin closed 2" "voigt_kelvin discrepancy 1" "voigt_kelvin discrepancy 2" \
 		"kv_gm closed 1" "kv_gm closed 2" "kv_gm closed 3" "kv_gm discrepancy 1" "kv_gm discrepancy 2" "kv_gm one_more 4"; do \
 		$(BIN)/python -m tests.validation.order_selection $$case --replicates $(ORDERS) --processes $(CORES) || exit 1; \

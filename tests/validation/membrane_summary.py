@@ -85,8 +85,8 @@ def recovery_table(stored: dict[tuple[str, int], pd.DataFrame]) -> pd.DataFrame:
         }
         good = table[table["converged"] == 1]
         for level in (90, 50):
-            row[f"coverage of {level} % intervals"] = _coverage(table, level)
-            row[f"{level} %, converged only"] = _coverage(good, level)
+            row[f"coverage of {level} % intervals"] = coverage(table, level)
+            row[f"{level} %, converged only"] = coverage(good, level)
             for name in ("step_3.5kV", "sine_2kV"):
                 mean = table[f"held{level}:{name}"].mean()
                 row[f"{level} % band covers {name}"] = f"{mean:.3f}"
@@ -97,7 +97,7 @@ def recovery_table(stored: dict[tuple[str, int], pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _coverage(table: pd.DataFrame, level: int) -> str:
+def coverage(table: pd.DataFrame, level: int) -> str:
     """Mean over the material parameters, and the lowest and highest of them."""
     if not len(table):
         return ""

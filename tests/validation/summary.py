@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.validation import membrane_summary, rank_figure
+from tests.validation import membrane_summary, rank_figure, tubular_summary
 from tests.validation.calibration import NARROW, OUTPUT, RANKS, SEED
 from tests.validation.ecdf import inside
 
@@ -76,7 +76,11 @@ def calibration(folder: Path) -> list[str]:
 
 
 def main() -> None:
-    missing = [*calibration(OUTPUT), *membrane_summary.write(OUTPUT)]
+    missing = [
+        *calibration(OUTPUT),
+        *membrane_summary.write(OUTPUT),
+        *tubular_summary.write(OUTPUT),
+    ]
     for name in missing:
         print(f"not measured yet: {OUTPUT / name}")
 
