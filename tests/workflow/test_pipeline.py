@@ -49,6 +49,8 @@ def results(tmp_path_factory):
         calibrate=("creep_2000V", "creep_2500V"),
         validate=("creep_1500V",),
         sampling=settings,
+        prior_from=None,
+        predict_with={},
     )
     prepared = folder / "prepared"
     pipeline.prepare_study(study, prepared)
