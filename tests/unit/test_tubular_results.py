@@ -76,12 +76,12 @@ def test_errors_of_the_peak():
     for row in table.itertuples():
         frequency, gain = peaks(int(row.load_g))
         assert row.predicted_frequency_Hz == pytest.approx(frequency, rel=1e-3)
-        assert row.predicted_gain_percent_per_V == pytest.approx(gain, rel=1e-2)
+        assert row.predicted_gain_percentperV == pytest.approx(gain, rel=1e-2)
         # E_0 alone sets most of the stiffness: its root is the frequency's.
         assert row.frequency_error_q05 == pytest.approx(row.frequency_error_percent - 0.8, abs=0.3)
         expected = 100.0 * (row.predicted_frequency_Hz / row.measured_frequency_Hz - 1.0)
         assert row.frequency_error_percent == pytest.approx(expected, abs=1e-6)
-        expected = 100.0 * (row.predicted_gain_percent_per_V / row.measured_gain_percent_per_V - 1)
+        expected = 100.0 * (row.predicted_gain_percentperV / row.measured_gain_percentperV - 1)
         assert row.gain_error_percent == pytest.approx(expected, abs=1e-6)
 
 

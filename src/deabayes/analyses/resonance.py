@@ -55,7 +55,7 @@ def errors(experiment: Experiment, fitted: Fitted) -> dict[str, float]:
     measured = measured_peak(experiment.coordinate, experiment.response)
     predicted = system.harmonic(experiment.excitation, fitted.draws).peak()
     found: dict[str, float] = {}
-    kinds = (("frequency", "Hz", 1.0), ("gain", "percent_per_V", PERCENT))
+    kinds = (("frequency", "Hz", 1.0), ("gain", "percentperV", PERCENT))
     for (name, unit, factor), seen, drawn in zip(kinds, measured, predicted, strict=True):
         found[f"measured_{name}_{unit}"] = factor * seen
         found |= interval(f"predicted_{name}", unit, factor * drawn)

@@ -12,7 +12,15 @@ from deabayes.figures.quantities import ROLES, interval, plain, short
 from deabayes.figures.results import StudyResults
 
 UNITS = {
-    **{"percent": "%", "um": "µm", "kVmm": "kV·mm", "ohm": "Ω", "Gohm": "GΩ", "kgm": "kg/m"},
+    **{
+        "percent": "%",
+        "percentperV": "%/V",
+        "um": "µm",
+        "kVmm": "kV·mm",
+        "ohm": "Ω",
+        "Gohm": "GΩ",
+        "kgm": "kg/m",
+    },
     **{unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz nF mA rad g".split()},
 }
 """Last word of a column's name -> the unit it stands for."""
