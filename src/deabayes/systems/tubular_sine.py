@@ -48,9 +48,10 @@ class Harmonic:
             self.circuit, 1.0, self.bias, frequency, self.pressure_per_square
         )
         rate = 2j * np.pi * frequency
-        if isinstance(self.chain, MovingChain):
-            return np.asarray(pressure * self.chain.transfer(rate))
-        return np.asarray(pressure * self.chain.complex_compliance(rate))
+        with np.errstate(all="ignore"):  # a draw that fails is NaN, and counted
+            if isinstance(self.chain, MovingChain):
+                return np.asarray(pressure * self.chain.transfer(rate))
+            return np.asarray(pressure * self.chain.complex_compliance(rate))
 
     def peak(self) -> tuple[FloatArray, FloatArray]:
         """Frequency [Hz] and gain [1/V] where the gain of a moving chain is greatest, (W,).
