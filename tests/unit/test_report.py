@@ -138,3 +138,9 @@ def test_the_only_converged_candidate_is_not_recommended(tmp_path: Path) -> None
     found = verdict(StudyResults(folder))
     assert found.startswith("Only kv_gm_1 of 2 candidates converged")
     assert "not recommended" in found
+
+
+def test_candidates_that_were_not_compared_are_not_called_one(tmp_path: Path) -> None:
+    study = write_study(tmp_path)
+    (study / "comparison.csv").unlink()
+    assert verdict(StudyResults(study)).startswith("3 candidates were fitted and not compared")

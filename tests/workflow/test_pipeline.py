@@ -70,6 +70,13 @@ def results(tmp_path_factory):
     return folder
 
 
+def test_a_warning_about_a_record_is_said_once(tmp_path):
+    study = load_study(ROOT / "config.yaml", "tubular")
+    study = replace(study, calibrate=("creep_2000V",), validate=("sine_10Hz",))
+    sine = next(e for e in pipeline.prepare_study(study, tmp_path) if e.name == "sine_10Hz")
+    assert len([w for w in sine.warnings if "current limit" in w]) == 1
+
+
 @pytest.fixture(scope="module")
 def post(results):
     return deabayes.open_posterior(results / "voigt_kelvin_2" / "posterior.nc")

@@ -29,7 +29,8 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
         raw, steps = folder.record(row), study.preparation.get(row.protocol)
         for each in measured_rows(row, raw):
             experiment = prepare(each, raw, folder.specimen, steps)
-            unseen = [w for w in folder.warnings(row) if w not in experiment.warnings]
+            said = {warning.partition(": ")[2] for warning in experiment.warnings}
+            unseen = [w for w in folder.warnings(row) if w.partition(": ")[2] not in said]
             experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
             write_prepared(experiment, output / f"{experiment.name}.nc", raw)
             experiments.append(experiment)

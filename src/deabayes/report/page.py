@@ -98,6 +98,8 @@ def verdict(study: StudyResults) -> str:
     best, count = study.recommended, len(study.candidates)
     if not any(c.converged for c in study.candidates):
         return "No candidate converged, so none is to be used: sample longer."
+    if study.comparison is None and count > 1:
+        return f"{count} candidates were fitted and not compared; {best.name} is shown."
     if study.comparison is None or count < 2:
         return f"One candidate was fitted, {best.name}; there was no order to choose."
     text = str(study.comparison["verdict"].get(best.name, "not compared"))
