@@ -11,7 +11,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
-from deabayes.record_noise import ANGLE
+from deabayes.record_noise import is_ratio
 from deabayes.systems.base import Draws, System
 
 
@@ -130,8 +130,7 @@ def find_noise(
     first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
     stretch = 1.0 if along == "grid" else _stretch(experiment, first)
     if alike:
-        ratio = proportional or experiment.response_unit == ANGLE
-        scale = None if relative and not ratio else 1.0
+        scale = None if relative and not is_ratio(system, experiment) else 1.0
         return NoiseOrigin(first.group, scale, proportional=proportional, stretch=stretch)
     group = [r for r in records if r.group == first.group]
     calibrated = 1.0 if relative else float(np.mean([r.response_range for r in group]))
@@ -150,7 +149,8 @@ def _carried_over(
             "by; fit again"
         )
     note = f"no calibrated record measured {name}: its noise is that of {source.response_name}"
-    if (proportional := name in system.proportional) or unit == ANGLE:
+    if is_ratio(system, experiment):
+        proportional = name in system.proportional
         return NoiseOrigin(
             source.group,
             scale=1.0 / calibrated,

@@ -9,6 +9,7 @@ import numpy as np
 
 from deabayes.distributions import LogNormal
 from deabayes.experiment import Experiment, FloatArray, Quantity
+from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.noise.base import NoiseModel
 from deabayes.parameter import Parameter
@@ -43,23 +44,26 @@ def record_scale(study: Study, system: System, experiment: Experiment) -> Residu
 
     Those of frequency responses are relative in themselves, whatever the study's `noise_scale`.
     """
-    if experiment.response_name in system.proportional or experiment.response_unit == ANGLE:
+    if is_ratio(system, experiment):
         return ResidualScale(1.0, experiment.response_name in system.proportional)
     return ResidualScale(experiment.response_range if study.noise_scale == "range" else 1.0)
 
 
 def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
-    """Unit of a record's residuals; an angle's are numbers, as ratios are."""
-    scale = record_scale(study, system, experiment)
-    relative = scale.proportional or experiment.response_unit == ANGLE
-    return "1" if relative or study.noise_scale == "range" else experiment.response_unit
+    """Unit of a record's residuals."""
+    relative = is_ratio(system, experiment) or study.noise_scale == "range"
+    return "1" if relative else experiment.response_unit
 
 
 def typical_size(study: Study, system: System, experiment: Experiment) -> float:
     """The range of a record's residuals were the model to explain nothing of it."""
-    if experiment.response_name in system.proportional or experiment.response_unit == ANGLE:
-        return 1.0
-    return 1.0 if study.noise_scale == "range" else experiment.response_range
+    relative = is_ratio(system, experiment) or study.noise_scale == "range"
+    return 1.0 if relative else experiment.response_range
+
+
+def is_ratio(system: System, experiment: Experiment) -> bool:
+    """Whether residuals are plain numbers whatever the study says: of a gain, or of an angle."""
+    return experiment.response_name in system.proportional or experiment.response_unit == ANGLE
 
 
 def noise_parameters(
@@ -69,12 +73,17 @@ def noise_parameters(
 
     Where specimen.yaml states the sensor's noise, it is the median of the white
     noise's prior, known to a factor of about two.
+
+    Raises
+    ------
+    UserError : records of one group whose residuals have different units.
     """
     groups: dict[str, list[Experiment]] = {}
     for experiment in experiments:
         groups.setdefault(noise_group(study, experiment), []).append(experiment)
     parameters: list[Parameter] = []
     for group, members in groups.items():
+        _check_one_unit(group, {residual_unit(study, system, m) for m in members})
         scales = [record_scale(study, system, m) for m in members]
         unit = residual_unit(study, system, members[0])
         scale = float(np.mean([typical_size(study, system, m) for m in members]))
@@ -88,6 +97,15 @@ def noise_parameters(
             for p in noise.parameters(unit, scale, span, coordinate_unit)
         ]
     return tuple(parameters)
+
+
+def _check_one_unit(group: str, units: set[str]) -> None:
+    """Records that share an amplitude must have it in one unit."""
+    if len(units) > 1:
+        raise UserError(
+            f"noise group {group!r} has records in {' and in '.join(sorted(units))}, which cannot "
+            "share the size of their noise; set noise_groups: experiment for the study"
+        )
 
 
 def _stated_noise(system: System, experiment: Experiment) -> Quantity | None:

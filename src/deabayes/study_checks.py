@@ -139,7 +139,10 @@ def _prior_faults(
     if not systems:
         return []
     system = next(iter(systems.values()))
-    noise = noise_parameters(study, NOISE[study.noise](), calibrate, system)
+    try:
+        noise = noise_parameters(study, NOISE[study.noise](), calibrate, system)
+    except UserError as error:
+        return [f"study {study.name}, {error}"]
     every = [each for s in systems.values() for each in (s, *wider_systems(study, s).values())]
     known = [p.name for system in every for p in system.parameters()]
     found: list[str] = []

@@ -10,7 +10,7 @@ import pytest
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import QUANTITIES, golden_inputs
 
-from deabayes.experiment import Excitation, Quantity, Specimen
+from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.posterior import build
 from deabayes.preparation import measured_rows, prepare
@@ -202,3 +202,20 @@ def test_a_gain_is_left_out_with_its_phase():
     z = np.random.default_rng(1).standard_normal((64, found.dimension)) * 0.01
     left_out = leave_one_experiment_out(found, z, np.random.SeedSequence(1))
     assert list(left_out) == ["shaken_100g", "shaken_500g"]
+
+
+def test_records_of_one_group_must_have_their_noise_in_one_unit():
+    """A current and a strain of one sine, shared by protocol: amperes are no strain."""
+    time = np.arange(0.0, 0.2, 1e-3)
+    volts = Excitation("voltage", "V", time, 1250.0 + 1250.0 * np.sin(20.0 * np.pi * time))
+    units = {"current": "A", "strain": "1"}
+    sines = [
+        Experiment(f"sine_{what}", "sine", "calibrate", "time", "s", time, what, unit,
+                   np.linspace(0.0, 1.0, time.size), np.ones(time.size), volts)
+        for what, unit in units.items()
+    ]  # fmt: skip
+    shared = Study("mixed", Path("data/tubular"), (WHOLE,))
+    with pytest.raises(UserError, match="noise group 'sine' has records in 1 and in A"):
+        build(shared, WHOLE, SPECIMEN, sines)
+    apart = build(replace(shared, noise_groups="experiment"), WHOLE, SPECIMEN, sines)
+    assert {"sine_current.sigma_ou", "sine_strain.sigma_ou"} <= set(apart.names)

@@ -146,6 +146,14 @@ def test_a_sine_is_drawn_in_time_and_against_voltage(results):
     assert "simulated data" in words(figure)
 
 
+def test_a_current_is_no_strain(results):
+    """The circuit's study has a sine too, of current."""
+    current = results.predictions["sine_10Hz"].assign_attrs(response_name="current")
+    electrical = replace(results)
+    electrical.__dict__["predictions"] = {"electrical_10Hz": current}
+    assert figures.module("strain_voltage").draw(electrical) == []
+
+
 def test_what_was_predicted_with_mass_is_in_the_errors(results):
     table = pd.read_csv(Path(results.folder) / "errors.csv").set_index("experiment")
     assert "no calibration record" in table.loc["shaken_100g", "extrapolation"]

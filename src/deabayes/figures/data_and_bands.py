@@ -15,8 +15,7 @@ CAPTION = (
     "Observed points, the posterior median and three separate 90 % bands. The blue band says how "
     "well the parameters are known; only the grey one says where new data would fall. Relaxation, "
     "creep and frequency responses over more than a factor of 30 on a logarithmic axis, gains on "
-    "two, "
-    "load–unload records as loops."
+    "two, load–unload records as loops."
 )
 
 

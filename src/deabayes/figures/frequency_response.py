@@ -18,8 +18,8 @@ SYSTEMS = ("tubular",)
 TITLE = "Frequency responses"
 CAPTION = (
     "Gain and phase of the strain's term of the driving frequency, against the sine of the "
-    "amplifier's voltage, the sensor's delay taken out: measured points, the posterior median and "
-    "the 90 % predictive band (parameters, discrepancy and noise)."
+    "amplifier's voltage, as prepared (a known delay of the sensor is taken out): measured points, "
+    "the posterior median and the 90 % predictive band (parameters, discrepancy and noise)."
 )
 
 
@@ -67,8 +67,8 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
 
 def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> list[Line2D | Patch]:
     entries: list[Line2D | Patch] = [
-        Line2D([], [], color=style.SERIES[k % len(style.SERIES)], marker=style.MARKERS[k],
-               markersize=3, linewidth=1.0, label=_label(results, record))
+        Line2D([], [], color=style.SERIES[k % len(style.SERIES)],
+               marker=style.MARKERS[k % len(style.MARKERS)], markersize=3, linewidth=1.0, label=_label(results, record))
         for k, record in enumerate(records)
     ]  # fmt: skip
     return [*entries, Patch(color=style.GREY, alpha=0.25, label="90 % predictive band")]

@@ -18,14 +18,16 @@ CAPTION = (
     "the voltage. Measured points, the posterior median and the three 90 % bands."
 )
 CYCLES = 2.5
+MOTIONS = ("strain", "displacement")
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One row per sine of a tubular actuator."""
-    found = [
-        panels.Record(p) for p in results.predictions.values() if p.attrs["protocol"] == "sine"
+    """One sheet per sine whose motion was recorded."""
+    return [
+        _sheet(panels.Record(prediction))
+        for prediction in results.predictions.values()
+        if prediction.attrs["protocol"] == "sine" and prediction.attrs["response_name"] in MOTIONS
     ]
-    return [_sheet(record) for record in found]
 
 
 def _sheet(record: panels.Record) -> Figure:
