@@ -12,6 +12,7 @@ from tests.unit.tubes import QUANTITIES, golden_inputs
 
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
+from deabayes.noise.default_priors import CORRELATED_FRACTION
 from deabayes.posterior import build
 from deabayes.preparation import measured_rows, prepare
 from deabayes.preparation.opening import continuous_phase
@@ -169,6 +170,9 @@ def test_gain_and_phase_share_their_noise():
     units = {p.name: p.unit for p in found.prior.parameters}
     assert units["frequency_response.sigma_ou"] == "1"
     assert units["frequency_response.tau_ou"] == "Hz"
+    # As large as a ratio and an angle of one, not as the phase's range.
+    medians = {p.name: p.prior.from_normal(np.array(0.0)) for p in found.prior.parameters}
+    assert medians["frequency_response.sigma_ou"] == pytest.approx(CORRELATED_FRACTION)
 
 
 @pytest.mark.parametrize("scale", ["absolute", "range"])

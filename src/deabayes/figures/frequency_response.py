@@ -68,7 +68,8 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
 def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> list[Line2D | Patch]:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=style.SERIES[k % len(style.SERIES)],
-               marker=style.MARKERS[k % len(style.MARKERS)], markersize=3, linewidth=1.0, label=_label(results, record))
+               marker=style.MARKERS[k % len(style.MARKERS)], markersize=3, linewidth=1.0,
+               label=_label(results, record))
         for k, record in enumerate(records)
     ]  # fmt: skip
     return [*entries, Patch(color=style.GREY, alpha=0.25, label="90 % predictive band")]
