@@ -180,7 +180,7 @@ def build(
     )
     parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, system))
     prior = Prior.from_parameters(parameters, study.priors, _names_elsewhere(study, specimen))
-    if inherited is not None and _takes_over(prior, inherited, study):
+    if inherited is not None and not _is_for_predictions_only(inherited, prior, study, specimen):
         prior = prior.inherit(*inherited)
     return LogPosterior(system, records, noise, prior)
 
@@ -203,7 +203,7 @@ def further_prior(
         return None
     known = (*target.names, *_names_elsewhere(study, system.specimen))
     prior = Prior.from_parameters(further.values(), study.priors, known)
-    if inherited is not None and set(inherited[0]) & set(prior.names):
+    if inherited is not None and set(inherited.names) & set(prior.names):
         prior = prior.inherit(*inherited)
     return prior
 
@@ -217,9 +217,13 @@ def wider_systems(study: Study, system: System) -> dict[str, System]:
     }
 
 
-def _takes_over(prior: Prior, inherited: PriorFromPosterior, study: Study) -> bool:
-    """Whether `prior_from` is for the fit; one may be for `predict_with` only."""
-    return not study.predict_with or bool(set(inherited[0]) & set(prior.names))
+def _is_for_predictions_only(
+    inherited: PriorFromPosterior, prior: Prior, study: Study, specimen: Specimen
+) -> bool:
+    """Whether `prior_from` holds parameters of what `predict_with` adds, and none of the fit's."""
+    names = set(inherited.names)
+    further = set(_names_elsewhere(study, specimen)) if study.predict_with else set()
+    return not names & set(prior.names) and bool(names & further)
 
 
 def _names_elsewhere(study: Study, specimen: Specimen) -> tuple[str, ...]:

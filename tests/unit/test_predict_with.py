@@ -11,6 +11,7 @@ import pytest
 from tests.unit.test_tubular_frequency_response import SPECIMEN, draws, driven, experiments
 
 from deabayes.experiment import Excitation, Experiment, Quantity
+from deabayes.faults import UserError
 from deabayes.fitted import Fitted
 from deabayes.posterior import build, further_prior
 from deabayes.posterior_content import PosteriorContent
@@ -91,6 +92,20 @@ def test_or_from_another_posterior_correlations_kept():
     # The fit itself knows none of these parameters, and is left as it is.
     alone = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()], inherited)
     assert alone.prior.inherited == ()
+
+
+@pytest.mark.parametrize("study", [STUDY, replace(STUDY, predict_with={})])
+def test_a_posterior_that_shares_nothing_is_refused(study):
+    """Neither the fit nor its predictions know a membrane's modulus."""
+    foreign = PriorFromPosterior(("mu_alpha",), np.full((50, 1), 35e3))
+    with pytest.raises(UserError):
+        build(study, "voigt_kelvin_2", UNCERTAIN, [creep()], foreign)
+
+
+def test_without_predict_with_the_circuit_is_no_prior_of_the_fit():
+    circuit = PriorFromPosterior(("series_resistance",), np.full((50, 1), 954.0))
+    with pytest.raises(UserError):
+        build(replace(STUDY, predict_with={}), "voigt_kelvin_2", UNCERTAIN, [creep()], circuit)
 
 
 def test_a_study_that_predicts_with_nothing_else_has_nothing_further():
