@@ -117,6 +117,7 @@ class LogPosterior:
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
                 total += record.scale.log_derivative(record.experiment.response).sum()
+            total += self.system.log_likelihood_of_quantities(draws)
         self.failures.evaluations += total.size
         finite = np.isfinite(total)
         self.failures.failed += int(total.size - finite.sum())

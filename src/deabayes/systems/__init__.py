@@ -16,6 +16,7 @@ from deabayes.systems.base import Derived, Draws, Simulator, System
 
 REGISTRY: dict[str, str] = {
     "membrane": "Membrane",
+    "minimum_energy_structure": "MinimumEnergyStructure",
     "tensile_strip": "TensileStrip",
     "tubular": "Tubular",
 }

@@ -101,6 +101,10 @@ class System(ABC):
         changes another's row.
         """
 
+    def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
+        """log p of what was measured on the specimen and the model derives, (W,)."""
+        return np.zeros(next(iter(draws.values())).shape)
+
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Quantities in the papers' terms, computed from draws."""
         return {}

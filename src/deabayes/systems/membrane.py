@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
+from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.membrane_candidates import MembraneModel, examples
-from deabayes.systems.membrane_drive import Drive, drive
-from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn, quantity
-from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
+from deabayes.systems.specimen_quantities import quantity, uncertain_quantities
 
 DEFAULT_TOLERANCE = 1e-6
 DRIVE_TOLERANCE = 0.1
@@ -125,7 +125,7 @@ class Membrane(System):
         """Prepare one record; returns draws -> response (W, N).
 
         The voltage is linear between its knots; where knots are samples of a smooth curve,
-        that curve is used (see `membrane_drive`). It is zero before its first knot, a first
+        that curve is used (see `integrate.drive`). It is zero before its first knot, a first
         value other than zero or a repeated time is a jump, and it stays at its last value.
 
         A row is NaN where a draw is pulled in (its stretch passes the end of the near

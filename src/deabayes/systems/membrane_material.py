@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Specimen
+from deabayes.integrate.drive import Drive
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws
 from deabayes.systems.membrane_candidates import MembraneModel
-from deabayes.systems.membrane_drive import Drive
+from deabayes.systems.specimen_quantities import filled, positive
 
 ALLOWED_CONSTANT, ALLOWED_VARYING = 1.0, 0.15
 """Error allowed in a step over the tolerance, under constant and under varying voltage (where
@@ -68,7 +69,7 @@ class Material:
         """The constants of draws; quantities that are no parameters are the specimen's."""
         modulus = positive(draws["mu_alpha"])
         unit_moduli, unit_times = model.unit_draws(draws)
-        thickness = _filled(specimen, "thickness", draws, modulus)
+        thickness = filled(specimen, "thickness", draws, modulus)
         return cls(
             modulus,
             positive(draws["zeta_alpha"]),
@@ -76,9 +77,9 @@ class Material:
             unit_moduli,
             positive(unit_times),
             1.0 / positive(draws["J_beta"]),
-            _filled(specimen, "prestretch", draws, modulus),
+            filled(specimen, "prestretch", draws, modulus),
             thickness,
-            _filled(specimen, "permittivity", draws, modulus) / (thickness * thickness),
+            filled(specimen, "permittivity", draws, modulus) / (thickness * thickness),
         )
 
     def constants(
@@ -177,19 +178,6 @@ class Material:
         }  # fmt: skip
 
 
-def quantity(specimen: Specimen, name: str, draws: Draws) -> FloatArray:
-    """A quantity: its draws (W,) if it is a parameter, else its value (1,)."""
-    known = specimen.quantities[name]
-    if known.sd is not None and name in draws:
-        return np.asarray(draws[name], dtype=float)
-    return np.array([known.value])
-
-
-def positive(values: FloatArray) -> FloatArray:
-    """NaN where not positive."""
-    return np.where(np.asarray(values, dtype=float) > 0.0, values, np.nan)
-
-
 def gent_stress(stretch: FloatArray, inverse_limit: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Nominal equal-biaxial stress over modulus and its slope; NaN past the Gent limit."""
     square = stretch * stretch
@@ -198,9 +186,3 @@ def gent_stress(stretch: FloatArray, inverse_limit: FloatArray) -> tuple[FloatAr
     force = stretch - fourth / stretch
     slope = 1.0 + 5.0 * fourth / square
     return force / argument, slope / argument + 4.0 * inverse_limit * (force / argument) ** 2
-
-
-def _filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
-    """A quantity per draw, (W,)."""
-    values = np.broadcast_to(positive(quantity(specimen, name, draws)), like.shape)
-    return np.ascontiguousarray(values)

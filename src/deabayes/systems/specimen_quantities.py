@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from deabayes.distributions import LogNormal
-from deabayes.experiment import Quantity, Specimen
+from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
+from deabayes.systems.base import Draws
 
 
 def uncertain_quantities(
@@ -58,3 +61,22 @@ def _prior(name: str, quantity: Quantity) -> LogNormal:
         )
     variation = (quantity.sd or 0.0) / quantity.value
     return LogNormal(quantity.value, math.sqrt(math.log1p(variation**2)))
+
+
+def quantity(specimen: Specimen, name: str, draws: Draws) -> FloatArray:
+    """A quantity: its draws (W,) if it is a parameter, else its value (1,)."""
+    known = specimen.quantities[name]
+    if known.sd is not None and name in draws:
+        return np.asarray(draws[name], dtype=float)
+    return np.array([known.value])
+
+
+def positive(values: FloatArray) -> FloatArray:
+    """NaN where not positive."""
+    return np.where(np.asarray(values, dtype=float) > 0.0, values, np.nan)
+
+
+def filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
+    """A quantity per draw, (W,)."""
+    values = np.broadcast_to(positive(quantity(specimen, name, draws)), like.shape)
+    return np.ascontiguousarray(values)

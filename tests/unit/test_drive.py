@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.membranes import golden_draws, membrane, sine, voltage
 
-from deabayes.systems.membrane_drive import drive, scatter
+from deabayes.integrate.drive import drive, scatter
 
 
 def test_two_knots_stay_lines_and_a_first_value_is_a_jump():

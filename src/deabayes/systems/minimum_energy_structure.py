@@ -1,0 +1,245 @@
+r"""Minimum-energy structure: a pre-stretched film that bends a frame, as a slider-crank.
+
+equations.md, section 3 (the paper's (11)-(23)). Two links of length L at the angle theta,
+the slider at l = 2L cos theta; an Ogden film, hinges, weight and the electrostatic term at
+rest (`structure_static`), Maxwell units along the slider and friction in motion:
+
+    [2J + 2 m_1 l_m^2 + C sin^2 theta] theta'' + C sin theta cos theta theta'^2
+        + 2 m_1 g l_m cos theta + 4 K theta
+        = A_0 t_0 sigma_x tan theta + 2L sin theta sum_i k_i x_i + Q_f
+    x_i' = -2L sin theta theta' - x_i/tau_i,   C = 4L [m_1 (L - l_m) + m_2 L]
+    Q_f = -4 eta_0 L^2 sin^2 theta theta' (viscous), or -2L sin theta F_c sign(theta') (dry,
+        smoothed below 0.5 mm/s of the slider)
+
+The paper calls eta_0 a Coulomb coefficient but gives it N s/m, hence viscous. Its units carry
+nothing at rest, as its identification in two steps needs. The hinges' stiffness follows from
+the rest angle; a measured one, or a frame it is computed from, is a datum on that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
+from deabayes.faults import UserError
+from deabayes.integrate.drive import Drive, drive
+from deabayes.parameter import Parameter
+from deabayes.springs.base import column
+from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.structure_candidates import StructureModel, examples
+from deabayes.systems.structure_hinge import FRAME, measured_hinge
+from deabayes.systems.structure_motion import Motion, follow
+from deabayes.systems.structure_static import STEEPEST, Structure
+
+DEFAULT_TOLERANCE = 1e-6
+DRIVE_TOLERANCE = 0.1
+"""Of the tolerance: for the voltage, relative to its peak."""
+REFERENCE_VOLTAGE = 5e3
+PREHISTORIES = ("rest", "equilibrium")
+SYMBOLS = {
+    "relative_permittivity": r"\varepsilon_r",
+    "rest_angle": r"\theta_0",
+    "window_area": "A_0",
+    "film_thickness": "t_0",
+    "prestretch": r"\lambda_p",
+    "link_length": "L",
+    "mass_centre": "l_m",
+    "link_mass": "m_1",
+    "slider_mass": "m_2",
+    "rotational_inertia": "J",
+}
+"""Quantities that become parameters where they carry an sd."""
+
+
+class MinimumEnergyStructure(System):
+    """A bending actuator: blocking force at rest, or the slider's displacement in time.
+
+    Parameters
+    ----------
+    candidate : `<spring>[_<terms>]` for what is at rest, with `_units_<n>` for motion, and
+        `_dry` behind that for dry instead of viscous friction.
+    specimen : must give the links, the film and the rest angle; may give `hinge_stiffness`
+        (or the frame it follows from) with an sd, `relative_permittivity`, `gravity` (0 for a
+        structure that lies on its side).
+    tolerance : error of the displacement relative to its range.
+    """
+
+    name = "minimum_energy_structure"
+    protocols = ("quasi_static", "sine", "step", "creep")
+    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "displacement": "m"}
+    even = ("voltage",)
+    responses: ClassVar[Mapping[str, str]] = {"displacement": "m", "force": "N"}
+    required_quantities: ClassVar[Mapping[str, str]] = {
+        "link_length": "m",
+        "mass_centre": "m",
+        "link_mass": "kg",
+        "slider_mass": "kg",
+        "rotational_inertia": "kg*m^2",
+        "film_thickness": "m",
+        "prestretch": "1",
+        "window_area": "m^2",
+        "rest_angle": "rad",
+    }
+    optional_quantities: ClassVar[Mapping[str, str]] = {
+        "relative_permittivity": "1",
+        "gravity": "m/s^2",
+        "hinge_stiffness": "N*m/rad",
+        **FRAME,
+    }
+
+    def __init__(
+        self, candidate: str, specimen: Specimen, tolerance: float = DEFAULT_TOLERANCE
+    ) -> None:
+        self.candidate = candidate
+        self.specimen = specimen
+        self.tolerance = tolerance
+        self.model = StructureModel.from_name(candidate)
+        self.order = self.model.order
+        for name in self.required_quantities:
+            self.require(name)
+        rest = specimen.quantities["rest_angle"].value
+        if not np.radians(5.0) < rest < STEEPEST:
+            raise UserError(
+                f"specimen {specimen.name!r}: rest_angle must lie between 5 and "
+                f"{np.degrees(STEEPEST):.0f} degrees, found {np.degrees(rest):.4g}; it is the "
+                "angle of the links to the line between their ends"
+            )
+        self.measured = measured_hinge(specimen)
+
+    @classmethod
+    def candidates(cls) -> list[str]:
+        """Candidates that can be built."""
+        return examples()
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Material parameters, then the specimen's quantities that carry an sd."""
+        units = {**self.required_quantities, **self.optional_quantities}
+        known = "relative_permittivity" in self.specimen.quantities
+        uncertain = uncertain_quantities(self.specimen, SYMBOLS, units)
+        return (*self.model.parameters(known), *uncertain)
+
+    def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
+        """Prepare one record; returns draws -> response (W, N).
+
+        At rest: the force on what holds the slider, outwards, at its displacements, under the
+        constant `voltage` [V] of the record's conditions. In motion: the displacement under a
+        voltage that is linear between its knots (a smooth curve where they are samples of one,
+        see `integrate.drive`) and zero before the first. The structure starts at rest without
+        voltage, or, with the condition `prehistory: equilibrium`, where its first voltage has
+        held it for ever.
+
+        A row is NaN where a draw leaves the bent branch or fails.
+
+        Raises
+        ------
+        UserError
+            Unknown channel, a voltage that is no history in time, motion for a candidate
+            without units.
+        """
+        self.check_channels(excitation.name, response)
+        coordinate = np.asarray(coordinate, dtype=float)
+        if (excitation.name == "displacement") != (response == "force"):
+            raise UserError(
+                f"response {response!r} does not go with excitation {excitation.name!r}: a force "
+                "is recorded at rest over displacements, a displacement in time under a voltage"
+            )
+        if response == "force":
+            return self._force(excitation, coordinate)
+        return self._displacement(excitation, coordinate)
+
+    def _force(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
+        voltage = excitation.conditions.get("voltage")
+        if voltage is None or isinstance(voltage, str):
+            raise UserError(
+                "a record of force over displacement needs its constant voltage: a column "
+                "'voltage' in the record, or voltage_kV in experiments.csv"
+            )
+
+        def simulate(draws: Draws) -> FloatArray:
+            force = self.structure(draws).force(coordinate, voltage)
+            force[~np.all(np.isfinite(force), axis=1)] = np.nan
+            return force
+
+        return simulate
+
+    def _displacement(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
+        order = np.argsort(coordinate, kind="stable")
+        times = np.ascontiguousarray(coordinate[order])
+        back = np.argsort(order)
+        history = self._history(excitation, times)
+        held = self._held(excitation)
+
+        def simulate(draws: Draws) -> FloatArray:
+            structure = self.structure(draws)
+            angle = self._follow(structure, history, times, held).angle[:, back]
+            moved = np.cos(angle) - column(np.cos(structure.rest))
+            return np.asarray(column(2.0 * structure.length) * moved)
+
+        return simulate
+
+    def _follow(
+        self, structure: Structure, history: Drive, times: FloatArray, held: float
+    ) -> Motion:
+        start = structure.rest if held == 0.0 else structure.equilibrium(held)
+        return follow(structure, history, times, self.tolerance, start)
+
+    def _held(self, excitation: Excitation) -> float:
+        """The voltage [V] at which the structure was before the record."""
+        prehistory = excitation.conditions.get("prehistory", "rest")
+        if prehistory not in PREHISTORIES:
+            raise UserError(
+                f"condition prehistory must be one of {', '.join(PREHISTORIES)}; "
+                f"found {prehistory!r}"
+            )
+        return float(excitation.values[0]) if prehistory == "equilibrium" else 0.0
+
+    def _history(self, excitation: Excitation, times: FloatArray) -> Drive:
+        knots = np.asarray(excitation.coordinate, dtype=float)
+        volts = np.asarray(excitation.values, dtype=float)
+        if self.model.units == 0:
+            raise UserError(
+                f"candidate {self.candidate!r} has no relaxation units, so it does not move in "
+                "time; take one that has, such as ogden_1_units_1"
+            )
+        if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(volts))):
+            raise UserError("excitation 'voltage': times and voltages must be finite")
+        if np.any(np.diff(knots) < 0.0):
+            raise UserError("excitation 'voltage': times must ascend; sort the record by time")
+        tolerance = DRIVE_TOLERANCE * self.tolerance
+        return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
+
+    def structure(self, draws: Draws) -> Structure:
+        """The constants of the draws."""
+        return Structure.from_draws(self.model, self.specimen, draws)
+
+    def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
+        """log N(measured; K(theta), sd) of the hinges' stiffness, (W,); zero if not measured."""
+        if self.measured is None:
+            return super().log_likelihood_of_quantities(draws)
+        sd = self.measured.sd or np.nan
+        residual = (self.measured.value - self.structure(draws).hinge / 4.0) / sd
+        return np.asarray(-0.5 * residual**2 - np.log(sd * np.sqrt(2.0 * np.pi)))
+
+    def stated(self) -> Mapping[str, Quantity]:
+        """The specimen's quantities; the hinges' stiffness also where the frame tells it."""
+        given = self.specimen.quantities
+        return given if self.measured is None else {**given, "hinge_stiffness": self.measured}
+
+    def derived(self, draws: Draws) -> dict[str, Derived]:
+        """mu_0, K, where the structure snaps flat, force and displacement at 5 kV, xi_i."""
+        from deabayes.systems.structure_derived import derived
+
+        return derived(self.structure(draws), REFERENCE_VOLTAGE)
+
+    def why_failed(self, draws: Draws) -> NDArray[np.str_]:
+        """Hinges that would have to push, no stable rest, or a bent branch that was left, (W,)."""
+        structure = self.structure(draws)
+        pushing = np.isnan(structure.hinge)
+        unstable = ~(structure.stiffness(structure.rest) > 0.0)
+        words = np.where(unstable, "unstable at its rest angle", "left the bent branch")
+        return np.where(pushing, "the film would need hinges that push", words)

@@ -1,0 +1,143 @@
+"""Candidates of the minimum-energy structure: their names, parameters and priors."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from deabayes.distributions import LogNormal, LogUniform
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError, nearest
+from deabayes.parameter import Parameter
+from deabayes.springs import REGISTRY as SPRINGS
+from deabayes.springs import Spring
+from deabayes.springs.base import MODULUS_MEDIAN
+from deabayes.systems.base import Draws
+
+MAXIMUM = 6
+"""Of relaxation units and of spring terms."""
+DRY = "_dry"
+PAPER = "minimum-energy structure (2019)"
+PERMITTIVITY = LogNormal(3.0, 0.6)
+PERMITTIVITY_SOURCE = (
+    f"effective value: {PAPER}, Table 3, 1.704; bulk VHB 4.6-4.8; 5-95 % is 1.1 to 8"
+)
+STIFFNESS = LogNormal(5.0, 2.0)
+STIFFNESS_SOURCE = f"{PAPER}, Table 4: 0.8-66 N/m; 5-95 % is 0.19 to 134 N/m"
+TIME = LogUniform(1e-3, 500.0)
+TIME_SOURCE = (
+    f"{PAPER}, Table 4: 8.3 ms to 62.5 s; from the sampling interval to ten times 50 s of record"
+)
+VISCOUS = LogNormal(0.1, 1.5)
+VISCOUS_SOURCE = f"{PAPER}, Table 4: 0.1 N s/m; 5-95 % is 8.5e-3 to 1.2 N s/m"
+FRICTION = LogNormal(1e-3, 1.5)
+FRICTION_SOURCE = (
+    "stand-in: a hundredth of the blocking force of 0.15 N at 5 kV; 5-95 % is 0.085 to 12 mN"
+)
+
+
+@dataclass(frozen=True)
+class StructureModel:
+    """A film with `spring` of `terms` terms, `units` Maxwell units, and friction.
+
+    Attributes
+    ----------
+    dry : friction at the slider is dry (F_c) rather than viscous (eta_0); without units
+        there is neither, and no motion in time.
+    """
+
+    spring: Spring
+    terms: int
+    units: int
+    dry: bool
+
+    @classmethod
+    def from_name(cls, candidate: str) -> Self:
+        """Parse `<spring>[_<terms>][_units_<n>[_dry]]`."""
+        match = re.fullmatch(rf"([a-z_]+?)(?:_(\d+))?(?:_units_(\d+)({DRY})?)?", candidate)
+        if not match or match[1] not in SPRINGS:
+            raise UserError(
+                f"unknown candidate {candidate!r} of system 'minimum_energy_structure'"
+                f"{nearest(candidate, examples())}"
+            )
+        spring = SPRINGS[match[1]]
+        if spring.counts_terms != (match[2] is not None):
+            remedy = "needs" if spring.counts_terms else "takes no"
+            raise UserError(f"candidate {candidate!r}: spring {spring.name} {remedy} terms")
+        terms = _count(match[2] or "1", candidate, "terms")
+        units = _count(match[3], candidate, "units") if match[3] else 0
+        return cls(spring, terms, units, match[4] is not None)
+
+    @property
+    def order(self) -> int:
+        """Relaxation units; spring terms when there are none."""
+        return self.units or self.terms
+
+    @property
+    def numbers(self) -> range:
+        """1 to n."""
+        return range(1, self.units + 1)
+
+    def parameters(self, permittivity_known: bool) -> tuple[Parameter, ...]:
+        """Material parameters in the order of interface.md.
+
+        Parameters
+        ----------
+        permittivity_known : whether the specimen states it, so that it is none of them.
+        """
+        permittivity = Parameter(
+            "relative_permittivity", r"\varepsilon_r", "1", "effective relative permittivity",
+            PERMITTIVITY, PERMITTIVITY_SOURCE,
+        )  # fmt: skip
+        film = self.spring.parameters(self.terms, MODULUS_MEDIAN)
+        return (*film, *(() if permittivity_known else (permittivity,)), *self._dissipative())
+
+    def _dissipative(self) -> tuple[Parameter, ...]:
+        if self.units == 0:
+            return ()
+        friction = Parameter("eta_0", r"\eta_0", "N s/m", "viscous friction at the slider",
+                             VISCOUS, VISCOUS_SOURCE)  # fmt: skip
+        if self.dry:
+            friction = Parameter("friction_force", "F_c", "N", "dry friction at the slider",
+                                 FRICTION, FRICTION_SOURCE)  # fmt: skip
+        return (
+            *(
+                Parameter(f"k_{i}", f"k_{i}", "N/m", f"stiffness of Maxwell unit {i}",
+                          STIFFNESS, STIFFNESS_SOURCE, belongs_to=f"tau_{i}")
+                for i in self.numbers
+            ),
+            *(
+                Parameter(f"tau_{i}", rf"\tau_{i}", "s",
+                          f"viscosity over stiffness of Maxwell unit {i}", TIME, TIME_SOURCE,
+                          ordered="tau")
+                for i in self.numbers
+            ),
+            friction,
+        )  # fmt: skip
+
+    def unit_draws(self, draws: Draws) -> tuple[FloatArray, FloatArray]:
+        """Stiffnesses k_i and times tau_i, each (W, n)."""
+        stiffness = np.stack([draws[f"k_{i}"] for i in self.numbers], axis=1)
+        times = np.stack([draws[f"tau_{i}"] for i in self.numbers], axis=1)
+        return stiffness.astype(float), times.astype(float)
+
+
+def _count(digits: str, candidate: str, what: str) -> int:
+    """A number of units or terms, between 1 and MAXIMUM."""
+    count = int(digits)
+    if not 1 <= count <= MAXIMUM:
+        raise UserError(f"candidate {candidate!r}: {what} must be 1 to {MAXIMUM}, not {count}")
+    return count
+
+
+def examples() -> list[str]:
+    """Candidates that can be built, up to four terms and units."""
+    found = []
+    for name, spring in SPRINGS.items():
+        heads = [f"{name}_{terms}" for terms in range(1, 5)] if spring.counts_terms else [name]
+        found += heads
+        found += [f"{head}_units_{n}" for head in heads for n in range(1, 5)]
+    return found

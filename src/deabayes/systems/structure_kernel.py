@@ -1,0 +1,463 @@
+r"""Compiled kernel of the minimum-energy structure: slider-crank, film and Maxwell units.
+
+equations.md, section 3; the paper's (11)-(23). With s = sin theta, c = cos theta, omega =
+theta', d = 2L (c - c_0) the slider's displacement and y_i = x_i - d, which has no omega in
+its equation:
+
+    theta' = omega,    M omega' = Q,    y_i' = -(y_i + d)/tau_i,    M = M_0 + C s^2
+    Q = (s/c) S(c) - G c - H theta - E s c U^2 - C s c omega^2
+        + 2L s (sum_i k_i (y_i + d) - eta_0 v - F_c v/sqrt(v^2 + v_s^2)),   v = 2L s omega
+
+M_0 = 2J + 2 m_1 l_m^2, C = 4L (m_1 (L - l_m) + m_2 L), G = 2 m_1 g l_m, H = 4K, E = A_0
+epsilon_0 epsilon_r/t_0. S = A_0 t_0 sigma_x at zero voltage is a polynomial in c per draw,
+U one in time on each piece of the excitation. theta carries the arrow (see
+`integrate.arrow`); omega is eliminated from its equation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from deabayes.integrate import arrow
+from deabayes.integrate import rodas5p as t
+from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1, U2, U3, U4, U5, U6, U7, U8
+from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
+
+DEGREE = 5
+"""Of the voltage in time on a piece."""
+FILM_DEGREE = 14
+"""Of S in cos theta: 1e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper."""
+DRY_SPEED = 5e-4
+"""v_s [m/s]: the speed below which dry friction is smoothed; strokes are 1 to 300 mm/s."""
+(
+    INERTIA, TURNING, ELECTRIC, HINGE, GRAVITY, LENGTH, REST, VISCOUS, DRY, UNITS, SLOWNESS,
+    MIDDLE, SCALE, ALLOWED, STEP, RATE_OF_STEP, D1, D2, D3, D4, D5, D6, DRIFT, SQUARE, FLOW,
+    SINE, COSINE, PLACE, FORCE, SCHUR, COUPLED, SLOPE, LEVER, DAMPING, PIVOT,
+    ERROR, FACTOR, K2, K3, K4, OFFSET, SPAN,
+) = ((arrow.SHARED_ROWS + r) * LANES for r in range(42))  # fmt: skip
+"""Rows of theta's block: constants of the draw (2L, c_0, the sum of k_i and the weight of
+omega's error among them); step, 1/step, squared voltage at the nodes; s, c, d at the argument;
+sums over the units; what a step's Jacobian fixes; control; dense output; place in the piece of
+the excitation, 1/its duration."""
+V0 = (arrow.SHARED_ROWS + 42) * LANES
+S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14 = (
+    V0 + (DEGREE + 1 + power) * LANES for power in range(FILM_DEGREE + 1)
+)
+"""Coefficients of U on the piece, and of S: the highest power last."""
+SPEED = (arrow.SHARED_ROWS + 42 + DEGREE + 1 + FILM_DEGREE + 1) * LANES
+"""From here on omega's own block: in one array, or its loops would not become vectors."""
+ANGLE_ROWS = SPEED // LANES + arrow.SHARED_ROWS
+RATE, STIFFNESS, WEIGHT, SHARE, SOLVE, PULL, LATE = (
+    (arrow.SHARED_ROWS + r) * LANES for r in range(7)
+)
+"""Rows of a unit: 1/tau, k, weight of its error; h/tau, 1/m_k, h^2 b_k/m_k, right-hand side."""
+UNIT_ROWS = arrow.SHARED_ROWS + 7
+_HALF = math.sqrt(0.5)
+
+
+@njit(**KERNEL_OPTIONS)
+def _sine_cosine(angle: float) -> tuple[float, float]:
+    """By their series about 45 degrees: 1e-11 between 2 and 85 degrees."""
+    x = angle - 0.25 * math.pi
+    q = x * x
+    odd = 1.0 - q / 110.0
+    odd = 1.0 - q / 72.0 * odd
+    odd = 1.0 - q / 42.0 * odd
+    odd = 1.0 - q / 20.0 * odd
+    odd = x * (1.0 - q / 6.0 * odd)
+    even = 1.0 - q / 132.0
+    even = 1.0 - q / 90.0 * even
+    even = 1.0 - q / 56.0 * even
+    even = 1.0 - q / 30.0 * even
+    even = 1.0 - q / 12.0 * even
+    even = 1.0 - q / 2.0 * even
+    return _HALF * (even + odd), _HALF * (even - odd)
+
+
+@njit(**KERNEL_OPTIONS)
+def _place(c: FloatArray) -> None:
+    """s, c and d at the argument."""
+    for i in range(LANES):
+        sine, cosine = _sine_cosine(c[ARGUMENT + i])
+        c[SINE + i], c[COSINE + i] = sine, cosine
+        c[PLACE + i] = c[LENGTH + i] * (cosine - c[REST + i])
+
+
+@njit(**KERNEL_OPTIONS)
+def _film(c: FloatArray, i: int, z: float) -> float:
+    """S [N] at z = (cos theta - middle) scale; written out, so that lanes become vectors."""
+    found = c[S14 + i]
+    found = c[S12 + i] + z * (c[S13 + i] + z * found)
+    found = c[S10 + i] + z * (c[S11 + i] + z * found)
+    found = c[S8 + i] + z * (c[S9 + i] + z * found)
+    found = c[S6 + i] + z * (c[S7 + i] + z * found)
+    found = c[S4 + i] + z * (c[S5 + i] + z * found)
+    found = c[S2 + i] + z * (c[S3 + i] + z * found)
+    return c[S0 + i] + z * (c[S1 + i] + z * found)
+
+
+@njit(**KERNEL_OPTIONS)
+def _film_slope(c: FloatArray, i: int, z: float) -> float:
+    """dS/dz [N]."""
+    found = 13.0 * c[S13 + i] + z * 14.0 * c[S14 + i]
+    found = 11.0 * c[S11 + i] + z * (12.0 * c[S12 + i] + z * found)
+    found = 9.0 * c[S9 + i] + z * (10.0 * c[S10 + i] + z * found)
+    found = 7.0 * c[S7 + i] + z * (8.0 * c[S8 + i] + z * found)
+    found = 5.0 * c[S5 + i] + z * (6.0 * c[S6 + i] + z * found)
+    found = 3.0 * c[S3 + i] + z * (4.0 * c[S4 + i] + z * found)
+    return c[S1 + i] + z * (2.0 * c[S2 + i] + z * found)
+
+
+@njit(**KERNEL_OPTIONS)
+def _accelerate(c: FloatArray) -> None:
+    """h Q/M at the argument, whose s, c, d, U^2 and sum of k_i y_i are in their rows."""
+    for i in range(LANES):
+        sine, cosine, length = c[SINE + i], c[COSINE + i], c[LENGTH + i]
+        omega = c[SPEED + ARGUMENT + i]
+        v = length * sine * omega
+        slider = c[FORCE + i] + c[UNITS + i] * c[PLACE + i] - c[VISCOUS + i] * v
+        slider -= c[DRY + i] * v / np.sqrt(v * v + DRY_SPEED * DRY_SPEED)
+        moment = length * sine * slider - c[GRAVITY + i] * cosine - c[HINGE + i] * c[ARGUMENT + i]
+        around = c[ELECTRIC + i] * c[SQUARE + i] + c[TURNING + i] * omega * omega
+        moment -= sine * cosine * around
+        inverse = c[STEP + i] / (cosine * (c[INERTIA + i] + c[TURNING + i] * sine * sine))
+        z = (cosine - c[MIDDLE + i]) * c[SCALE + i]
+        c[FLOW + i] = inverse * (sine * _film(c, i, z) + cosine * moment)
+
+
+@njit(**KERNEL_OPTIONS)
+def _drive(c: FloatArray) -> None:
+    """Squared voltage at the nodes, and h times its slope at the start."""
+    for i in range(LANES):
+        x, dx = c[OFFSET + i], c[STEP + i] * c[SPAN + i]
+        v0, v1, v2 = c[V0 + i], c[V0 + LANES + i], c[V0 + 2 * LANES + i]
+        v3, v4, v5 = c[V0 + 3 * LANES + i], c[V0 + 4 * LANES + i], c[V0 + 5 * LANES + i]
+        v = v0 + x * (v1 + x * (v2 + x * (v3 + x * (v4 + x * v5))))
+        slope = v1 + x * (2.0 * v2 + x * (3.0 * v3 + x * (4.0 * v4 + x * 5.0 * v5)))
+        c[D1 + i] = v * v
+        c[DRIFT + i] = 2.0 * v * slope * dx
+        a = x + t.NODE2 * dx
+        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+        c[D2 + i] = v * v
+        a = x + t.NODE3 * dx
+        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+        c[D3 + i] = v * v
+        a = x + t.NODE4 * dx
+        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+        c[D4 + i] = v * v
+        a = x + t.NODE5 * dx
+        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+        c[D5 + i] = v * v
+        a = x + dx
+        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+        c[D6 + i] = v * v
+
+
+@njit(**KERNEL_OPTIONS)
+def _begin(c: FloatArray) -> None:
+    """The lever h^2 2L s/M of the units at the start; clears their sums."""
+    for i in range(LANES):
+        c[ARGUMENT + i], c[SPEED + ARGUMENT + i] = c[START + i], c[SPEED + START + i]
+        c[SQUARE + i] = c[D1 + i]
+    _place(c)
+    for i in range(LANES):
+        h, sine = c[STEP + i], c[SINE + i]
+        mass = c[INERTIA + i] + c[TURNING + i] * sine * sine
+        c[RATE_OF_STEP + i] = 1.0 / h
+        c[SLOPE + i] = c[LENGTH + i] * sine
+        c[LEVER + i] = h * h * c[SLOPE + i] / mass
+        c[FORCE + i], c[SCHUR + i], c[COUPLED + i] = 0.0, 0.0, 0.0
+
+
+@njit(**KERNEL_OPTIONS)
+def _close(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> None:
+    """The part of a unit's stage that all stages share."""
+    late = history - w[SHARE + i] * (y + c[PLACE + i])
+    w[LATE + i] = late
+    c[FORCE + i] += w[STIFFNESS + i] * y
+    c[SCHUR + i] += w[PULL + i] * late
+
+
+@njit(**KERNEL_OPTIONS)
+def _increment(w: FloatArray, c: FloatArray, i: int, of_angle: float) -> float:
+    """A unit's increment in a stage from that of theta."""
+    return w[SOLVE + i] * (w[LATE + i] + w[SHARE + i] * c[SLOPE + i] * of_angle)
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_1(w: FloatArray, c: FloatArray) -> None:
+    """Jacobian and first stage of a unit."""
+    for i in range(LANES):
+        share = c[STEP + i] * w[RATE + i]
+        solve = 1.0 / (1.0 / t.GAMMA + share)
+        pull = c[LEVER + i] * w[STIFFNESS + i] * solve
+        w[SHARE + i], w[SOLVE + i], w[PULL + i] = share, solve, pull
+        c[COUPLED + i] += pull * share * c[SLOPE + i]
+        _close(w, c, i, w[START + i], 0.0)
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_2(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U1 + i] = _increment(w, c, i, c[U1 + i])
+        _close(w, c, i, arrow.argument_2(w, i), arrow.history_2(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_3(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U2 + i] = _increment(w, c, i, c[U2 + i])
+        _close(w, c, i, arrow.argument_3(w, i), arrow.history_3(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_4(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U3 + i] = _increment(w, c, i, c[U3 + i])
+        _close(w, c, i, arrow.argument_4(w, i), arrow.history_4(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_5(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U4 + i] = _increment(w, c, i, c[U4 + i])
+        _close(w, c, i, arrow.argument_5(w, i), arrow.history_5(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_6(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U5 + i] = _increment(w, c, i, c[U5 + i])
+        y = arrow.argument_6(w, i)
+        w[ARGUMENT + i] = y
+        _close(w, c, i, y, arrow.history_6(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_7(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U6 + i] = _increment(w, c, i, c[U6 + i])
+        y = w[ARGUMENT + i] + w[U6 + i]
+        w[ARGUMENT + i] = y
+        _close(w, c, i, y, arrow.history_7(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_8(w: FloatArray, c: FloatArray) -> None:
+    for i in range(LANES):
+        w[U7 + i] = _increment(w, c, i, c[U7 + i])
+        y = w[ARGUMENT + i] + w[U7 + i]
+        w[ARGUMENT + i] = y
+        _close(w, c, i, y, arrow.history_8(w, i))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_end(w: FloatArray, c: FloatArray) -> None:
+    """End of the step and its error."""
+    for i in range(LANES):
+        last = _increment(w, c, i, c[U8 + i])
+        w[ARGUMENT + i] += last
+        c[ERROR + i] += w[WEIGHT + i] * abs(last)
+
+
+@njit(**KERNEL_OPTIONS)
+def _jacobian(c: FloatArray) -> None:
+    """Pivots and drift of a step; the acceleration at its start is known."""
+    for i in range(LANES):
+        h, omega = c[STEP + i], c[SPEED + START + i]
+        sine, cosine, slope = c[SINE + i], c[COSINE + i], c[SLOPE + i]
+        speed = slope * omega
+        smooth = 1.0 / (speed * speed + DRY_SPEED * DRY_SPEED)
+        root = np.sqrt(smooth)
+        resisting = c[VISCOUS + i] + c[DRY + i] * DRY_SPEED * DRY_SPEED * smooth * root
+        slider = c[FORCE + i] + c[UNITS + i] * c[PLACE + i]
+        slider -= (c[VISCOUS + i] + c[DRY + i] * root) * speed
+        around = c[ELECTRIC + i] * c[D1 + i] + c[TURNING + i] * omega * omega
+        z = (cosine - c[MIDDLE + i]) * c[SCALE + i]
+        steeper = _film_slope(c, i, z) * c[SCALE + i]
+        inverse = 1.0 / (c[INERTIA + i] + c[TURNING + i] * sine * sine)
+        turning = 2.0 * c[TURNING + i] * sine * cosine
+        stiffness = _film(c, i, z) / (cosine * cosine) - sine * sine / cosine * steeper
+        stiffness += c[GRAVITY + i] * sine - c[HINGE + i]
+        stiffness -= (cosine * cosine - sine * sine) * around
+        stiffness += c[LENGTH + i] * cosine * (slider - slope * omega * resisting)
+        stiffness -= slope * slope * c[UNITS + i]
+        by_speed = -inverse * (turning * omega + slope * slope * resisting)
+        damping = 1.0 / t.GAMMA - h * by_speed
+        by_angle = h * inverse * (h * stiffness - turning * c[FLOW + i])
+        c[DAMPING + i] = damping
+        c[PIVOT + i] = 1.0 / (damping / t.GAMMA - by_angle - c[COUPLED + i])
+        c[DRIFT + i] *= -h * inverse * c[ELECTRIC + i] * sine * cosine
+
+
+@njit(**KERNEL_OPTIONS)
+def _solve(c: FloatArray, i: int, of_speed: float, of_angle: float) -> float:
+    """Theta's increment from the right-hand sides of both; clears the sums over the units."""
+    right = c[STEP + i] * of_speed + c[DAMPING + i] * of_angle + c[SCHUR + i]
+    c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
+    return c[PIVOT + i] * right
+
+
+@njit(**KERNEL_OPTIONS)
+def _speed(c: FloatArray, i: int, increment: float, of_angle: float) -> float:
+    """Omega's increment from theta's."""
+    return c[RATE_OF_STEP + i] * (increment / t.GAMMA - of_angle)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_1(c: FloatArray) -> None:
+    """First stage of theta and omega."""
+    _accelerate(c)
+    _jacobian(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + START + i]
+        u = _solve(c, i, c[FLOW + i] + t.D1 * c[DRIFT + i], of_angle)
+        c[U1 + i], c[SPEED + U1 + i] = u, _speed(c, i, u, of_angle)
+        c[ARGUMENT + i] = arrow.argument_2(c, i)
+        c[SPEED + ARGUMENT + i] = arrow.argument_2(c, SPEED + i)
+        c[SQUARE + i] = c[D2 + i]
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_2(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_2(c, i)
+        of_speed = c[FLOW + i] + arrow.history_2(c, SPEED + i) + t.D2 * c[DRIFT + i]
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U2 + i], c[SPEED + U2 + i] = u, a
+        c[ARGUMENT + i] = arrow.argument_3(c, i)
+        c[SPEED + ARGUMENT + i] = arrow.argument_3(c, SPEED + i)
+        c[SQUARE + i] = c[D3 + i]
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_3(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_3(c, i)
+        of_speed = c[FLOW + i] + arrow.history_3(c, SPEED + i) + t.D3 * c[DRIFT + i]
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U3 + i], c[SPEED + U3 + i] = u, a
+        c[ARGUMENT + i] = arrow.argument_4(c, i)
+        c[SPEED + ARGUMENT + i] = arrow.argument_4(c, SPEED + i)
+        c[SQUARE + i] = c[D4 + i]
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_4(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_4(c, i)
+        of_speed = c[FLOW + i] + arrow.history_4(c, SPEED + i) + t.D4 * c[DRIFT + i]
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U4 + i], c[SPEED + U4 + i] = u, a
+        c[ARGUMENT + i] = arrow.argument_5(c, i)
+        c[SPEED + ARGUMENT + i] = arrow.argument_5(c, SPEED + i)
+        c[SQUARE + i] = c[D5 + i]
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_5(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_5(c, i)
+        of_speed = c[FLOW + i] + arrow.history_5(c, SPEED + i) + t.D5 * c[DRIFT + i]
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U5 + i], c[SPEED + U5 + i] = u, a
+        c[ARGUMENT + i] = arrow.argument_6(c, i)
+        c[SPEED + ARGUMENT + i] = arrow.argument_6(c, SPEED + i)
+        c[SQUARE + i] = c[D6 + i]
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_6(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_6(c, i)
+        of_speed = c[FLOW + i] + arrow.history_6(c, SPEED + i)
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U6 + i], c[SPEED + U6 + i] = u, a
+        c[ARGUMENT + i] += u
+        c[SPEED + ARGUMENT + i] += a
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_7(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_7(c, i)
+        of_speed = c[FLOW + i] + arrow.history_7(c, SPEED + i)
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U7 + i], c[SPEED + U7 + i] = u, a
+        c[ARGUMENT + i] += u
+        c[SPEED + ARGUMENT + i] += a
+    _place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_8(c: FloatArray) -> None:
+    _accelerate(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_8(c, i)
+        of_speed = c[FLOW + i] + arrow.history_8(c, SPEED + i)
+        u = _solve(c, i, of_speed, of_angle)
+        a = _speed(c, i, u, of_angle)
+        c[U8 + i], c[SPEED + U8 + i] = u, a
+        c[ARGUMENT + i] += u
+        c[SPEED + ARGUMENT + i] += a
+        c[ERROR + i] = abs(u) + c[SLOWNESS + i] * abs(a)
+        c[K2 + i], c[K3 + i] = arrow.dense_2(c, i), arrow.dense_3(c, i)
+        c[K4 + i] = arrow.dense_4(c, i)
+
+
+@njit(**KERNEL_OPTIONS)
+def step(c: FloatArray, units: FloatArray) -> None:
+    """One step of every lane: the block of theta and omega, those of the `units` (n, ...)."""
+    n = units.shape[0]
+    _drive(c)
+    _begin(c)
+    for k in range(n):
+        _unit_1(units[k], c)
+    _angle_1(c)
+    for k in range(n):
+        _unit_2(units[k], c)
+    _angle_2(c)
+    for k in range(n):
+        _unit_3(units[k], c)
+    _angle_3(c)
+    for k in range(n):
+        _unit_4(units[k], c)
+    _angle_4(c)
+    for k in range(n):
+        _unit_5(units[k], c)
+    _angle_5(c)
+    for k in range(n):
+        _unit_6(units[k], c)
+    _angle_6(c)
+    for k in range(n):
+        _unit_7(units[k], c)
+    _angle_7(c)
+    for k in range(n):
+        _unit_8(units[k], c)
+    _angle_8(c)
+    for k in range(n):
+        _unit_end(units[k], c)
+    for i in range(LANES):
+        c[ERROR + i] *= c[ALLOWED + i]
+        c[FACTOR + i] = arrow.growth(c[ERROR + i])

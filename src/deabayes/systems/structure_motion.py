@@ -1,0 +1,104 @@
+"""The minimum-energy structure in motion: each draw's constants as the kernel takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.integrate.drive import Drive
+from deabayes.springs.base import column
+from deabayes.systems.specimen_quantities import positive
+from deabayes.systems.structure_static import FLATTEST, STEEPER, STEEPEST, Structure
+
+ESTIMATE = 2.0
+"""Error allowed in a step over the tolerance; a test holds the result to the tolerance."""
+FIRST_STEP = 0.1
+"""Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Angle (W, N); steps tried and the time at which a draw was lost, else NaN, (W,)."""
+
+    angle: FloatArray
+    steps: NDArray[np.int64]
+    ended: FloatArray
+
+
+def follow(
+    structure: Structure, history: Drive, times: FloatArray, tolerance: float, start: FloatArray
+) -> Motion:
+    """Integrate draws through a voltage history, from rest at the angles `start` (W,).
+
+    Parameters
+    ----------
+    times : (N,) ascending [s].
+    tolerance : error of the displacement relative to its range.
+    """
+    from deabayes.systems.structure_lanes import integrate
+
+    walkers = structure.rest.size
+    found = Motion(
+        np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
+    )
+    constants, units = constants_of(structure, history, tolerance, start)
+    integrate(
+        history.edges, history.coefficients, history.restart, times, constants, units,
+        found.angle, found.steps, found.ended,
+    )  # fmt: skip
+    return found
+
+
+def constants_of(
+    structure: Structure, history: Drive, tolerance: float, start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Draws (W, DRAW_COLUMNS) and units (W, n, 4) as `structure_lanes.integrate` takes them."""
+    model, draws, rest = structure.model, structure.draws, structure.rest
+    stiffness, times = model.unit_draws(draws)
+    total = positive(stiffness).sum(axis=1)
+    lever = 2.0 * structure.length * np.sin(rest)
+    static = positive(structure.stiffness(rest))
+    stiff = static + lever**2 * total
+    slow = np.sqrt(structure.mass(rest) / stiff)
+    # A range of the angle that the draw alone tells before integration.
+    push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
+    allowed = ESTIMATE * tolerance * np.where(push > 0.0, push / stiff, 1e-12)
+    low, high = FLATTEST, min(float(np.nanmax(rest)) + STEEPER, STEEPEST)
+    middle, scale, film = film_polynomial(structure, low, high)
+    friction = positive(draws["friction_force" if model.dry else "eta_0"])
+    none = np.zeros_like(rest)
+    columns = (
+        start, FIRST_STEP * slow, none + low, none + high,
+        structure.inertia, structure.turning, structure.electric, structure.hinge,
+        structure.weight, 2.0 * structure.length, np.cos(rest),
+        none if model.dry else friction, friction if model.dry else none,
+        total, slow, none + middle, none + scale, 1.0 / allowed,
+    )  # fmt: skip
+    moved = 2.0 * structure.length * (np.cos(start) - np.cos(rest))
+    weight = stiffness * column(lever / stiff)
+    parts = (1.0 / positive(times), stiffness, weight, column(-moved))
+    units = np.stack(np.broadcast_arrays(*parts), axis=2)
+    return np.concatenate([np.stack(columns, axis=1), film], axis=1), np.ascontiguousarray(units)
+
+
+def film_polynomial(
+    structure: Structure, low: float, high: float
+) -> tuple[float, float, FloatArray]:
+    """S = A_0 t_0 sigma at zero voltage as a polynomial in z = scale (cos theta - middle).
+
+    Interpolated at Chebyshev's nodes between the angles `low` and `high`.
+
+    Returns
+    -------
+    middle, scale, and coefficients (W, FILM_DEGREE + 1), the highest power last.
+    """
+    from deabayes.systems.structure_kernel import FILM_DEGREE
+
+    top, bottom = np.cos(low), np.cos(high)
+    middle, scale = 0.5 * (top + bottom), 2.0 / (top - bottom)
+    nodes = np.cos(np.pi * (np.arange(FILM_DEGREE + 1) + 0.5) / (FILM_DEGREE + 1))
+    to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
+    return middle, scale, structure.film(middle + nodes / scale) @ to_powers.T
