@@ -169,9 +169,14 @@ RECORDS: tuple[Pull | Wave, ...] = (
 
 
 def write(folder: Path) -> None:
-    """Write records, experiments.csv, specimen.yaml and truth.yaml."""
+    """Write records, experiments.csv, specimen.yaml and truth.yaml; takes a minute."""
     for seed, settings in enumerate(RECORDS):
         write_record(folder / "records" / f"{settings.name}.csv", settings.columns(seed))
+    write_descriptions(folder)
+
+
+def write_descriptions(folder: Path) -> None:
+    """Write what describes the records: they take a minute, this does not."""
     write_table(folder / "experiments.csv", [settings.row() for settings in RECORDS])
     write_yaml(folder / "specimen.yaml", SPECIMEN, COMMENT)
     write_yaml(folder / "truth.yaml", truth_for_scoring(), COMMENT)

@@ -102,7 +102,7 @@ LOAD_CELL = Sensor(
     sigma_white=2e-4,
     sigma_ou=1.5e-4,
     tau_ou=60.0,
-    offset=3e-4,
+    offset=1e-4,
     drift=3e-7,
     resolution=1e-5,
 )
