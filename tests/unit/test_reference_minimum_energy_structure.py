@@ -159,15 +159,14 @@ def test_the_amplifier_lags():
 def test_the_sweep_passes_all_frequencies():
     sweep = reference.RECORDS[-1]
     assert sweep.name == "sweep_5kV"
-    time = np.linspace(0.0, 40.0, 2_000_001)
-    phase = np.array([sweep.command(t) for t in time[-20_001:]])
-    tops = np.flatnonzero((phase[1:-1] > phase[:-2]) & (phase[1:-1] >= phase[2:]))
-    last = time[-20_001:][tops[-2:] + 1]
-    assert 1.0 / np.diff(last)[0] == pytest.approx(60.0, rel=2e-3)
+    time = np.linspace(39.9, 40.0, 20_001)
+    volts = np.array([sweep.command(t) for t in time])
+    tops = time[1:-1][(volts[1:-1] > volts[:-2]) & (volts[1:-1] >= volts[2:])]
+    assert 1.0 / (tops[-1] - tops[-2]) == pytest.approx(60.0, rel=2e-3)
+    assert volts.max() == pytest.approx(5000.0, abs=0.01)
     assert sweep.command(0.0) == pytest.approx(500.0)
     first = 40.0 / np.log(60.0) * np.log1p(np.log(60.0) / 40.0)  # where one cycle is over
     assert sweep.command(first) == pytest.approx(500.0)
-    assert phase.max() == pytest.approx(5000.0, abs=0.01)
 
 
 def test_the_pulled_units_agree_with_an_integration():
@@ -179,7 +178,7 @@ def test_the_pulled_units_agree_with_an_integration():
         return [(-1.0 if inward else 1.0) * pull.SPEED - y[0] / tau]
 
     found = pull._extension(tau, times)
-    exact = solve_ivp(slope, (jog, 1400.0), [0.0], "RK45", times, atol=1e-12, max_step=1.0).y[0]
+    exact = solve_ivp(slope, (jog, 1400.0), [0.0], "RK45", times, rtol=1e-8, atol=1e-12).y[0]
     assert found == pytest.approx(exact, rel=1e-4)
 
 
@@ -236,10 +235,10 @@ def test_the_loop_drifts_and_settles():
 def test_records_are_read_and_have_no_faults():
     rows = read_table(SHIPPED)
     raws = {row.name: read_record(SHIPPED / row.record) for row in rows}
-    unknown = Specimen("x", "", {}, {}, {})
+    anything = Specimen("x", "", {}, {}, {})
     for row in rows:
-        assert record_faults(row, raws[row.name], unknown, row.name) == []
-        assert record_warnings(row, raws[row.name], unknown, row.name) == []
+        assert record_faults(row, raws[row.name], anything, row.name) == []
+        assert record_warnings(row, raws[row.name], anything, row.name) == []
     assert repeated_records([(row, raws[row.name]) for row in rows], "") == []
     calibrate = {row.name for row in rows if row.role == "calibrate"}
     sines = {f"sine_5kV_{frequency}Hz" for frequency in (1, 5, 10)}
