@@ -13,7 +13,7 @@ from deabayes.springs.base import column
 from deabayes.systems.specimen_quantities import positive
 from deabayes.systems.structure_static import FLATTEST, STEEPER, STEEPEST, Structure
 
-ESTIMATE = 2.0
+ESTIMATE = 10.0
 """Error allowed in a step over the tolerance; a test holds the result to the tolerance."""
 FIRST_STEP = 0.1
 """Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
