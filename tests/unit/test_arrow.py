@@ -7,9 +7,9 @@ import pytest
 from tests.unit.membranes import golden_draws, membrane, sine, step
 
 from deabayes.integrate import arrow, rodas5p
+from deabayes.integrate.drive import Drive
 from deabayes.integrate.rosenbrock import transformed_coefficients
 from deabayes.systems import membrane_kernel as kernel
-from deabayes.integrate.drive import Drive
 
 DRAWS = golden_draws({
     "mu_alpha_Pa": 35e3, "zeta_alpha_Pa_s": 1e5, "J_alpha": 110.0, "J_beta": 55.0,
