@@ -13,6 +13,8 @@ from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import record_faults, record_warnings
 
 HELD_CONSTANT = 0.01
+MONITOR_NOISE = 10.0
+"""Range of a voltage at rest [V]; at 10 V electrostatic forces are 1e-5 of those at 3 kV."""
 NOT_CONDITIONS = ("note",)
 
 
@@ -108,13 +110,26 @@ def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
     if row.protocol != "quasi_static" or row.excitation == "voltage":
         return held
     if "voltage" in raw.columns:
-        voltage = raw.columns["voltage"]
-        if np.ptp(voltage) > HELD_CONSTANT * np.max(np.abs(voltage)):
+        held["voltage"] = _held_voltage(raw.columns["voltage"], f"{row.record} ({row.name})")
+    elif "voltage_kV" in held:
+        stated = held["voltage_kV"]
+        if not isinstance(stated, int | float) or not np.isfinite(stated):
             raise UserError(
-                f"{row.record} ({row.name}): column 'voltage' varies from {voltage.min():g} to "
-                f"{voltage.max():g} V; give one record per voltage"
+                f"experiments.csv, {row.name}: voltage_kV is {stated!r}; give a number in kV "
+                "(0 without voltage)"
             )
-        held["voltage"] = float(np.mean(voltage))
-    elif isinstance(held.get("voltage_kV"), int | float):
-        held["voltage"] = 1000.0 * float(held["voltage_kV"])
+        held["voltage"] = 1000.0 * float(stated)
     return held
+
+
+def _held_voltage(voltage: FloatArray, where: str) -> float:
+    """The mean of a voltage [V] that may vary by 1 % of it, or by what a monitor's noise is."""
+    if not np.all(np.isfinite(voltage)):
+        raise UserError(f"{where}, column voltage: values missing or NaN; repair the record")
+    mean = float(np.mean(voltage))
+    if np.ptp(voltage) > max(HELD_CONSTANT * abs(mean), MONITOR_NOISE):
+        raise UserError(
+            f"{where}: column 'voltage' varies from {voltage.min():g} to {voltage.max():g} V; "
+            "give one record per voltage"
+        )
+    return mean
