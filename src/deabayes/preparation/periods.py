@@ -134,7 +134,20 @@ def whole_cycles(record: WorkingRecord, period: float, transition: int, where: s
             f"{where}: {cycles.count} whole cycles of {period:.6g} s are visible, at least "
             f"{FEWEST_CYCLES} are needed; mask less of the record, or {INSTEAD}"
         )
+    _check_rest_after(cycles, record, float(visible[-1]), where)
     return cycles
+
+
+def _check_rest_after(cycles: Cycles, record: WorkingRecord, last: float, where: str) -> None:
+    """The excitation may rest after its last cycle, up to the last visible sample."""
+    times = record.excitation_coordinate
+    after = record.excitation[(times > cycles.end + cycles.period) & (times <= last)]
+    if after.size and np.ptp(after) > HYSTERESIS * np.ptp(record.excitation):
+        raise UserError(
+            f"{where}: the {record.row.excitation} repeats itself every {cycles.period:.6g} s only "
+            f"until {cycles.end:.6g} s and goes on otherwise; put "
+            f"`crop: {{to: {cycles.end:.6g} s}}` before this step, or {INSTEAD}"
+        )
 
 
 def _alike(
@@ -153,7 +166,7 @@ def _alike(
         f"{where}: the {record.row.excitation} does not repeat itself every {cycles.period:.6g} s: "
         f"cycle {first + 1}, from {cycles.start + first * cycles.period:.6g} s, differs from the "
         f"others by {away[first - transition]:.1%} of their range on average; {INSTEAD}, raise "
-        "`transition` if it settles later, or correct `frequency` if you gave it"
+        "`transition` if it settles later, or give the right `frequency`"
     )
 
 

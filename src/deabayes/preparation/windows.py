@@ -10,6 +10,7 @@ from deabayes.experiment import FloatArray
 from deabayes.preparation.periods import Cycles
 from deabayes.preparation.working import IntArray, WorkingRecord
 
+ROUNDING = 1e-6
 SEEN = 4.0
 """Standard errors above which a drift is one."""
 
@@ -31,7 +32,9 @@ def window_means(record: WorkingRecord, found: Cycles, points: int, window: floa
     visible = np.flatnonzero(record.used)
     place = (record.coordinate[visible] - found.start) / found.period * points
     bins = np.floor(place).astype(np.intp)
-    near = np.abs(place - bins - 0.5) <= 0.5 * window * (1.0 + 1e-6)
+    # Half open, a little early: whether a sample stands on an edge is no matter of rounding.
+    offset = place - bins - 0.5 + ROUNDING
+    near = (offset >= -0.5 * window) & (offset < 0.5 * window)
     near &= (bins >= 0) & (bins < found.count * points)
     visible, bins = visible[near], bins[near]
     weights = record.samples_averaged[visible]
