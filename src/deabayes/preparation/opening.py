@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.experiment import PHASE, FloatArray, Specimen
-from deabayes.faults import Faults, UserError
+from deabayes.faults import Faults
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import record_faults, record_warnings
 
-HELD_CONSTANT = 0.01
-MONITOR_NOISE = 10.0
-"""Range of a voltage at rest [V]; at 10 V electrostatic forces are 1e-5 of those at 3 kV."""
 NOT_CONDITIONS = ("note",)
 
 
@@ -105,31 +102,16 @@ def _ascending(record: WorkingRecord) -> WorkingRecord:
 
 
 def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
-    """What was held during the record: the row's metadata, and the voltage of a pull test [V]."""
+    """What was held during the record: the row's metadata, and the voltage of a pull test [V].
+
+    The column `voltage` has the say where there is one, `voltage_kV` otherwise; that it is held
+    is checked in `reading.record_checks`.
+    """
     held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
     if row.protocol != "quasi_static" or row.excitation == "voltage":
         return held
     if "voltage" in raw.columns:
-        held["voltage"] = _held_voltage(raw.columns["voltage"], f"{row.record} ({row.name})")
+        held["voltage"] = float(np.mean(raw.columns["voltage"]))
     elif "voltage_kV" in held:
-        stated = held["voltage_kV"]
-        if not isinstance(stated, int | float) or not np.isfinite(stated):
-            raise UserError(
-                f"experiments.csv, {row.name}: voltage_kV is {stated!r}; give a number in kV "
-                "(0 without voltage)"
-            )
-        held["voltage"] = 1000.0 * float(stated)
+        held["voltage"] = 1000.0 * float(held["voltage_kV"])
     return held
-
-
-def _held_voltage(voltage: FloatArray, where: str) -> float:
-    """The mean of a voltage [V] that may vary by 1 % of it, or by what a monitor's noise is."""
-    if not np.all(np.isfinite(voltage)):
-        raise UserError(f"{where}, column voltage: values missing or NaN; repair the record")
-    mean = float(np.mean(voltage))
-    if np.ptp(voltage) > max(HELD_CONSTANT * abs(mean), MONITOR_NOISE):
-        raise UserError(
-            f"{where}: column 'voltage' varies from {voltage.min():g} to {voltage.max():g} V; "
-            "give one record per voltage"
-        )
-    return mean
