@@ -60,10 +60,14 @@ def record(
     return RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
 
 
-def reduced(raw: RawRecord, *before: object, stated: object = None, **settings: object):
-    metadata = {} if stated is None else {"frequency_Hz": stated}
-    row = ExperimentRow("a", "sine", "a.csv", "calibrate", "voltage", "displacement", metadata)  # type: ignore[arg-type]
-    return prepare(row, raw, FILM, [*before, {"cycles": settings}])  # type: ignore[list-item]
+def reduced(
+    raw: RawRecord, *before: object, stated: object = None, then: str = "", **settings: object
+) -> Experiment:
+    """The record after the steps `before`, `cycles` with its settings, and `then`."""
+    row = ExperimentRow("a", "sine", "a.csv", "calibrate", "voltage", "displacement",
+                        {} if stated is None else {"frequency_Hz": stated})  # type: ignore[dict-item]  # fmt: skip
+    after = [then] if then else []
+    return prepare(row, raw, FILM, [*before, {"cycles": settings}, *after])  # type: ignore[list-item]
 
 
 def said(experiment: Experiment) -> dict[str, object]:
@@ -127,6 +131,12 @@ def test_white_noise_falls_as_samples_averaged_says(frequency: float, drift: flo
     assert np.var(grouped_ones) == pytest.approx(1.0, abs=0.08)
     samples = clean.samples_averaged
     assert samples[200:].mean() == pytest.approx(9.0 * samples[:200].mean(), rel=0.1)
+
+
+def test_samples_on_the_edges_of_windows_are_no_matter_of_rounding() -> None:
+    samples = reduced(record(1.0), frequency="1 Hz", points=50).samples_averaged
+    assert np.all(samples[:250] == 10.0)
+    assert samples[250:] == pytest.approx(90.0)
 
 
 def test_means_of_means_count_as_such() -> None:

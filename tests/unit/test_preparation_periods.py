@@ -134,3 +134,17 @@ def test_a_first_ramp_to_the_bias_is_no_fault() -> None:
 def test_excitation_at_rest_without_the_sine_is_refused() -> None:
     with pytest.raises(UserError, match=r"0 whole cycles of 0\.5 s are visible"):
         reduced(record(2.0, after=30.0), {"crop": {"from": "40 s"}})
+
+
+def test_a_sine_that_goes_on_behind_a_mask_is_no_fault() -> None:
+    masked = {"mask_after": {"time": "20.2 s"}}
+    assert said(reduced(record(2.0), masked))["cycles"] == 40
+
+
+def test_remarks_are_of_one_step() -> None:
+    """What `cycles` says of itself is not said again of the step after it."""
+    first = reduced(record(2.0))
+    again = reduced(record(2.0), {"mask_after": {"time": "20 s"}}, then="excitation_knots")
+    assert "cycles of" in str(first.steps[-1]["effect"])
+    assert set(again.steps[-1]) == {"step", "settings", "effect", "masked"}
+    assert "cycles of" not in str(again.steps[-1]["effect"])
