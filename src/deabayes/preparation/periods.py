@@ -57,10 +57,11 @@ def _rises(coordinate: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def found_period(record: WorkingRecord, where: str) -> float:
-    """The excitation's period: the slope of its passes' times against their number.
+    """The excitation's period: the median over pairs of passes half the record apart.
 
     Taken over the longest stretch in which passes follow each other within 5 % of their
-    usual distance, so that a first ramp to the bias does not count.
+    usual distance, so that a first ramp to the bias does not count; nor does, in a median, a
+    first pass that a limited amplifier delays.
 
     Raises
     ------
@@ -82,7 +83,8 @@ def found_period(record: WorkingRecord, where: str) -> float:
             f"range every {gaps.min():.4g} to {gaps.max():.4g} s; {INSTEAD}, or give `frequency`"
         )
     stretch = times[first : last + 1]
-    return float(np.polyfit(np.arange(stretch.size), stretch, 1)[0])
+    half = stretch.size // 2
+    return float(np.median(stretch[half:] - stretch[:-half]) / half)
 
 
 def _longest_run(flags: BoolArray) -> tuple[int, int]:
