@@ -118,6 +118,7 @@ def test_mistakes_are_named(raw: RawRecord, settings: dict, message: str | None)
         (0.8, 2750.0, "cycle 31, from 15 s, differs from the others by"),
         (
             0.6,
+            0.0,
             "repeats itself every 0.5 s only until 15 s and goes on otherwise; put `crop: {to: 15",
         ),
     ],
