@@ -145,6 +145,16 @@ def test_a_first_ramp_to_the_bias_is_no_fault() -> None:
     assert 0.3 < entry["first_cycle_s"] < 1.4  # the sine begins at 1.4 s
 
 
+def test_a_first_jump_through_the_middle_is_no_cycle() -> None:
+    """4 kV for a second, then four cycles: the gap before them does not count."""
+
+    def volts(time: FloatArray) -> FloatArray:
+        return np.where(time < 1.1, 4000.0, 2250.0 * np.sin(4.0 * np.pi * (time - 1.1)) + 2750.0)
+
+    entry = said(reduced(record(2.0, volts=volts, rest=0.3, count=6.2)))
+    assert entry["period_s"] == pytest.approx(0.5, rel=1e-4)
+
+
 def test_excitation_at_rest_without_the_sine_is_refused() -> None:
     with pytest.raises(UserError, match=r"0 whole cycles of 0\.5 s are visible"):
         reduced(record(2.0, after=30.0), {"crop": {"from": "40 s"}})
