@@ -32,6 +32,7 @@ REGISTRY: Mapping[str, Step] = load(
         "average": "average",
         "baseline": "baseline",
         "crop": "crop",
+        "cycles": "cycles",
         "decimate": "decimate",
         "delay": "delay",
         "excitation_knots": "excitation_knots",
@@ -45,6 +46,7 @@ REGISTRY: Mapping[str, Step] = load(
 """Step -> its function in the module of the same name."""
 NEEDS_TIME = (
     "baseline",
+    "cycles",
     "delay",
     "excitation_knots",
     "excitation_spline",

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.experiment import PHASE, FloatArray, Specimen
-from deabayes.faults import Faults, UserError
+from deabayes.faults import Faults
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import record_faults, record_warnings
 
-HELD_CONSTANT = 0.01
 NOT_CONDITIONS = ("note",)
 
 
@@ -103,18 +102,16 @@ def _ascending(record: WorkingRecord) -> WorkingRecord:
 
 
 def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
-    """What was held during the record: the row's metadata, and the voltage of a pull test [V]."""
+    """What was held during the record: the row's metadata, and the voltage of a pull test [V].
+
+    The column `voltage` has the say where there is one, `voltage_kV` otherwise; that it is held
+    is checked in `reading.record_checks`.
+    """
     held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
     if row.protocol != "quasi_static" or row.excitation == "voltage":
         return held
     if "voltage" in raw.columns:
-        voltage = raw.columns["voltage"]
-        if np.ptp(voltage) > HELD_CONSTANT * np.max(np.abs(voltage)):
-            raise UserError(
-                f"{row.record} ({row.name}): column 'voltage' varies from {voltage.min():g} to "
-                f"{voltage.max():g} V; give one record per voltage"
-            )
-        held["voltage"] = float(np.mean(voltage))
-    elif isinstance(held.get("voltage_kV"), int | float):
+        held["voltage"] = float(np.mean(raw.columns["voltage"]))
+    elif "voltage_kV" in held:
         held["voltage"] = 1000.0 * float(held["voltage_kV"])
     return held

@@ -63,11 +63,13 @@ class Settings:
             )
         return value
 
-    def count(self, key: str, default: int | None = None) -> int:
-        """A whole number of at least 1."""
+    def count(self, key: str, default: int | None = None, lowest: int = 1) -> int:
+        """A whole number of at least `lowest`."""
         value = self.values.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise UserError(f"{self.where}.{key}: expected a whole number >= 1, found {value!r}")
+        if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
+            raise UserError(
+                f"{self.where}.{key}: expected a whole number >= {lowest}, found {value!r}"
+            )
         return value
 
     def choice(self, key: str, options: Sequence[str], default: str | None = None) -> str:

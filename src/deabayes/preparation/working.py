@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,8 @@ class WorkingRecord:
     steps : per step done: `step`, `settings`, `effect` and `masked`, the masked
         intervals on the raw file's coordinate.
     warnings : what a user must know before trusting the record.
+    remarks : what the step being done says of itself, for its entry in `steps`: `effect` and
+        `masked` are joined to what is seen from outside, other keys are entered as they are.
     """
 
     row: ExperimentRow
@@ -53,6 +56,7 @@ class WorkingRecord:
     delay: float = 0.0
     steps: tuple[Mapping[str, object], ...] = ()
     warnings: tuple[str, ...] = ()
+    remarks: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def in_time(self) -> bool:
@@ -74,13 +78,16 @@ class WorkingRecord:
         masked: list[list[float]] = []
         if before.coordinate.size == self.coordinate.size:
             masked = intervals(before.coordinate + before.delay, before.used & ~self.used)
+        said = dict(self.remarks)
+        effect = [_effect(before, self), said.pop("effect", "")]
         entry = {
             "step": name,
             "settings": dict(settings),
-            "effect": _effect(before, self),
-            "masked": masked,
+            "effect": "; ".join(filter(None, effect)),
+            "masked": [*masked, *said.pop("masked", [])],
+            **said,
         }
-        return replace(self, steps=(*self.steps, entry))
+        return replace(self, steps=(*self.steps, entry), remarks={})
 
     def excitation_start(self) -> float:
         """Coordinate of the last knot before the excitation leaves its first value.

@@ -33,6 +33,7 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
     faults = checks.too_short(rows, where)
     if _is_pull_on_an_actuator(row, specimen):
         faults += checks.unknown_voltage(raw.columns, row.metadata, where)
+    faults += _pull_voltage_faults(row, raw, where)
     for name in needed:
         faults += checks.not_finite(raw.columns[name], name, where)
     if faults or rows < checks.SMALLEST_RECORD:
@@ -102,6 +103,17 @@ def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:
     if row.protocol != "quasi_static" or row.excitation == "voltage" or not specimen.system:
         return False
     return "voltage" in channels_of(specimen.system, row.protocol)[0]
+
+
+def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """What is wrong with the voltage that a quasi-static record says it was taken at."""
+    if row.protocol != "quasi_static" or row.excitation == "voltage":
+        return []
+    if "voltage" in raw.columns:
+        return checks.voltage_not_held(raw.columns["voltage"], where)
+    if "voltage_kV" in row.metadata:
+        return checks.voltage_no_number(row.metadata["voltage_kV"], where)
+    return []
 
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:

@@ -1,0 +1,186 @@
+"""The period of an excitation and its whole cycles, from its own samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
+from deabayes.preparation.working import BoolArray, WorkingRecord
+
+FEWEST_CYCLES = 3
+HYSTERESIS = 0.1
+ALIKE = 0.05
+STATED_WITHIN = 0.01
+LEAD = 0.05
+PHASES = 200
+UNLIKE = 0.02
+INSTEAD = "use `average` for a sweep, a step or a few cycles"
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """Whole cycles of a record: `count` of them, `period` apart, the first from `start`."""
+
+    start: float
+    period: float
+    count: int
+
+    @property
+    def end(self) -> float:
+        return self.start + self.count * self.period
+
+
+def passes(coordinate: FloatArray, values: FloatArray) -> FloatArray:
+    """Where a signal passes the middle of its range, in the direction in which it does so oftener.
+
+    A pass counts once the signal has gone from a tenth of its range below the middle to a
+    tenth above, or the other way: noise makes no passes, and a signal that never crosses
+    zero has them too.
+    """
+    size = float(np.ptp(values)) or 1.0
+    scaled = (values - 0.5 * (values.max() + values.min())) / size
+    up, down = _rises(coordinate, scaled), _rises(coordinate, -scaled)
+    return up if up.size >= down.size else down
+
+
+def _rises(coordinate: FloatArray, values: FloatArray) -> FloatArray:
+    """Zeros of the lines that rise from below -HYSTERESIS to above HYSTERESIS."""
+    decided = np.flatnonzero(np.abs(values) > HYSTERESIS)
+    signs = np.sign(values[decided])
+    rise = np.flatnonzero((signs[:-1] < 0) & (signs[1:] > 0))
+    low, high = decided[rise], decided[rise + 1]
+    share = -values[low] / (values[high] - values[low])
+    return np.asarray(coordinate[low] + share * (coordinate[high] - coordinate[low]))
+
+
+def found_period(record: WorkingRecord, where: str) -> float:
+    """The excitation's period: the median over pairs of passes half the record apart.
+
+    Taken over the longest stretch in which passes follow each other within 5 % of their
+    usual distance, so that a first ramp to the bias does not count; nor does, in a median, a
+    first pass that a limited amplifier delays.
+
+    Raises
+    ------
+    UserError : a step, a sweep, fewer than three cycles.
+    """
+    times = passes(record.excitation_coordinate, record.excitation)
+    if times.size < FEWEST_CYCLES:
+        raise UserError(
+            f"{where}: the {record.row.excitation} passes the middle of its range {times.size} "
+            f"times, so it does not have {FEWEST_CYCLES} cycles; {INSTEAD}"
+        )
+    gaps = np.diff(times)
+    usual = float(np.median(gaps))
+    alike = np.abs(gaps - usual) <= ALIKE * usual
+    first, last = _longest_run(alike)
+    if last - first < FEWEST_CYCLES - 1 or np.mean(alike) < 0.5:
+        raise UserError(
+            f"{where}: the {record.row.excitation} is not periodic, it passes the middle of its "
+            f"range every {gaps.min():.4g} to {gaps.max():.4g} s; {INSTEAD}, or give `frequency`"
+        )
+    stretch = times[first : last + 1]
+    half = stretch.size // 2
+    return float(np.median(stretch[half:] - stretch[:-half]) / half)
+
+
+def _longest_run(flags: BoolArray) -> tuple[int, int]:
+    """First index and end (exclusive) of the longest run of true `flags`."""
+    change = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
+    first, end = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    longest = int(np.argmax(end - first)) if first.size else 0
+    return (int(first[longest]), int(end[longest])) if first.size else (0, 0)
+
+
+def check_stated(period: float, record: WorkingRecord, where: str) -> None:
+    """The row's own `frequency_Hz`, where it has one, must be that of the excitation."""
+    stated = record.row.metadata.get("frequency_Hz")
+    if not isinstance(stated, int | float) or not np.isfinite(stated):
+        return
+    if abs(stated * period - 1.0) > STATED_WITHIN:
+        raise UserError(
+            f"{where}: the {record.row.excitation} has {1.0 / period:.6g} Hz, experiments.csv says "
+            f"frequency_Hz {stated:g}; correct it, or the record's time"
+        )
+
+
+def whole_cycles(record: WorkingRecord, period: float, transition: int, where: str) -> Cycles:
+    """The whole cycles within the visible response while the excitation repeats itself.
+
+    The first begins at the first visible sample or, if that is later, a twentieth of a period
+    before the excitation leaves its first value, which for a smooth start is seen late; but no
+    more than a period before the first pass, as noise on a rest may look like a start. A record
+    that ends within a sampling interval of a cycle's end has it whole. What comes after the
+    excitation has stopped repeating itself is no cycle.
+
+    Raises
+    ------
+    UserError : fewer than three cycles, or cycles after the transition that are not alike.
+    """
+    visible = record.coordinate[record.used]
+    half = 0.5 * float(np.median(np.diff(record.coordinate)))
+    times = passes(record.excitation_coordinate, record.excitation)
+    first, last = (float(times[0]), float(times[-1])) if times.size else (-np.inf, -np.inf)
+    onset = max(record.excitation_start() - LEAD * period, first - period)
+    start = max(float(visible[0]), onset)
+    lasting = (visible[-1] + 3.0 * half - start) / period
+    driven = (last - start) / period + 1.0 if times.size else 0.0
+    cycles = Cycles(start, period, max(int(min(lasting, driven)), 0))
+    if cycles.count > transition:
+        cycles = _alike(cycles, record, transition, last, where)
+    if cycles.count < FEWEST_CYCLES:
+        raise UserError(
+            f"{where}: {cycles.count} whole cycles of {period:.6g} s are visible, at least "
+            f"{FEWEST_CYCLES} are needed; mask less of the record, or {INSTEAD}"
+        )
+    _check_rest_after(cycles, record, float(visible[-1]), where)
+    return cycles
+
+
+def _check_rest_after(cycles: Cycles, record: WorkingRecord, last: float, where: str) -> None:
+    """The excitation may rest after its last cycle, up to the last visible sample."""
+    times = record.excitation_coordinate
+    after = record.excitation[(times > cycles.end + cycles.period) & (times <= last)]
+    if after.size and np.ptp(after) > HYSTERESIS * np.ptp(record.excitation):
+        raise UserError(
+            f"{where}: the {record.row.excitation} repeats itself every {cycles.period:.6g} s only "
+            f"until {cycles.end:.6g} s and goes on otherwise; put "
+            f"`crop: {{to: {cycles.end:.6g} s}}` before this step, or {INSTEAD}"
+        )
+
+
+def _alike(
+    cycles: Cycles, record: WorkingRecord, transition: int, last_pass: float, where: str
+) -> Cycles:
+    """The cycles without those in which the excitation ends; the others must be alike."""
+    away = departures(cycles, record, transition)
+    unlike = transition + np.flatnonzero(away > UNLIKE)
+    ending = cycles.start + (unlike + 1) * cycles.period >= last_pass
+    if unlike.size and np.all(ending):
+        return Cycles(cycles.start, cycles.period, int(unlike[0]))
+    if unlike.size == 0:
+        return cycles
+    first = int(unlike[0])
+    raise UserError(
+        f"{where}: the {record.row.excitation} does not repeat itself every {cycles.period:.6g} s: "
+        f"cycle {first + 1}, from {cycles.start + first * cycles.period:.6g} s, differs from the "
+        f"others by {away[first - transition]:.1%} of their range on average; {INSTEAD}, raise "
+        "`transition` if it settles later, or give the right `frequency`"
+    )
+
+
+def departures(cycles: Cycles, record: WorkingRecord, first: int) -> FloatArray:
+    """How far the excitation is from its median cycle, per cycle from `first` on.
+
+    The mean of the absolute difference over a cycle as a share of the range; a phase that is
+    off by 1 % of a period, or an amplitude by 6 %, makes 2 %.
+    """
+    number = np.arange(first, cycles.count)[:, None]
+    times = cycles.start + (number + (np.arange(PHASES) + 0.5) / PHASES) * cycles.period
+    folded = np.interp(times, record.excitation_coordinate, record.excitation)
+    usual = np.median(folded, axis=0)
+    size = float(np.ptp(usual)) or 1.0
+    return np.asarray(np.abs(folded - usual).mean(axis=1) / size)

@@ -1,0 +1,72 @@
+"""Means of a periodic record at equal phases, and how they drift from cycle to cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.preparation.periods import Cycles
+from deabayes.preparation.working import IntArray, WorkingRecord
+
+ROUNDING = 1e-6
+SEEN = 4.0
+"""Standard errors above which a drift is one."""
+
+
+@dataclass(frozen=True)
+class WindowMeans:
+    """Mean time and response, and number of samples, in each window of each cycle, (C, P).
+
+    NaN where a window holds no visible sample.
+    """
+
+    coordinate: FloatArray
+    response: FloatArray
+    samples: FloatArray
+
+
+def window_means(record: WorkingRecord, found: Cycles, points: int, window: float) -> WindowMeans:
+    """Average the visible samples in the middle `window` of each of `points` bins per cycle."""
+    visible = np.flatnonzero(record.used)
+    place = (record.coordinate[visible] - found.start) / found.period * points
+    bins = np.floor(place).astype(np.intp)
+    # Half open, a little early: whether a sample stands on an edge is no matter of rounding.
+    offset = place - bins - 0.5 + ROUNDING
+    near = (offset >= -0.5 * window) & (offset < 0.5 * window)
+    near &= (bins >= 0) & (bins < found.count * points)
+    visible, bins = visible[near], bins[near]
+    weights = record.samples_averaged[visible]
+
+    def total(values: FloatArray) -> FloatArray:
+        sums = np.bincount(bins, weights * values, minlength=found.count * points)
+        return np.asarray(sums.reshape(found.count, points), dtype=np.float64)
+
+    samples = total(np.ones(visible.size))
+    samples[samples == 0.0] = np.nan
+    return WindowMeans(
+        total(record.coordinate[visible]) / samples,
+        total(record.response[visible]) / samples,
+        samples,
+    )
+
+
+def drift(means: WindowMeans, group: IntArray) -> float:
+    """By how much the response at any phase changes from the first to the last cycle of a group.
+
+    From lines through the cycles at each phase, of which the mean and the first harmonic over
+    phases are taken: noise of single windows is no drift. Zero within four standard errors.
+    """
+    whole = np.flatnonzero(np.all(np.isfinite(means.samples[group]), axis=0))
+    if group.size < 2 or whole.size < 8:
+        return 0.0
+    number = group - group.mean()
+    slopes = number @ means.response[group][:, whole] / np.sum(number**2)
+    phase = 2.0 * np.pi * whole / means.samples.shape[1]
+    basis = np.column_stack([np.ones(whole.size), np.cos(phase), np.sin(phase)])
+    smooth = basis @ np.linalg.lstsq(basis, slopes, rcond=None)[0]
+    free = whole.size - basis.shape[1]
+    error = np.sqrt(np.sum((slopes - smooth) ** 2) / free * basis.shape[1] / whole.size)
+    largest = float(np.max(np.abs(smooth)))
+    return largest * (group.size - 1) if largest > SEEN * error else 0.0
