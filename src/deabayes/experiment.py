@@ -15,6 +15,7 @@ PROTOCOLS = (
     "creep",
     "step",
     "sine",
+    "sweep",
     "frequency_response",
     "quasi_static",
     "relaxation",

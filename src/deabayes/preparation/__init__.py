@@ -65,6 +65,7 @@ DEFAULT_STEPS: Mapping[str, Sequence[Mapping[str, Mapping[str, object]]]] = {
     ),
     "load_unload": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 180}}),
     "sine": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 400}}),
+    "sweep": ({"excitation_knots": {}},),
     "quasi_static": (),
     "frequency_response": (),
 }

@@ -134,7 +134,7 @@ class Wave:
         else:
             note = f"sweep of {self.frequency:g} to {self.last_frequency:g} Hz from {REST:g} s on"
             frequency = ""
-        return _row(self.name, "sine", self.role, note, self.highest) | {"frequency_Hz": frequency}
+        return _row(self.name, "sine" if self._steady else "sweep", self.role, note, self.highest) | {"frequency_Hz": frequency}
 
 
 def _row(name: str, protocol: str, role: str, note: str, voltage: float) -> dict[str, object]:

@@ -70,7 +70,7 @@ class Membrane(System):
     """
 
     name = "membrane"
-    protocols = ("step", "creep", "sine")
+    protocols = ("step", "creep", "sine", "sweep")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
     even = ("voltage",)
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}

@@ -70,7 +70,7 @@ class MinimumEnergyStructure(System):
     """
 
     name = "minimum_energy_structure"
-    protocols = ("quasi_static", "sine", "step", "creep")
+    protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "displacement": "m"}
     even = ("voltage",)
     responses: ClassVar[Mapping[str, str]] = {"displacement": "m", "force": "N"}

@@ -48,7 +48,7 @@ class TensileStrip(System):
     """
 
     name = "tensile_strip"
-    protocols = ("relaxation", "load_unload", "step", "sine", "quasi_static")
+    protocols = ("relaxation", "load_unload", "step", "sine", "sweep", "quasi_static")
     excitations: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m"}
     responses: ClassVar[Mapping[str, str]] = {"nominal_stress": "Pa", "force": "N"}
     required_quantities: ClassVar[Mapping[str, str]] = {}

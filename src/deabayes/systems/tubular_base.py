@@ -45,7 +45,7 @@ class TubularBase(System):
     """A candidate for the tubular actuator: of its strain, of its current, or of both."""
 
     name: ClassVar[str] = "tubular"
-    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "frequency_response")
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",
