@@ -134,7 +134,9 @@ class Wave:
         else:
             note = f"sweep of {self.frequency:g} to {self.last_frequency:g} Hz from {REST:g} s on"
             frequency = ""
-        return _row(self.name, "sine" if self._steady else "sweep", self.role, note, self.highest) | {"frequency_Hz": frequency}
+        protocol = "sine" if self._steady else "sweep"
+        row = _row(self.name, protocol, self.role, note, self.highest)
+        return row | {"frequency_Hz": frequency}
 
 
 def _row(name: str, protocol: str, role: str, note: str, voltage: float) -> dict[str, object]:

@@ -19,6 +19,7 @@ the rest angle; a measured one, or a frame it is computed from, is a datum on th
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +40,9 @@ from deabayes.systems.structure_static import STEEPEST, Structure
 DEFAULT_TOLERANCE = 1e-6
 DRIVE_TOLERANCE = 0.1
 """Of the tolerance: for the voltage, relative to its peak."""
-REFERENCE_VOLTAGE = 5e3
+AT_VOLTAGE = 5e3
+CHUNK = 2048
+"""Draws whose branches are held at once: 200 angles each."""
 PREHISTORIES = ("rest", "equilibrium")
 SYMBOLS = {
     "relative_permittivity": r"\varepsilon_r",
@@ -234,7 +237,15 @@ class MinimumEnergyStructure(System):
         """mu_0, K, where the structure snaps flat, force and displacement at 5 kV, xi_i."""
         from deabayes.systems.structure_derived import derived
 
-        return derived(self.structure(draws), REFERENCE_VOLTAGE)
+        count = next(iter(draws.values())).size
+        parts = [
+            derived(self.structure({n: v[k : k + CHUNK] for n, v in draws.items()}), AT_VOLTAGE)
+            for k in range(0, count, CHUNK)
+        ]
+        return {
+            name: replace(one, values=np.concatenate([part[name].values for part in parts]))
+            for name, one in parts[0].items()
+        }
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
         """Hinges that would have to push, no stable rest, or a bent branch that was left, (W,)."""

@@ -11,7 +11,7 @@ from deabayes.systems.structure_static import Structure
 def derived(structure: Structure, voltage: float) -> dict[str, Derived]:
     """mu_0, K, the end of the bent branch, what `voltage` [V] does at rest; with units xi_i."""
     kilovolts = f"{voltage / 1e3:g}kV"
-    _, square = structure.branch()
+    _, square = structure.branch
     end = np.sqrt(square[:, -1])
     rest, length = structure.rest, 2.0 * structure.length
     blocking = structure.electric * np.cos(rest) * voltage**2 / length
@@ -43,7 +43,7 @@ def derived(structure: Structure, voltage: float) -> dict[str, Derived]:
 
 
 def _last_displacement(structure: Structure) -> np.ndarray:
-    angle, _ = structure.branch()
+    angle, _ = structure.branch
     return 2.0 * structure.length * (np.cos(angle[:, -1]) - np.cos(structure.rest))
 
 

@@ -32,7 +32,7 @@ FLATTEST = np.radians(3.0)
 STEEPER = np.radians(25.0)
 STEEPEST = np.radians(80.0)
 """The structure is followed to this much above its rest angle, never beyond 80 degrees."""
-BRANCH_POINTS = 400
+BRANCH_POINTS = 200
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,7 @@ class Structure:
         balance = column(self.electric) * np.sin(angle) * np.cos(angle)
         return np.asarray(self.moment(angle) / balance)
 
+    @cached_property
     def branch(self) -> tuple[FloatArray, FloatArray]:
         """Angles and squared voltages of the bent branch, (W, BRANCH_POINTS), from rest on.
 
@@ -136,7 +137,7 @@ class Structure:
 
     def equilibrium(self, voltage: float) -> FloatArray:
         """Angle (W,) on the bent branch under a voltage; NaN where it has snapped flat."""
-        angle, square = self.branch()
+        angle, square = self.branch
         rows = np.arange(len(angle))
         above = square >= voltage**2
         right = np.clip(above.argmax(axis=1), 1, None)
