@@ -26,6 +26,11 @@ class Parameter:
     half_product_with : name of another parameter; the prior is then that of half the
         product of the two, which is positive (Ogden: mu_i alpha_i / 2, the term's share
         of the shear modulus).
+    reference_stretches : with `half_product_with`, the largest and the smallest principal
+        stretch lambda_1, lambda_3 of a reference state; the prior is then that of
+        mu_i (lambda_1^alpha_i - lambda_3^alpha_i), the term's stress there.
+    part_of : name of a total that the members make up; their common prior is then that of
+        the total, its fractions are uniform on the simplex.
     belongs_to : name of the ordered parameter whose unit it is part of; it goes along when
         units are numbered anew (E_1 belongs to tau_1).
     """
@@ -39,4 +44,6 @@ class Parameter:
     ordered: str | None = None
     ordered_from: Literal["smallest", "largest"] = "smallest"
     half_product_with: str | None = None
+    reference_stretches: tuple[float, float] | None = None
+    part_of: str | None = None
     belongs_to: str | None = None

@@ -15,6 +15,7 @@ from deabayes.prior_blocks import (
     Independent,
     LogNormals,
     Ordered,
+    Parts,
     PosteriorBlock,
     PriorFromPosterior,
 )
@@ -30,8 +31,9 @@ class Prior:
 
     Independent parameters take their quantile transform; members of an ordered
     group are order statistics with a minimum ratio (see `Ordered`); a parameter
-    with `half_product_with` has its prior on half that product; parameters inherited from
-    another posterior are correlated (see `PosteriorBlock`).
+    with `half_product_with` has its prior on half that product, or on the stress that both
+    make at reference stretches; parts of a total share its prior (see `Parts`); parameters
+    inherited from another posterior are correlated (see `PosteriorBlock`).
 
     Parameters
     ----------
@@ -164,7 +166,9 @@ class Prior:
         """The prior of one parameter in words, for tables."""
         parameter = self.parameters[self._column[name]]
         text = parameter.prior.describe()
-        if parameter.half_product_with is not None:
+        if parameter.part_of is not None:
+            text = f"a part of {parameter.part_of}, uniform on the simplex: {text}"
+        elif parameter.half_product_with is not None:
             text = f"half of {name} {parameter.half_product_with}: {text}"
         if parameter.ordered is not None and len(self._members[parameter.ordered]) > 1:
             ratio = self.minimum_ratios[parameter.ordered]
@@ -189,7 +193,15 @@ class Prior:
             from_largest = self.parameters[members[0]].ordered_from == "largest"
             ratio = self.minimum_ratios[group]
             blocks.append(Ordered.of(group, tuple(members), prior, ratio, from_largest))
-        free = [(k, p.prior) for k, p in enumerate(self.parameters) if p.ordered is None]
+        totals = dict.fromkeys(p.part_of for p in self.parameters if p.part_of is not None)
+        for total in totals:
+            columns = tuple(k for k, p in enumerate(self.parameters) if p.part_of == total)
+            blocks.append(Parts(columns, self.parameters[columns[0]].prior))
+        free = [
+            (k, p.prior)
+            for k, p in enumerate(self.parameters)
+            if p.ordered is None and p.part_of is None
+        ]
         normals = [(k, d) for k, d in free if isinstance(d, LogNormal)]
         if normals:
             columns, medians = zip(*normals, strict=True)
@@ -232,10 +244,16 @@ class Prior:
         return z
 
     def _products(self, theta: FloatArray) -> FloatArray:
-        """What theta (W, d) is multiplied by to carry the prior: half the other, or 1."""
+        """What theta (W, d) is multiplied by to carry the prior: 1 for most."""
         factors = np.ones_like(theta)
         for k, other in self._half_products:
-            factors[:, k] = 0.5 * theta[:, other]
+            stretches = self.parameters[k].reference_stretches
+            exponent = theta[:, other]
+            if stretches is None:
+                factors[:, k] = 0.5 * exponent
+            else:
+                first, third = np.log(stretches)
+                factors[:, k] = np.expm1(first * exponent) - np.expm1(third * exponent)
         return factors
 
     def _mixed(self, z: FloatArray, method: str) -> FloatArray:

@@ -189,6 +189,51 @@ class Ordered:
         return values, np.all(np.diff(values, axis=1) >= -slack, axis=1)
 
 
+@dataclass(frozen=True)
+class Parts:
+    r"""n positive parameters whose sum T has the prior, the fractions uniform on the simplex.
+
+    z_1 gives T; the fractions are broken off a stick, f_k = v_k prod_{j<k} (1 - v_j) with
+    1 - v_k = Phi(-z_{k+1})^{1/(n-k)}, k < n (Devroye 1986, XI.4), so that
+
+    p(theta) = (n - 1)! p_T(T) / T^{n-1}.
+
+    Records often fix a sum far better than its parts: it is then a coordinate of its own.
+    """
+
+    columns: tuple[int, ...]
+    total: Distribution
+
+    @property
+    def _powers(self) -> FloatArray:
+        return np.arange(len(self.columns) - 1, 0.0, -1.0)
+
+    def to_parameters(self, z: FloatArray) -> FloatArray:
+        from scipy.special import log_ndtr
+
+        log_steps = log_ndtr(-z[:, 1:]) / self._powers
+        left = np.cumsum(log_steps, axis=1)
+        before = np.concatenate([np.zeros((len(z), 1)), left], axis=1)
+        broken = np.concatenate([-np.expm1(log_steps), np.ones((len(z), 1))], axis=1)
+        return self.total.from_normal(z[:, 0])[:, None] * np.exp(before) * broken
+
+    def to_normal(self, theta: FloatArray) -> FloatArray:
+        from scipy.special import ndtri_exp
+
+        theta = np.where(theta > 0.0, theta, np.nan)
+        left = np.cumsum(theta[:, ::-1], axis=1)[:, ::-1]
+        z = np.empty_like(theta)
+        z[:, 0] = self.total.to_normal(left[:, 0])
+        with np.errstate(invalid="ignore"):
+            z[:, 1:] = -ndtri_exp(np.log(left[:, 1:] / left[:, :-1]) * self._powers)
+        return z
+
+    def log_density(self, theta: FloatArray) -> FloatArray:
+        total, n = theta.sum(axis=1), len(self.columns)
+        found = self.total.log_density(total) + math.lgamma(n) - (n - 1) * log_or_nan(total)
+        return np.where(np.all(theta > 0.0, axis=1), found, -np.inf)
+
+
 class PriorFromPosterior(NamedTuple):
     """Draws of another posterior, to be used as a prior."""
 

@@ -86,13 +86,18 @@ def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str])
             f"priors.{key}: the members of {named[0].ordered} share one prior, since they are "
             f"ordered; set priors.{named[0].ordered}"
         )
-    group = [p for p in parameters if p.ordered == key]
+    if named and named[0].part_of is not None:
+        raise UserError(
+            f"priors.{key}: it is a part of {named[0].part_of}, which has the prior; set "
+            f"priors.{named[0].part_of}"
+        )
+    group = [p for p in parameters if key in (p.ordered, p.part_of)]
     suffixed = [p for p in parameters if p.name.endswith(f".{key}")]
     if found := named or group or suffixed:
         return found
     if key in passed_over:
         return []
-    known = [p.ordered or p.name for p in parameters]
+    known = [p.ordered or p.part_of or p.name for p in parameters]
     raise UserError(f"priors.{key}: no parameter has this name{nearest(key, dict.fromkeys(known))}")
 
 

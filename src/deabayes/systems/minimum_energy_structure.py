@@ -124,7 +124,9 @@ class MinimumEnergyStructure(System):
         units = {**self.required_quantities, **self.optional_quantities}
         known = "relative_permittivity" in self.specimen.quantities
         uncertain = uncertain_quantities(self.specimen, SYMBOLS, units)
-        return (*self.model.parameters(known), *uncertain)
+        stretch = self.specimen.quantities["prestretch"].value
+        first = stretch * np.cos(self.specimen.quantities["rest_angle"].value)
+        return (*self.model.parameters(known, (first, 1.0 / (stretch * first))), *uncertain)
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -24,6 +24,11 @@ PAPER = "minimum-energy structure (2019)"
 PERMITTIVITY = LogNormal(3.0, 0.6)
 PERMITTIVITY_SOURCE = (
     f"effective value: {PAPER}, Table 3, 1.704; bulk VHB 4.6-4.8; 5-95 % is 1.1 to 8"
+)
+STRESS = LogNormal(1e6, 1.0)
+STRESS_SOURCE = (
+    f"true stress of the film at rest: {PAPER}, Table 3, makes 1.4 MPa at 45 degrees; "
+    "5-95 % is 0.19 to 5.2 MPa"
 )
 STIFFNESS = LogNormal(5.0, 2.0)
 STIFFNESS_SOURCE = f"{PAPER}, Table 4: 0.8-66 N/m; 5-95 % is 0.19 to 134 N/m"
@@ -81,18 +86,27 @@ class StructureModel:
         """1 to n."""
         return range(1, self.units + 1)
 
-    def parameters(self, permittivity_known: bool) -> tuple[Parameter, ...]:
+    def parameters(
+        self, permittivity_known: bool, stretches: tuple[float, float]
+    ) -> tuple[Parameter, ...]:
         """Material parameters in the order of interface.md.
 
         Parameters
         ----------
         permittivity_known : whether the specimen states it, so that it is none of them.
+        stretches : lambda_x and lambda_z at the rest angle, where the film's stress, of which
+            the terms of a series are parts, has the prior.
         """
         permittivity = Parameter(
             "relative_permittivity", r"\varepsilon_r", "1", "effective relative permittivity",
             PERMITTIVITY, PERMITTIVITY_SOURCE,
         )  # fmt: skip
-        film = self.spring.parameters(self.terms, MODULUS_MEDIAN)
+        film = tuple(
+            replace(p, prior=STRESS, source=STRESS_SOURCE, reference_stretches=stretches,
+                    part_of="film_stress")
+            if p.half_product_with else p
+            for p in self.spring.parameters(self.terms, MODULUS_MEDIAN)
+        )  # fmt: skip
         return (*film, *(() if permittivity_known else (permittivity,)), *self._dissipative())
 
     def _dissipative(self) -> tuple[Parameter, ...]:
