@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.validation.cases import case
+from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.worlds import (
     doubling_grid,
     given,
@@ -128,3 +129,15 @@ def test_cases_have_the_dimensions_of_the_joint_fit(groups, dimension):
     again = case("P", groups)
     for one, other in zip(target.records, again.records, strict=True):
         np.testing.assert_array_equal(one.experiment.response, other.experiment.response)
+
+
+@pytest.mark.parametrize(("world", "order"), [(at_rest(), 2), (in_motion(), 2)])
+def test_most_structures_of_the_prior_stay_bent(world, order):
+    target = world.target(order)
+    theta = target.prior.sample(np.random.default_rng(2), 100)
+    for responses in target.responses(theta).values():
+        assert np.isfinite(responses).all(axis=1).mean() > 0.9
+    data = simulate(world, target, np.random.default_rng(0))
+    assert len(data.held_out) == 1
+    assert set(data.truth) == set(target.names)
+    assert np.isfinite(given(target, data.records).log_likelihood(theta[:3])).any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.systems.base import Derived
+from deabayes.systems.specimen_quantities import positive
 from deabayes.systems.structure_static import Structure
 
 
@@ -55,7 +56,7 @@ def _in_motion(structure: Structure) -> dict[str, Derived]:
     found = {
         "natural_frequency": Derived(
             "f_0", "Hz", "of small oscillations about rest, without damping, the units stiff",
-            np.sqrt(stiff / structure.mass(rest)) / (2.0 * np.pi),
+            np.sqrt(positive(stiff) / structure.mass(rest)) / (2.0 * np.pi),
         )
     }  # fmt: skip
     for i in structure.model.numbers:
