@@ -53,7 +53,7 @@ class Cycles:
         about their spacing; one with a gap inside does not, as nothing was measured there.
         """
         counted = next((s for s in experiment.steps if s.get("step") == "cycles"), None)
-        found = cls._driven(experiment.excitation) if counted is None else cls._counted(counted)
+        found = cls.driven(experiment.excitation) if counted is None else cls._counted(counted)
         times = experiment.coordinate
         spacing = REACH * float(np.median(np.diff(times)))
         whole = np.array([_covered(times, s, s + found.period, spacing) for s in found.starts],
@@ -61,7 +61,7 @@ class Cycles:
         return cls(found.period, found.starts[whole], found.numbers[whole])
 
     @classmethod
-    def _driven(cls, drive: Excitation) -> Cycles:
+    def driven(cls, drive: Excitation) -> Cycles:
         """From the upward crossings of half the amplitude.
 
         A sine through zero starts its cycle there, a twelfth of a period earlier; one of a

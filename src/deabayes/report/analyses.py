@@ -20,6 +20,9 @@ UNITS = {
         "ohm": "Ω",
         "Gohm": "GΩ",
         "kgm": "kg/m",
+        "Nperm": "N/m",
+        "Nsperm": "N·s/m",
+        "mNmperrad": "mN·m/rad",
     },
     **{unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz nF mA rad g".split()},
 }
