@@ -85,7 +85,8 @@ class Cycles:
         sizes = np.asarray(step["group_sizes"], dtype=np.int64)
         before = np.cumsum(sizes) - sizes + sizes // 2
         period = float(str(step["period_s"]))
-        return cls(period, float(str(step["first_cycle_s"])) + period * before, before + 1)
+        starts = np.asarray(float(str(step["first_cycle_s"])) + period * before)
+        return cls(period, starts.astype(float), before + 1)
 
     @property
     def frequency(self) -> float:

@@ -44,7 +44,8 @@ def compute(context: StudyContext) -> Analysis:
 
 def errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
     """e_m and e_rms in percent of the record's range (equations.md section 4)."""
-    middle, found = np.median(curves, axis=0), {}
+    middle = np.median(curves, axis=0)
+    found: dict[str, float] = {}
     for name, measure in (("e_m", relative_maximum_error), ("e_rms", relative_rms_error)):
         of_draws = PERCENT * measure(experiment.response, curves)
         of_median = PERCENT * float(measure(experiment.response, middle))

@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.summaries import labels
+from deabayes.analyses.summaries import QUANTILES, labels
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.fitted import Fitted
 from deabayes.systems.base import System
@@ -176,7 +176,7 @@ def draws_and_optima(fitted: Fitted, found: Sequence[Optimum]) -> xr.Dataset:
     numbers = range(1, count + 1)
     draws = fitted.draws
     runs = {n: np.array([o.parameters[n] for o in found]) for n in found[0].parameters}
-    content = {}
+    content: dict[str, tuple[object, FloatArray, dict[str, str]]] = {}
     for kind, of in (("draw", draws), ("run", runs)):
         alpha = np.array([of[f"alpha_{i}"] for i in numbers])
         share = np.array([0.5 * of[f"mu_{i}"] * of[f"alpha_{i}"] for i in numbers])
@@ -185,9 +185,13 @@ def draws_and_optima(fitted: Fitted, found: Sequence[Optimum]) -> xr.Dataset:
             f"{kind}_share": (("term", kind), share, {"units": "Pa"}),
             f"{kind}_mu_0": (kind, share.sum(axis=0), {"units": "Pa"}),
         }
+    modulus = mu_0(dict(draws))
+    content["run_below"] = ("run", np.array([below(modulus, float(mu_0(o.parameters)))
+                                             for o in found]), {"units": "%"})  # fmt: skip
+    content["interval_mu_0"] = ("bound", np.quantile(modulus, QUANTILES), {"units": "Pa"})
     content["run_rms"] = ("run", np.array([o.rms for o in found]), {"units": "N"})
     return xr.Dataset(
         content,
-        coords={"term": list(numbers), "run": [o.seed for o in found]},
+        coords={"term": list(numbers), "run": [o.seed for o in found], "bound": ["lower", "upper"]},
         attrs={"candidate": fitted.candidate, "converged": int(fitted.converged)},
     )

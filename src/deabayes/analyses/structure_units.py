@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def compute(context: StudyContext) -> Analysis:
 
     moving = {n: f for n, f in context.candidates.items() if "tau_1" in f.draws}
     units = [labels(n, f) | row for n, f in moving.items() for row in unit_rows(f)]
-    friction = [labels(n, f) | friction_row(f) for n, f in moving.items()]
+    friction = [{**labels(n, f), **friction_row(f)} for n, f in moving.items()]
     tables = {"table_4_units": units, "table_4_friction": friction}
     return Analysis({name: pd.DataFrame(rows) for name, rows in tables.items() if rows})
 
@@ -51,7 +51,7 @@ def unit_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
         }
 
 
-def friction_row(fitted: Fitted) -> dict[str, object]:
+def friction_row(fitted: Fitted) -> Mapping[str, object]:
     """eta_0, or F_c of dry friction."""
     if "eta_0" not in fitted.draws:
         return interval("dry_friction", "mN", 1e3 * fitted.draws["friction_force"])
