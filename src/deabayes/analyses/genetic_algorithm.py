@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.summaries import QUANTILES, labels
+from deabayes.analyses.summaries import band, labels
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.fitted import Fitted
 from deabayes.systems.base import System
@@ -60,7 +60,7 @@ def compute(context: StudyContext) -> Analysis:
         head, posterior = labels(name, fitted), posterior_rms(context, name, records)
         runs += [head | run_row(fitted, each, posterior) for each in found]
         terms += [head | row for each in found for row in term_rows(fitted, each)]
-        curves[name] = draws_and_optima(fitted, found)
+        curves[name] = draws_and_optima(fitted, found, posterior)
     tables = {"genetic_algorithm_runs": runs, "genetic_algorithm_terms": terms}
     return Analysis({n: pd.DataFrame(rows) for n, rows in tables.items() if rows}, curves)
 
@@ -168,7 +168,7 @@ def term_rows(fitted: Fitted, found: Optimum) -> list[dict[str, object]]:
     return rows  # type: ignore[return-value]
 
 
-def draws_and_optima(fitted: Fitted, found: Sequence[Optimum]) -> xr.Dataset:
+def draws_and_optima(fitted: Fitted, found: Sequence[Optimum], posterior: float) -> xr.Dataset:
     """Exponents, shares mu_i alpha_i/2 and mu_0, of draws and of the runs' optima."""
     import xarray as xr
 
@@ -186,12 +186,18 @@ def draws_and_optima(fitted: Fitted, found: Sequence[Optimum]) -> xr.Dataset:
             f"{kind}_mu_0": (kind, share.sum(axis=0), {"units": "Pa"}),
         }
     modulus = mu_0(dict(draws))
-    content["run_below"] = ("run", np.array([below(modulus, float(mu_0(o.parameters)))
-                                             for o in found]), {"units": "%"})  # fmt: skip
-    content["interval_mu_0"] = ("bound", np.quantile(modulus, QUANTILES), {"units": "Pa"})
+    content["interval_mu_0"] = ("bound", band(modulus[:, None])[:, 0], {"units": "Pa"})
     content["run_rms"] = ("run", np.array([o.rms for o in found]), {"units": "N"})
     return xr.Dataset(
         content,
-        coords={"term": list(numbers), "run": [o.seed for o in found], "bound": ["lower", "upper"]},
-        attrs={"candidate": fitted.candidate, "converged": int(fitted.converged)},
+        coords={
+            "term": list(numbers),
+            "run": [o.seed for o in found],
+            "bound": ["lower", "median", "upper"],
+        },
+        attrs={
+            "candidate": fitted.candidate,
+            "converged": int(fitted.converged),
+            "posterior_rms": posterior,
+        },
     )

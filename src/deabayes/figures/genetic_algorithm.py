@@ -11,18 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import short
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
 ANALYSIS = "genetic_algorithm"
 TITLE = "Genetic algorithm and posterior"
-KILO = 1e3
+KILO, MILLI = 1e3, 1e3
 CAPTION = (
     "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
     "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
-    "term. Right: the modulus μ0 they add up to, and the rms error of the force at each optimum. "
-    "One optimum is one of many that fit alike; the cloud shows which."
+    "term. Right: the rms error of the force at each optimum and the modulus μ0 its terms add up "
+    "to; line and band: the posterior's μ0, dotted: the error of the posterior median. One optimum "
+    "is one of many that fit alike; the cloud shows which."
 )
 
 
@@ -46,7 +46,7 @@ def _sheet(rows: list[xr.Dataset]) -> Figure:
         left.set_title(_name(each) + mark, loc="left")
     axes[-1, 0].set_xlabel(r"exponent $\alpha_i$ (1)")
     axes[-1, 1].set_xlabel(r"$\mu_0$ (kPa)")
-    panels.legend_below(figure, _handles(max(each["term"].size for each in rows)), 6)
+    panels.legend_below(figure, _handles(max(each["term"].size for each in rows)), 4)
     return figure
 
 
@@ -63,20 +63,16 @@ def _terms(ax: Axes, each: xr.Dataset) -> None:
 
 
 def _moduli(ax: Axes, each: xr.Dataset) -> None:
-    draws = np.sort(each["draw_mu_0"].values) / KILO
-    ax.plot(draws, np.linspace(0.0, 100.0, draws.size), color=style.GREY, linewidth=1.0)
-    low, high = each["interval_mu_0"].values / KILO
-    ax.axvspan(low, high, color=style.LIGHT_GREY, alpha=0.5, linewidth=0)
+    low, middle, high = each["interval_mu_0"].values / KILO
+    ax.axvspan(low, high, color=style.LIGHT_GREY, linewidth=0)
+    ax.axvline(middle, color=style.GREY, linewidth=1.0)
+    ax.axhline(MILLI * float(each.attrs["posterior_rms"]), color=style.GREY, linestyle=":")
     for run in range(each["run"].size):
-        value = each["run_mu_0"].values[run] / KILO
-        share = float(each["run_below"].values[run])
-        ax.plot(value, share, **_marker(run, style.VERMILLION))
-        ax.annotate(f"{short(1e3 * float(each['run_rms'][run]), 2)} mN", (value, share),
-                    (4, -6 if run % 2 else 4), textcoords="offset points", fontsize=5.0,
-                    color=style.GREY)  # fmt: skip
-    ax.set_xscale("log")
-    ax.set_ylabel("draws below (%)")
-    ax.set_ylim(-6.0, 106.0)
+        ax.plot(each["run_mu_0"].values[run] / KILO, MILLI * each["run_rms"].values[run],
+                **_marker(run, style.VERMILLION))  # fmt: skip
+    panels.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
+    ax.set_yscale("log")
+    ax.set_ylabel("rms error of the force (mN)")
 
 
 def _marker(run: int, colour: str) -> dict[str, Any]:
@@ -93,8 +89,9 @@ def _handles(terms: int) -> list[Line2D]:
     ]  # fmt: skip
     runs = Line2D([], [], **_marker(0, "white"))
     runs.set_label("optima, one marker per run")
-    span = Line2D([], [], color=style.GREY, label=r"draws of $\mu_0$ (band: 5–95 %)")
-    return [*entries, runs, span]
+    span = Line2D([], [], color=style.GREY, label=r"posterior $\mu_0$ (band: 5–95 %)")
+    error = Line2D([], [], color=style.GREY, linestyle=":", label="error of the posterior median")
+    return [*entries, runs, span, error]
 
 
 def _name(each: xr.Dataset) -> str:

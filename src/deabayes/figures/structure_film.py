@@ -49,7 +49,7 @@ def draw(results: StudyResults) -> list[Figure]:
     left.set_xlabel("contraction (%)")
     left.set_xlim(min(-5.0, left.get_xlim()[0]), 104.0)
     right.set_xlabel("half width of the interval (% of the median)")
-    right.set_xscale("log")
+    panels.logarithmic(right, table["half_width_percent"].to_numpy())
     for ax in (left, right):
         ax.axhline(whole.nunique() - 0.5, color=style.GREY, linewidth=0.6)
     panels.legend_below(figure, _handles(table), 4)
