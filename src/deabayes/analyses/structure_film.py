@@ -33,7 +33,8 @@ CAPTION = (
     "as many (its third is our first: ours ascend by exponent); its μ0 and forces are those of its "
     "Table 3 in this specimen. Contraction: 1 − variance of the posterior over that of the prior, "
     "100 % where the forces say everything, 0 % (or less) where they say nothing. Half width: of "
-    "the 5 to 95 % interval, over the median."
+    "the 5 to 95 % interval, over the median. μ and α of a term change sign together: an interval "
+    "of either that spans zero covers separate films of both signs."
 )
 
 

@@ -16,7 +16,7 @@ from deabayes.figures.results import StudyResults
 SCOPE = "study"
 ANALYSIS = "genetic_algorithm"
 TITLE = "Genetic algorithm and posterior"
-KILO, MILLI = 1e3, 1e3
+KILO, MILLI, DECADE = 1e3, 1e3, 10.0
 CAPTION = (
     "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
     "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
@@ -71,7 +71,9 @@ def _moduli(ax: Axes, each: xr.Dataset) -> None:
         ax.plot(each["run_mu_0"].values[run] / KILO, MILLI * each["run_rms"].values[run],
                 **_marker(run, style.VERMILLION))  # fmt: skip
     panels.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
-    ax.set_yscale("log")
+    errors = MILLI * np.append(each["run_rms"].values, each.attrs["posterior_rms"])
+    if errors.max() > DECADE * errors.min():
+        ax.set_yscale("log")
     ax.set_ylabel("rms error of the force (mN)")
 
 
