@@ -90,7 +90,7 @@ def contours(ax: Axes, x: FloatArray, y: FloatArray) -> None:
     ordered = np.sort(density.ravel())[::-1]
     held = np.cumsum(ordered) / kept.sum()
     last = ordered.size - 1
-    outer, inner = (float(ordered[min(np.searchsorted(held, p), last)]) for p in (0.9, 0.5))
+    outer, inner = (float(ordered[min(int(np.searchsorted(held, p)), last)]) for p in (0.9, 0.5))
     centres = [_padded(0.5 * (edges[1:] + edges[:-1])) for edges in (x_edges, y_edges)]
     if outer < inner < density.max():
         ax.contourf(*centres, density.T, [outer, inner, density.max()],
