@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.text import Text
 from tests.unit import structure_contexts as made_up
 from tests.unit.fake_results import Fake, write_study
 
 from deabayes import analyses, figures
 from deabayes.analyses import genetic_algorithm
+from deabayes.figures import pairs, panels
 from deabayes.figures.results import StudyResults
 
 SYSTEM = "minimum_energy_structure"
@@ -81,3 +84,25 @@ def test_one_sheet_per_voltage_and_a_panel_per_frequency(analysed: dict[str, Pat
     assert any("5 kV, 10 Hz, calibration" in each for each in words(five))
     assert any("4 kV, 1 Hz, held out" in each for each in words(four))
     assert len(five.axes) == len(four.axes) == 6
+
+
+def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
+    prediction = xr.Dataset(
+        {"excitation": ("coordinate", np.ones(40))},
+        {"coordinate": np.r_[np.arange(20.0), np.arange(100.0, 120.0)]},
+        {"experiment": "sine", "protocol": "sine"},
+    )
+    assert panels.Record(prediction).shown == slice(20, None)
+    whole = prediction.assign_coords(coordinate=np.arange(40.0))
+    assert panels.Record(whole).shown == slice(None)
+    step = prediction.assign_attrs(protocol="step")
+    assert panels.Record(step).shown == slice(None)
+
+
+def test_long_tails_do_not_set_the_limits_of_pairs() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal(5000)
+    low, high = pairs._limits(values, 0.002)
+    assert (low, high) == pytest.approx(tuple(np.quantile(values, [0.002, 0.998])))
+    low, high = pairs._limits(np.append(values, np.full(50, 1e4)), 0.002)
+    assert low > -4.0 and high < 6.0

@@ -16,11 +16,12 @@ SCOPE = "study"
 ANALYSIS = "structure_amplitude"
 TITLE = "Amplitude against frequency of the structure"
 BANDS, WIDTH = "bands_", 0.02
+MEASURED = "#8c8c8c"
 CAPTION = (
     "Peak-to-peak displacement in the settled cycle against the voltage's frequency: measured "
     "sines (filled: fitted) and predicted curves (median, interval of the draws); grey: the "
     "frequencies beyond the sines, an extrapolation. Where a sweep was recorded, its measured "
-    "amplitude (crosses) and what each candidate predicts for it in the panel beside: a sweep is "
+    "amplitude (dots) and what each candidate predicts for it in the panel beside: a sweep is "
     "read from a few cycles at a time, and starts before the creep has settled."
 )
 
@@ -61,8 +62,8 @@ def _sweep(ax: Axes, record: xr.Dataset) -> None:
     frequency = record["frequency"].values
     for k in range(record["candidate"].size):
         curves.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
-    ax.plot(frequency, 1e3 * record["measured"].values, "x", color=style.BLACK, markersize=2.0,
-            markeredgewidth=0.5, zorder=1.5)  # fmt: skip
+    ax.plot(frequency, 1e3 * record["measured"].values, ".", color=MEASURED, markersize=4.0,
+            markeredgewidth=0, zorder=1.5)  # fmt: skip
     title = f"sweep of {short(float(record.attrs['amplitude_kV']), 2)} kV"
     _axes(ax, frequency, f"{title}, {ROLES[str(record.attrs['role'])]}")
 
@@ -80,5 +81,5 @@ def _roles() -> list[Line2D]:
         Line2D([], [], color=style.BLACK, marker="o", linestyle="none", markerfacecolor=fill,
                markersize=3.5, label=f"measured, {ROLES[role]}")
         for role, fill in (("calibrate", style.BLACK), ("validate", "white"))
-    ] + [Line2D([], [], color=style.BLACK, marker="x", linestyle="none", markersize=2.5,
+    ] + [Line2D([], [], color=MEASURED, marker=".", linestyle="none", markersize=4.0,
                 label="measured, sweep")]  # fmt: skip

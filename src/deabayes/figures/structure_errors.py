@@ -33,6 +33,7 @@ def draw(results: StudyResults) -> list[Figure]:
     axes = figure.subplots(1, len(voltages), sharey=True, squeeze=False)[0]
     for ax, voltage in zip(axes, voltages, strict=True):
         _panel(ax, table, voltage)
+    axes[0].set_ylim(bottom=0.0)
     axes[0].set_ylabel("$e_\\mathrm{rms}$ (% of range)")
     panels.legend_below(figure, _handles(table), 4)
     return [figure]
@@ -55,7 +56,6 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
             color=style.BLACK, markersize=4)  # fmt: skip
     ax.set_xlabel("frequency (Hz)")
     ax.set_xticks(sorted(np.unique(table["frequency_Hz"].round().astype(int))))
-    ax.set_ylim(bottom=0.0)
     ax.set_title(voltage.replace("kV", " kV"), loc="left")
 
 

@@ -40,7 +40,7 @@ def draw(results: StudyResults) -> list[Figure]:
         return []
     height = 2.3 * len(voltages) + 0.6 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(len(voltages), 2, squeeze=False, sharey="row")
+    axes = figure.subplots(len(voltages), 2, squeeze=False, sharex="row", sharey="row")
     names, best = [str(n) for n in shown[0]["candidate"].values], results.recommended.name
     candidate = names.index(best) if best in names else 0
     for (left, right), volts in zip(axes, voltages, strict=True):
