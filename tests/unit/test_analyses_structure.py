@@ -27,6 +27,7 @@ from deabayes.analyses import (
 from deabayes.analyses.drive import Cycles
 from deabayes.analyses.summaries import beside
 from deabayes.analyses.sweep import Sweep
+from deabayes.report.analyses import readable
 
 OF_STRUCTURE = [n for n in analyses.names_for("minimum_energy_structure") if "genetic" not in n]
 """The genetic algorithm is tested in test_genetic_algorithm.py: it takes its time."""
@@ -69,6 +70,14 @@ def test_the_papers_film_is_compared_term_by_term_and_as_a_whole():
     assert whole.loc["paper", "hinge_stiffness_mNmperrad"] == pytest.approx(25.138, abs=1e-3)
     for column in ("mu_0_kPa", "blocking_force_5kV_mN", "slider_stiffness_Nperm"):
         assert whole.loc["ogden_4", column] == pytest.approx(whole.loc["paper", column], rel=0.05)
+
+
+def test_the_report_shows_the_papers_figures_too():
+    table = readable(computed("structure_film", "static").tables["table_3_film"])
+    (paper,) = [row for row in table["rows"] if row[0] == "paper"]
+    shown = dict(zip(table["header"], paper, strict=True))
+    assert shown["mu 0 (kPa)"] == "167.2" and shown["hinge stiffness (mN·m/rad)"] == "25.14"
+    assert "[" in table["rows"][0][table["header"].index("mu 0 (kPa)")]
 
 
 def test_what_the_prior_knew_alone_is_not_determined():

@@ -31,7 +31,7 @@ LOW, HIGH = "_q05", "_q95"
 DIGITS = 4
 """Of a number without interval: as many as the papers print."""
 HIDDEN = ("converged",)
-LONGEST = 60
+LONGEST = 80
 """Rows of a table shown; longer ones are in the report's tables folder only."""
 
 
@@ -76,7 +76,8 @@ def _cells(table: pd.DataFrame, column: str, bounds: set[str]) -> list[str]:
     if base is None:
         return [_text(value) for value in table[column]]
     ends = zip(table[column], table[base + LOW], table[base + HIGH], strict=True)
-    return [interval(*each) if np.all(np.isfinite(each)) else "–" for each in ends]
+    # A printed figure among posteriors has no interval.
+    return [interval(*each) if np.all(np.isfinite(each)) else _text(each[0]) for each in ends]
 
 
 def _text(value: object) -> str:
