@@ -22,11 +22,9 @@ from deabayes.analyses import (
     structure_film,
     structure_paper,
     structure_units,
-    sweep,
 )
 from deabayes.analyses.drive import Cycles
 from deabayes.analyses.summaries import beside
-from deabayes.analyses.sweep import Sweep
 from deabayes.report.analyses import readable
 
 OF_STRUCTURE = [n for n in analyses.names_for("minimum_energy_structure") if "genetic" not in n]
@@ -224,33 +222,6 @@ def test_the_predicted_curve_meets_the_records():
     row = structure_amplitude.record_row(record, np.tile(1.1 * record.response, (3, 1)))
     assert row["error_percent"] == pytest.approx(10.0)
     assert row["measured_mm"] == pytest.approx(1e3 * np.ptp(record.response[-20:]), rel=0.01)
-
-
-def test_amplitudes_along_a_sweep():
-    record = made_up.sweep()
-    swept = Sweep.of(record)
-    growth = np.log(60.0) / 12.0
-    turns = np.expm1(growth * (record.coordinate - made_up.START)) / growth
-    frequency = np.exp(growth * (record.coordinate - made_up.START))
-    size = 2e-3 + 1e-3 * np.exp(-((np.log(frequency / 30) / 0.2) ** 2))
-    curve = 1e-3 * record.coordinate + size * np.cos(2 * np.pi * turns)
-    found = swept.amplitude(np.stack([curve, 2.0 * curve]))
-    expected = 4e-3 + 2e-3 * np.exp(-((np.log(swept.frequency / 30) / 0.2) ** 2))
-    np.testing.assert_allclose(found[0], expected, rtol=0.05)
-    np.testing.assert_allclose(found[1], 2.0 * found[0], rtol=1e-9)
-    place, height = swept.resonance(found[0])
-    assert place == pytest.approx(30.0, rel=0.05) and height == pytest.approx(6e-3, rel=0.05)
-    assert np.isnan(swept.resonance(np.linspace(2.0, 1.0, swept.frequency.size))).all()
-
-
-def test_frequencies_that_the_points_alias_are_left_out(monkeypatch):
-    """At a third of the sampling rate the second harmonic reads as the first."""
-    record = made_up.sweep(duration=40.0)
-    found = Sweep.of(record).frequency
-    monkeypatch.setattr(sweep, "WORST_CONDITION", np.inf)
-    (*_, missing) = sorted(set(Sweep.of(record).frequency) - set(found))
-    assert missing == pytest.approx(125.0 / 3.0, abs=0.5)
-    assert np.min(np.abs(found - missing)) > 0.3
 
 
 def test_rows_of_two_voltages_are_joined():
