@@ -41,13 +41,14 @@ def summary_table(
     )
     posterior, prior = quantities(target, theta), quantities(target, prior_theta)
     table["contraction"] = [
-        1.0 - z_variance[name] if name in z_variance else _contraction(posterior[name], prior[name])
+        1.0 - z_variance[name] if name in z_variance else contraction(posterior[name], prior[name])
         for name in table.index
     ]
     return table[list(SUMMARY_COLUMNS)]
 
 
-def _contraction(posterior: FloatArray, prior: FloatArray) -> float:
+def contraction(posterior: FloatArray, prior: FloatArray) -> float:
+    """That of a derived quantity from its draws, on its logarithm where it is positive."""
     prior = prior[np.isfinite(prior)]
     if np.all(posterior > 0) and np.all(prior > 0):
         posterior, prior = np.log(posterior), np.log(prior)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from tests.unit import structure_contexts
 from tests.unit.contexts import experiment
 from tests.unit.membranes import sine, step, voltage
 
@@ -63,3 +66,31 @@ def test_peaks_are_read_between_points():
     assert found.shape == (2, 2, 2)
     np.testing.assert_allclose(found[0], [[1.0, -1.0], [1.0, -1.0]], atol=2e-3)
     np.testing.assert_allclose(found[1], times)
+
+
+def test_a_sine_of_one_sign_starts_at_its_lowest_voltage():
+    record = structure_contexts.sine(5.0, 2.0)
+    found = Cycles.driven(record.excitation)
+    assert found.period == pytest.approx(0.5, rel=1e-4)
+    assert found.starts[0] == pytest.approx(structure_contexts.START, abs=2e-3)
+
+
+def test_cycles_that_the_preparation_left_out_do_not_count():
+    record = structure_contexts.sine(5.0, 5.0)
+    found = Cycles.of(record)
+    assert list(found.numbers) == [1, 2, 3, 4, 5, 8, 13]
+    np.testing.assert_allclose(found.starts, 0.19 + 0.2 * (found.numbers - 1))
+    # Without the history the excitation alone tells, and the gaps have no points all the same.
+    assert set(Cycles.of(replace(record, steps=())).numbers) <= {1, 2, 3, 4, 5}
+    kept = np.abs(record.coordinate - 0.19 - 1.5 * 0.2) > 0.045
+    holed = replace(record, coordinate=record.coordinate[kept], response=record.response[kept])
+    assert list(Cycles.of(holed).numbers) == [1, 3, 4, 5, 8, 13]
+
+
+def test_points_beyond_a_gap_do_not_matter():
+    coordinate = np.r_[np.arange(10.0), np.arange(50.0, 60.0)]
+    values = np.where(coordinate < 20.0, np.sin(coordinate), 1e3)
+    inside = np.array([[8.7, 9.4], [50.5, 59.0]])
+    found = resampled(coordinate, values, inside)
+    np.testing.assert_allclose(found[0], resampled(coordinate[:10], values[:10], inside[0]))
+    np.testing.assert_allclose(found[1], 1e3)

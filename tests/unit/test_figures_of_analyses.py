@@ -16,6 +16,7 @@ from deabayes.figures.results import StudyResults
 OF_MEMBRANE = [
     name for name in figures.REGISTRY
     if getattr(figures.module(name), "ANALYSIS", "") in analyses.names_for("membrane")
+    and "membrane" in getattr(figures.module(name), "SYSTEMS", ("membrane",))
 ]  # fmt: skip
 OF_POSTERIORS = [n for n in OF_MEMBRANE if figures.module(n).ANALYSIS != "influence"]
 """Influence is that of the prior: tested in test_influence_analysis.py."""

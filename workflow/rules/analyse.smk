@@ -8,6 +8,7 @@ rule analyse:
             "pipeline/analyse.py",
             "fitted.py",
             "errors.py",
+            "posterior_summary.py",
             "influence.py",
             "sensitivity.py",
         ),

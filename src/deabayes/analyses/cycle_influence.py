@@ -21,7 +21,8 @@ def has_cycles(record: Experiment) -> bool:
 
 def cycle_numbers(record: Experiment) -> tuple[int, int]:
     """The first and the last whole cycle, counted from 1."""
-    return 1, int(Cycles.of(record).starts.size)
+    first, last = Cycles.of(record).numbers[[FIRST, LAST]].tolist()
+    return first, last
 
 
 def over_cycles(model: PriorModel) -> PriorModel:

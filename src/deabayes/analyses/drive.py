@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 
@@ -12,6 +14,9 @@ STEPS = ("step", "creep")
 """Protocols of a voltage that is switched on and stays."""
 REACH = 1.2
 """Spacings of a record's points: how far beyond the outer ones a cycle may end."""
+GAP = 2.0
+"""Times that reach: neighbouring points further apart have a gap between them."""
+IntArray = NDArray[np.int64]
 
 
 def since_step(experiment: Experiment) -> FloatArray:
@@ -26,31 +31,62 @@ def amplitude(excitation: Excitation) -> float:
 
 @dataclass(frozen=True)
 class Cycles:
-    """The whole cycles of a sine within a record: their period and where each starts (C,) [s]."""
+    """The whole cycles of a sine within a record.
+
+    Attributes
+    ----------
+    period : [s].
+    starts : (C,) where each starts [s].
+    numbers : (C,) which of the sine's cycles each is, from 1.
+    """
 
     period: float
     starts: FloatArray
+    numbers: IntArray
 
     @classmethod
     def of(cls, experiment: Experiment) -> Cycles:
-        """From the upward crossings of half the amplitude, a twelfth of a period after the start.
+        """Those that the record's points show from end to end.
 
-        A last cycle counts if the record's points reach its end within about their spacing.
+        As the preparation counted them where its step `cycles` left some of them only, else
+        from the excitation. A last cycle counts if the record's points reach its end within
+        about their spacing; one with a gap inside does not, as nothing was measured there.
         """
-        drive, level = experiment.excitation, 0.5 * amplitude(experiment.excitation)
-        below = (drive.values[:-1] < level) & (drive.values[1:] >= level)
-        first = np.flatnonzero(below)
-        rise = np.diff(drive.values)[first]
-        width = np.diff(drive.coordinate)[first]
-        crossings = drive.coordinate[first] + (level - drive.values[first]) / rise * width
-        if crossings.size < 2:
-            return cls(np.nan, np.array([]))
-        period = float(np.median(np.diff(crossings)))
-        starts = crossings - period / 12.0
+        counted = next((s for s in experiment.steps if s.get("step") == "cycles"), None)
+        found = cls.driven(experiment.excitation) if counted is None else cls._counted(counted)
         times = experiment.coordinate
         spacing = REACH * float(np.median(np.diff(times)))
-        whole = (starts >= times[0] - spacing) & (starts + period <= times[-1] + spacing)
-        return cls(period, starts[whole])
+        whole = np.array([_covered(times, s, s + found.period, spacing) for s in found.starts],
+                         dtype=bool)  # fmt: skip
+        return cls(found.period, found.starts[whole], found.numbers[whole])
+
+    @classmethod
+    def driven(cls, drive: Excitation) -> Cycles:
+        """From the upward crossings of half the amplitude.
+
+        A sine through zero starts its cycle there, a twelfth of a period earlier; one of a
+        single sign at its lowest voltage.
+        """
+        level = 0.5 * amplitude(drive)
+        crossings = upward_crossings(drive, level)
+        if crossings.size < 2:
+            return cls(np.nan, np.array([]), np.array([], dtype=np.int64))
+        period = float(np.median(np.diff(crossings)))
+        driven = drive.values[drive.coordinate >= crossings[0]]
+        early = 1.0 / 12.0
+        if driven.min() >= 0.0:
+            middle, half = 0.5 * (driven.max() + driven.min()), 0.5 * float(np.ptp(driven))
+            early = 0.25 + float(np.arcsin((level - middle) / half)) / (2.0 * np.pi)
+        return cls(period, crossings - early * period, np.arange(1, crossings.size + 1))
+
+    @classmethod
+    def _counted(cls, step: Mapping[str, object]) -> Cycles:
+        """From what the preparation's step `cycles` says it kept: the middle one of each group."""
+        sizes = np.asarray(step["group_sizes"], dtype=np.int64)
+        before = np.cumsum(sizes) - sizes + sizes // 2
+        period = float(str(step["period_s"]))
+        starts = np.asarray(float(str(step["first_cycle_s"])) + period * before)
+        return cls(period, starts.astype(float), before + 1)
 
     @property
     def frequency(self) -> float:
@@ -62,15 +98,38 @@ class Cycles:
         return np.asarray(self.starts[:, None] + self.period * np.linspace(0.0, 1.0, points + 1))
 
 
+def upward_crossings(drive: Excitation, level: float) -> FloatArray:
+    """Times at which an excitation passes a level upwards, between its knots [s]."""
+    first = np.flatnonzero((drive.values[:-1] < level) & (drive.values[1:] >= level))
+    rise, width = np.diff(drive.values)[first], np.diff(drive.coordinate)[first]
+    return np.asarray(drive.coordinate[first] + (level - drive.values[first]) / rise * width)
+
+
+def _covered(times: FloatArray, start: float, end: float, spacing: float) -> bool:
+    """Whether points lie all along from `start` to `end`, none further apart than a gap."""
+    near = times[(times >= start - spacing) & (times <= end + spacing)]
+    reached = near.size > 1 and near[0] <= start + spacing and near[-1] >= end - spacing
+    return bool(reached and np.max(np.diff(near)) <= GAP * spacing)
+
+
 def resampled(coordinate: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
     """Curves (..., N) at other times, (..., *times.shape), by a cubic spline.
 
     A record's points are too few per cycle to read a peak or a loop's area from them as they
     stand; measured and predicted curves go through the same spline. It goes on beyond the
-    points as far as `Cycles` allows.
+    points as far as `Cycles` allows. Points on either side of a gap have splines of their own.
     """
     from scipy.interpolate import CubicSpline
 
     spacing = REACH * float(np.median(np.diff(coordinate)))
-    near = np.clip(times, coordinate[0] - spacing, coordinate[-1] + spacing)
-    return np.asarray(CubicSpline(coordinate, values, axis=-1)(near))
+    gaps = np.flatnonzero(np.diff(coordinate) > GAP * spacing)
+    between = 0.5 * (coordinate[gaps] + coordinate[gaps + 1])
+    edges = [0, *(gaps + 1).tolist(), coordinate.size]
+    part_of = np.searchsorted(between, times, side="right")
+    found = np.empty((*values.shape[:-1], *times.shape))
+    for part in np.unique(part_of):
+        own, at = slice(edges[part], edges[part + 1]), part_of == part
+        first, last = coordinate[own][[0, -1]]
+        near = np.clip(times[at], first - spacing, last + spacing)
+        found[..., at] = CubicSpline(coordinate[own], values[..., own], axis=-1)(near)
+    return found

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import Cycles
+from deabayes.analyses.drive import Cycles, amplitude
 from deabayes.analyses.loops import PHASES, Loops
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Experiment, FloatArray
@@ -15,14 +15,17 @@ from deabayes.experiment import Experiment, FloatArray
 if TYPE_CHECKING:
     import xarray as xr
 
-SYSTEMS = ("membrane",)
+SYSTEMS = ("membrane", "minimum_energy_structure")
 TITLE = "Hysteresis under alternating voltage"
 CAPTION = (
-    "Loop area of a cycle: −∮ u d|Φ| over both polarities (the displacement moves at twice the "
-    "voltage's frequency, so the loop is a butterfly), positive where the displacement lags. Mean: "
-    "of the displacement over the cycle; its change from cycle to cycle is the creep drift. A loop "
-    "counts as stable from the first cycle after which its area changes by less than 10 % and its "
-    "mean by less than 2 % of the cycle's peak-to-peak displacement, per cycle, to the end."
+    "Loop area of a cycle: −∮ u d|Φ|, positive where the displacement lags. Under a voltage of "
+    "both signs the displacement moves at twice the voltage's frequency and the loop is a "
+    "butterfly; under a biased one it is a single loop. Mean: of the displacement over the cycle; "
+    "drift: its change per cycle since the cycle before, the creep; creep: from the first cycle to "
+    "the last. A loop counts as stable from the first cycle after which its area changes by less "
+    "than 10 % and its mean by less than 2 % of the cycle's peak-to-peak displacement, per cycle, "
+    "to the end; what is before is the transition. Where the preparation averaged cycles, a "
+    "group counts as its middle one."
 )
 
 
@@ -44,7 +47,8 @@ def compute(context: StudyContext) -> Analysis:
             row = labels(name, fitted) | record
             cycles += [row | of_cycle(measured, predicted, k) for k in range(found.starts.size)]
             stability.append(row | {"measured_stable_from": measured.stable_from(),
-                                    "predicted_stable_from": middle.stable_from()})  # fmt: skip
+                                    "predicted_stable_from": middle.stable_from()}
+                             | creep(measured, predicted))  # fmt: skip
             bands.append(band(predicted.displacement))
         loops[each.name] = loop_curves(context, each, measured, np.array(bands))
     tables = {"hysteresis_cycles": cycles, "hysteresis_stability": stability}
@@ -53,15 +57,20 @@ def compute(context: StudyContext) -> Analysis:
 
 def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:
     """One cycle's row: measured beside predicted, with the draws' interval."""
-    row: dict[str, object] = {"cycle": k + 1}
+    row: dict[str, object] = {"cycle": int(measured.numbers[k])}
     kinds = (("area", "kVmm", 1.0), ("mean", "mm", 1e-3), ("peak_to_peak", "mm", 1e-3))
     for name, unit, scale in kinds:
         row[f"measured_{name}_{unit}"] = float(getattr(measured, name)[k]) / scale
         row |= interval(f"predicted_{name}", unit, getattr(predicted, name)[:, k] / scale)
-    drift = np.diff(measured.mean, prepend=np.nan)[k] / 1e-6
-    of_draws = np.diff(predicted.mean, axis=1, prepend=np.nan)[:, k] / 1e-6
-    row["measured_drift_um"] = float(drift)
-    return row | interval("predicted_drift", "um", of_draws)
+    row["measured_drift_um"] = float(measured.drift[k]) / 1e-6
+    return row | interval("predicted_drift", "um", predicted.drift[:, k] / 1e-6)
+
+
+def creep(measured: Loops, predicted: Loops) -> dict[str, float]:
+    """Rise of the cycles' mean from the first to the last, measured beside predicted."""
+    found = {"measured_creep_um": float(measured.mean[-1] - measured.mean[0]) / 1e-6}
+    of_draws = predicted.mean[:, -1] - predicted.mean[:, 0]
+    return found | interval("predicted_creep", "um", of_draws / 1e-6)
 
 
 def loop_curves(
@@ -82,9 +91,10 @@ def loop_curves(
             "candidate": names,
             "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
             "bound": ["lower", "median", "upper"],
-            "cycle": np.arange(1, measured.voltage.shape[0] + 1),
+            "cycle": measured.numbers,
             "phase": np.linspace(0.0, 1.0, PHASES + 1),
         },
         attrs={"experiment": experiment.name, "role": experiment.role,
-               "frequency_Hz": Cycles.of(experiment).frequency},
+               "frequency_Hz": Cycles.of(experiment).frequency,
+               "amplitude_kV": amplitude(experiment.excitation) / 1e3},
     )  # fmt: skip

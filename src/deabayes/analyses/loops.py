@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.analyses.drive import Cycles, resampled
+from deabayes.analyses.drive import Cycles, IntArray, resampled
 from deabayes.experiment import Experiment, FloatArray
 
 PHASES = 96
@@ -12,17 +12,24 @@ STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
 
 
 class Loops:
-    """Displacement (..., C, P + 1) and voltage (C, P + 1) at even phases of each cycle."""
+    """Displacement (..., C, P + 1) and voltage (C, P + 1) at even phases of each cycle.
 
-    def __init__(self, displacement: FloatArray, voltage: FloatArray) -> None:
+    `numbers` (C,) are those of the cycles, from 1; in succession by default.
+    """
+
+    def __init__(
+        self, displacement: FloatArray, voltage: FloatArray, numbers: IntArray | None = None
+    ) -> None:
         self.displacement = displacement
         self.voltage = voltage
+        self.numbers = np.arange(1, len(voltage) + 1) if numbers is None else numbers
 
     @classmethod
     def of(cls, experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Loops:
         """Of a record's curves (..., N)."""
         times = cycles.times(PHASES)
-        return cls(resampled(experiment.coordinate, curves, times), experiment.excitation.at(times))
+        moved = resampled(experiment.coordinate, curves, times)
+        return cls(moved, experiment.excitation.at(times), cycles.numbers)
 
     @property
     def area(self) -> FloatArray:
@@ -40,14 +47,20 @@ class Loops:
         """Largest minus smallest displacement of each cycle (..., C) [m]."""
         return np.asarray(np.ptp(self.displacement, axis=-1))
 
+    @property
+    def drift(self) -> FloatArray:
+        """Change of the mean per cycle since the cycle before (..., C) [m]; NaN for the first."""
+        change = np.diff(self.mean, axis=-1) / np.diff(self.numbers)
+        return np.concatenate([np.full_like(self.mean[..., :1], np.nan), change], axis=-1)
+
     def stable_from(self) -> float:
-        """Number of the first cycle (from 1) after which nothing changes much; NaN if none.
+        """Number of the first cycle after which nothing changes much per cycle; NaN if none.
 
         The last cycle alone proves nothing, so it does not count.
         """
-        area, mean = self.area, self.mean
-        steady = np.abs(np.diff(area)) < STABLE_AREA * np.abs(area[1:])
-        steady &= np.abs(np.diff(mean)) < STABLE_DRIFT * self.peak_to_peak[1:]
+        passed = np.diff(self.numbers)
+        steady = np.abs(np.diff(self.area)) < STABLE_AREA * passed * np.abs(self.area[1:])
+        steady &= np.abs(self.drift[1:]) < STABLE_DRIFT * self.peak_to_peak[1:]
         unsteady = np.flatnonzero(~steady)
-        first = int(unsteady[-1]) + 2 if unsteady.size else 1
-        return float(first) if first < area.size else float("nan")
+        first = int(unsteady[-1]) + 1 if unsteady.size else 0
+        return float(self.numbers[first]) if first < passed.size else float("nan")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -38,3 +40,35 @@ def band(draws: FloatArray) -> FloatArray:
 def labels(name: str, fitted: Fitted) -> dict[str, object]:
     """First columns of a row about a candidate."""
     return {"candidate": name, "order": fitted.system.order, "converged": fitted.converged}
+
+
+def beside(rows: Sequence[Mapping[str, object]], unit: str = "kV") -> list[dict[str, object]]:
+    """Rows of one candidate and frequency joined, columns told apart by their `voltage_{unit}`.
+
+    `x_mm` at 5 kV becomes `x_5kV_mm`, `x_q05` becomes `x_5kV_q05`; lowest frequency and
+    highest voltage first.
+    """
+    same = ("candidate", "order", "converged", "frequency_Hz")
+    voltage = f"voltage_{unit}"
+    candidates = list(dict.fromkeys(row["candidate"] for row in rows))
+
+    def place(row: Mapping[str, object]) -> tuple[float, ...]:
+        frequency, volts = float(str(row["frequency_Hz"])), float(str(row[voltage]))
+        return candidates.index(row["candidate"]), frequency, -volts
+
+    joined: dict[tuple[object, ...], dict[str, object]] = {}
+    for row in sorted(rows, key=place):
+        key = tuple(row[name] for name in same)
+        one = joined.setdefault(key, dict(zip(same, key, strict=True)))
+        told = f"{float(str(row[voltage])):.3g}{unit}"
+        one |= {
+            _told(column, told): value
+            for column, value in row.items()
+            if column not in (*same, voltage)
+        }
+    return list(joined.values())
+
+
+def _told(column: str, told: str) -> str:
+    name, _, last = column.rpartition("_")
+    return f"{name}_{told}_{last}" if name else f"{column}_{told}"

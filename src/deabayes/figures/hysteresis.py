@@ -27,11 +27,12 @@ SHOWN = 4
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One row per sine, slowest first."""
+    """One row per sine, highest voltage and slowest first."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
     loops = curves.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
+    loops = sorted(loops, key=lambda each: -round(float(each.attrs["amplitude_kV"]), 1))
     best, table = results.recommended.name, found.tables["hysteresis_cycles"]
     return [_sheet(list(group), table, best) for group in panels.batches(loops, SHOWN)]
 
@@ -45,7 +46,8 @@ def _sheet(loops: list[xr.Dataset], table: pd.DataFrame, best: str) -> Figure:
     for row, record in zip(axes, loops, strict=True):
         rows = table[table["experiment"] == record.attrs["experiment"]]
         _loops(row[0], record, names.index(shown))
-        row[0].set_title(f"{short(record.attrs['frequency_Hz'], 2)} Hz", loc="left")
+        volts, hertz = (short(record.attrs[n], 2) for n in ("amplitude_kV", "frequency_Hz"))
+        row[0].set_title(f"{volts} kV, {hertz} Hz", loc="left")
         for ax, (name, unit, label) in zip(
             row[1:], (("area", "kVmm", "loop area (kV·mm)"), ("mean", "mm", "mean (mm)")),
             strict=True,

@@ -9,15 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import style
+from deabayes.figures import panels, style
+from deabayes.figures.quantities import DisplayUnit, display_unit, plain
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
 TITLE = "What the noise model took"
 CAPTION = (
     "Left: share of each calibration record's variance that the correlated noise and the white "
-    "noise stand for (median, 90 % interval). Right: the noise's correlation time against the "
-    "record's length. A large share with a long time is physics that the candidate lacks."
+    "noise stand for (median, 90 % interval). Right: the noise's correlation time, or length along "
+    "the coordinate of a record without time, against the record's length; where records differ "
+    "in coordinate, as a share of it. A large share with a long time is physics that the candidate "
+    "lacks."
 )
 ALARMING = 0.1
 
@@ -30,14 +33,16 @@ def draw(results: CandidateResults) -> list[Figure]:
     height = 0.17 * len(shares) + 0.75 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    units, label = _coordinates(results, list(shares))
     for row, name in enumerate(shares):
         _shares(left, row, shares[name])
-        _times(right, row, results, name)
+        _times(right, row, results, name, units[name])
     left.axvline(100 * ALARMING, color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_xscale("log")
     left.set_xlabel("share of the record's variance (%)")
     right.set_xscale("log")
-    right.set_xlabel("time (s)")
+    panels.logarithmic(right, np.array(right.get_xlim()))
+    right.set_xlabel(label)
     left.set_yticks(range(len(shares)), list(shares))
     left.set_ylim(len(shares) - 0.5, -0.5)
     handles = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
@@ -84,11 +89,24 @@ def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
                         color=colour, elinewidth=0.9, label=f"{kind} noise")  # fmt: skip
 
 
-def _times(ax: Axes, row: int, results: CandidateResults, name: str) -> None:
-    coordinate = results.predictions[name]["coordinate"].values
+def _coordinates(results: CandidateResults, names: list[str]) -> tuple[dict[str, float], str]:
+    """What each record's coordinate is divided by, and the label of the axis."""
+    axes = {name: results.predictions[name]["coordinate"] for name in names}
+    spans = {name: float(np.ptp(axis.values)) for name, axis in axes.items()}
+    kinds = {(str(a.attrs.get("name", "time")), str(a.attrs.get("units", "s")))
+             for a in axes.values()}  # fmt: skip
+    if len(kinds) > 1:
+        return spans, "share of the record's length (1)"
+    ((kind, unit),) = kinds
+    shown = DisplayUnit(1.0, "s") if unit == "s" else display_unit(unit, list(spans.values()), kind)
+    return dict.fromkeys(names, shown.factor), plain(kind) + shown.suffix
+
+
+def _times(ax: Axes, row: int, results: CandidateResults, name: str, unit: float) -> None:
+    coordinate = results.predictions[name]["coordinate"].values / unit
     ax.plot(np.ptp(coordinate), row, "|", color=style.BLACK, markersize=6, label="record's length")
     parameter = f"{results.noise_group(name)}.tau_ou"
     if parameter in results.posterior:
-        low, median, high = _quantiles(results.posterior[parameter].values)
+        low, median, high = _quantiles(results.posterior[parameter].values / unit)
         ax.errorbar(median, row, xerr=[[median - low], [high - median]], fmt="s", color=style.BLUE,
-                    elinewidth=0.9, label="correlation time")  # fmt: skip
+                    elinewidth=0.9, label="correlation time or length")  # fmt: skip

@@ -65,7 +65,7 @@ def _column(results: CandidateResults, name: str) -> tuple[FloatArray, str]:
 
 
 def _cell(ax: Axes, x: tuple[FloatArray, str], y: tuple[FloatArray, str] | None) -> None:
-    limits = np.nanquantile(x[0], [0.002, 0.998])
+    limits = np.array(_limits(x[0][np.isfinite(x[0])], 0.002))
     if limits[0] == limits[1]:
         limits = limits + np.array([-0.5, 0.5])
     if y is None:
@@ -82,19 +82,27 @@ def contours(ax: Axes, x: FloatArray, y: FloatArray) -> None:
     from scipy.ndimage import gaussian_filter
 
     kept = np.isfinite(x) & np.isfinite(y)
-    ranges = [np.quantile(v[kept], [0.001, 0.999]) for v in (x, y)]
+    ranges = [_limits(v[kept], 0.001) for v in (x, y)]
     if any(low == high for low, high in ranges):
         return
     density, x_edges, y_edges = np.histogram2d(x[kept], y[kept], BINS, range=ranges)
     density = gaussian_filter(np.pad(density, 2), 1.4)
     ordered = np.sort(density.ravel())[::-1]
-    held = np.cumsum(ordered) / ordered.sum()
-    outer, inner = (float(ordered[np.searchsorted(held, p)]) for p in (0.9, 0.5))
+    held = np.cumsum(ordered) / kept.sum()
+    last = ordered.size - 1
+    outer, inner = (float(ordered[min(int(np.searchsorted(held, p)), last)]) for p in (0.9, 0.5))
     centres = [_padded(0.5 * (edges[1:] + edges[:-1])) for edges in (x_edges, y_edges)]
     if outer < inner < density.max():
         ax.contourf(*centres, density.T, [outer, inner, density.max()],
                     colors=["#a6d3ee", style.BLUE])  # fmt: skip
     ax.set_ylim(*ranges[1])
+
+
+def _limits(values: FloatArray, tail: float) -> tuple[float, float]:
+    """Between the tails' quantiles; where these are far out, the 5 to 95 % range three times."""
+    low, inner_low, inner_high, high = np.quantile(values, [tail, 0.05, 0.95, 1.0 - tail])
+    width = inner_high - inner_low
+    return max(low, inner_low - width), min(high, inner_high + width)
 
 
 def _padded(centres: FloatArray) -> FloatArray:

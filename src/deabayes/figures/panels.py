@@ -24,6 +24,8 @@ PANELS_PER_SHEET = 9
 DENSE = 400
 LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
 CYCLES_SHOWN = 3
+GAP = 3.0
+"""Times the usual spacing of points."""
 Item = TypeVar("Item")
 
 
@@ -78,8 +80,8 @@ class Axis:
 class Record:
     """One prediction file, in display units.
 
-    `shown` is the part that a panel shows: all of it, or the last cycles of a
-    long sine.
+    `shown` is the part that a panel shows: all of it, the last cycles of a long sine, or what
+    follows the last gap of one that keeps some cycles only.
     """
 
     prediction: xr.Dataset
@@ -120,6 +122,8 @@ class Record:
     @property
     def shown(self) -> slice:
         time = self.prediction["coordinate"].values
+        if self.protocol == "sine" and (last := after_last_gap(time)):
+            return slice(last, None)
         crossings = upward_crossings(self.prediction["excitation"].values)
         if self.protocol != "sine" or len(crossings) <= CYCLES_SHOWN + 2:
             return slice(None)
@@ -163,6 +167,13 @@ def upward_crossings(values: FloatArray) -> NDArray[np.intp]:
     """Where `values` pass the middle of their range upwards, as indices."""
     level = (values.max() + values.min()) / 2
     return np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
+
+
+def after_last_gap(coordinate: FloatArray) -> int:
+    """Index of the first point behind the last gap between points; 0 where there is none."""
+    steps = np.diff(coordinate)
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) if steps.size else steps
+    return int(gaps[-1]) + 1 if gaps.size else 0
 
 
 def branches(values: FloatArray) -> Iterator[slice]:
@@ -214,7 +225,8 @@ def title(ax: Axes, record: Record) -> None:
     if not record.name.startswith(record.protocol):
         words += f", {plain(record.protocol)}"
     if record.shown.start:
-        words += f", last {CYCLES_SHOWN} cycles"
+        gaps = after_last_gap(record.prediction["coordinate"].values) > 0
+        words += ", last cycle kept" if gaps else f", last {CYCLES_SHOWN} cycles"
     size = 7.0 if len(record.name) <= 30 else 210.0 / len(record.name)
     ax.set_title(record.name, loc="left", fontsize=size, pad=12.5, weight="bold")
     place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}

@@ -20,6 +20,9 @@ UNITS = {
         "ohm": "Ω",
         "Gohm": "GΩ",
         "kgm": "kg/m",
+        "Nperm": "N/m",
+        "Nsperm": "N·s/m",
+        "mNmperrad": "mN·m/rad",
     },
     **{unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz nF mA rad g".split()},
 }
@@ -28,7 +31,7 @@ LOW, HIGH = "_q05", "_q95"
 DIGITS = 4
 """Of a number without interval: as many as the papers print."""
 HIDDEN = ("converged",)
-LONGEST = 60
+LONGEST = 80
 """Rows of a table shown; longer ones are in the report's tables folder only."""
 
 
@@ -73,7 +76,8 @@ def _cells(table: pd.DataFrame, column: str, bounds: set[str]) -> list[str]:
     if base is None:
         return [_text(value) for value in table[column]]
     ends = zip(table[column], table[base + LOW], table[base + HIGH], strict=True)
-    return [interval(*each) if np.all(np.isfinite(each)) else "–" for each in ends]
+    # A printed figure among posteriors has no interval.
+    return [interval(*each) if np.all(np.isfinite(each)) else _text(each[0]) for each in ends]
 
 
 def _text(value: object) -> str:

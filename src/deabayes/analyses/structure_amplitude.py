@@ -1,0 +1,190 @@
+"""Amplitude against frequency of the minimum-energy structure, as in its paper's Fig. 9."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.analyses import structure_paper as paper
+from deabayes.analyses.base import Analysis, StudyContext
+from deabayes.analyses.drive import Cycles
+from deabayes.analyses.loops import Loops
+from deabayes.analyses.summaries import band, beside, interval, labels
+from deabayes.analyses.sweep import Sweep
+from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.fitted import Fitted
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SYSTEMS = ("minimum_energy_structure",)
+TITLE = "Amplitude against frequency (Fig. 9)"
+PHASES, KNOTS, DRAWS = 48, 100, 100
+WITHIN, BEYOND = 12, 16
+"""Frequencies of the predicted curve over the sines', and from there to the sweep's end."""
+PERCENT, MILLIMETRE = 100.0, 1e-3
+CAPTION = (
+    "Peak-to-peak displacement in the last whole cycle of each sine, measured beside predicted "
+    "(median, 5 to 95 % interval of the draws: neither discrepancy nor noise is in them), and the "
+    "error (predicted − measured) / measured, both voltages side by side. Resonance: the highest "
+    "rise of a sweep's amplitude above the falls on both its sides, and how high it is (without: "
+    "share of the draws that have none). Amplitudes along a sweep are those of the fundamental "
+    "and second harmonic of the voltage's phase, fitted to successive points, the prediction read "
+    "alike; frequencies whose harmonics the record's points cannot tell apart are left out. The "
+    "paper shows its amplitudes as a figure only."
+)
+
+
+def compute(context: StudyContext) -> Analysis:
+    """Amplitudes of the sines, predicted curves per voltage, and those of the sweeps."""
+    import pandas as pd
+
+    sines = [e for e in context.records("displacement", "sine") if Cycles.of(e).starts.size]
+    if not sines:
+        return Analysis()
+    sweeps = context.records("displacement", "sweep")
+    rows = [
+        labels(name, fitted) | record_row(each, context.responses(name, each))
+        for name, fitted in context.candidates.items()
+        for each in sines
+    ]
+    tables = {"structure_amplitude": pd.DataFrame(beside(rows, "kV"))}
+    curves = {}
+    for kilovolts in sorted({round(paper.kilovolts(e), 1) for e in sines}):
+        of = [e for e in sines if paper.near(paper.kilovolts(e), kilovolts)]
+        swept = [e for e in sweeps if paper.near(paper.kilovolts(e), kilovolts)]
+        curves[f"bands_{kilovolts:g}kV"] = bands(context, of, swept)
+    resonances = []
+    for each in sweeps:
+        found = Sweep.of(each)
+        curves[each.name] = sweep_curves(context, each, found)
+        resonances += [
+            labels(name, fitted) | {"experiment": each.name}
+            | resonance(found, each.response, context.responses(name, each))
+            for name, fitted in context.candidates.items()
+        ]  # fmt: skip
+    if resonances:
+        tables["sweep_resonance"] = pd.DataFrame(resonances)
+    return Analysis(tables, curves)
+
+
+def amplitude_of(experiment: Experiment, curves: FloatArray) -> FloatArray:
+    """Peak-to-peak displacement (...) of curves (..., N) in the last whole cycle [m]."""
+    return Loops.of(experiment, curves, Cycles.of(experiment)).peak_to_peak[..., -1]
+
+
+def record_row(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
+    """Measured beside predicted amplitude of a sine."""
+    seen = float(amplitude_of(experiment, experiment.response))
+    of_draws = amplitude_of(experiment, curves)
+    return {
+        "frequency_Hz": round(Cycles.of(experiment).frequency, 3),
+        "voltage_kV": round(paper.kilovolts(experiment), 1),
+        "role": experiment.role,
+        "measured_mm": seen / MILLIMETRE,
+        **interval("predicted", "mm", of_draws / MILLIMETRE),
+        **interval("error", "percent", PERCENT * (of_draws / seen - 1.0)),
+    }
+
+
+def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experiment]) -> xr.Dataset:
+    """Predicted (candidate, bound, frequency) under the sines' voltage; what was measured.
+
+    Over the frequencies of the sines, and on to the end of a sweep where there is one.
+    """
+    import xarray as xr
+
+    sines = sorted(sines, key=lambda e: Cycles.of(e).frequency)
+    cycles = [Cycles.of(e) for e in sines]
+    at = np.array([each.frequency for each in cycles])
+    grid = np.geomspace(at[0], at[-1], WITHIN) if at.size > 1 else at
+    ends = [float(Sweep.of(each).frequency[-1]) for each in sweeps]
+    if ends and max(ends) > at[-1]:
+        grid = np.append(grid, np.geomspace(at[-1], max(ends), BEYOND + 1)[1:])
+    lowest, highest = levels(sines[0])
+    count = int(np.median([each.numbers[-1] for each in cycles]))
+    names = list(context.candidates)
+    predicted = [
+        np.stack([band(predicted_amplitude(context.candidates[n], f, lowest, highest, count))
+                  for f in grid], axis=1)
+        for n in names
+    ]  # fmt: skip
+    seen = [float(amplitude_of(each, each.response)) for each in sines]
+    return xr.Dataset(
+        {
+            "predicted": (("candidate", "bound", "frequency"), np.array(predicted), {"units": "m"}),
+            "measured": ("record", np.array(seen), {"units": "m"}),
+            "record_frequency": ("record", at, {"units": "Hz"}),
+            "calibrated": ("record", [int(each.role == "calibrate") for each in sines]),
+        },
+        coords={
+            "candidate": names,
+            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
+            "bound": ["lower", "median", "upper"],
+            "frequency": ("frequency", grid, {"units": "Hz"}),
+        },
+        attrs={"amplitude_kV": highest / 1e3, "lowest_kV": lowest / 1e3, "cycles": count,
+               "last_sine_Hz": float(at[-1])},
+    )  # fmt: skip
+
+
+def levels(experiment: Experiment) -> tuple[float, float]:
+    """Lowest and highest voltage of a sine [V], what is before its first cycle left out."""
+    drive = experiment.excitation
+    start = Cycles.driven(drive).starts
+    during = drive.values[drive.coordinate > start[min(1, start.size - 1)]]
+    return float(during.min()), float(during.max())
+
+
+def predicted_amplitude(
+    fitted: Fitted, frequency: float, lowest: float, highest: float, count: int
+) -> FloatArray:
+    """Peak-to-peak displacement (S,) in the last of `count` cycles from rest [m].
+
+    The drive is the paper's (1), which starts at its lowest voltage.
+    """
+    turn = np.arange(count * KNOTS + 1) / KNOTS
+    middle, half = 0.5 * (highest + lowest), 0.5 * (highest - lowest)
+    drive = Excitation(
+        "voltage", "V", turn / frequency, middle - half * np.cos(2.0 * np.pi * turn)
+    )  # fmt: skip
+    times = (count - 1 + np.arange(PHASES + 1) / PHASES) / frequency
+    draws = {name: values[:DRAWS] for name, values in fitted.draws.items()}
+    curves = fitted.system.predict(drive, times, "displacement", draws)
+    return np.asarray(np.ptp(curves[np.all(np.isfinite(curves), axis=1)], axis=1))
+
+
+def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[str, float]:
+    """Frequency and amplitude of the resonance, measured beside predicted."""
+    seen = sweep.resonance(sweep.amplitude(measured))
+    drawn = np.array([sweep.resonance(each) for each in sweep.amplitude(curves)])
+    return {
+        "measured_resonance_Hz": seen[0],
+        **interval("predicted_resonance", "Hz", drawn[:, 0]),
+        "measured_height_mm": seen[1] / MILLIMETRE,
+        **interval("predicted_height", "mm", drawn[:, 1] / MILLIMETRE),
+        "without_percent": PERCENT * float(np.mean(np.isnan(drawn[:, 0]))),
+    }
+
+
+def sweep_curves(context: StudyContext, experiment: Experiment, sweep: Sweep) -> xr.Dataset:
+    """Measured amplitude and predicted bands (candidate, bound, frequency) along a sweep."""
+    import xarray as xr
+
+    names = list(context.candidates)
+    drawn = [band(sweep.amplitude(context.responses(name, experiment))) for name in names]
+    return xr.Dataset(
+        {
+            "predicted": (("candidate", "bound", "frequency"), np.array(drawn), {"units": "m"}),
+            "measured": ("frequency", sweep.amplitude(experiment.response), {"units": "m"}),
+        },
+        coords={
+            "candidate": names,
+            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
+            "bound": ["lower", "median", "upper"],
+            "frequency": ("frequency", sweep.frequency, {"units": "Hz"}),
+        },
+        attrs={"experiment": experiment.name, "role": experiment.role,
+               "amplitude_kV": paper.kilovolts(experiment)},
+    )  # fmt: skip

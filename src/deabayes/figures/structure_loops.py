@@ -1,0 +1,96 @@
+"""Displacement against voltage at several frequencies: the paper's Fig. 4(C, D)."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from deabayes.figures import curves, panels, style
+from deabayes.figures.quantities import short
+from deabayes.figures.results import StudyResults
+
+SCOPE = "study"
+ANALYSIS = "hysteresis"
+SYSTEMS = ("minimum_energy_structure",)
+TITLE = "Loops: transition and rate"
+SHOWN = (1.0, 5.0, 10.0)
+NEAR = 0.02
+CAPTION = (
+    "Left: every measured cycle of the slowest sine, from the first (light) to the last (dark): "
+    "the transition creeps into the stable region. Right: the last cycle at 1, 5 and 10 Hz, "
+    "measured (points) and as the recommended candidate predicts it (line; band: interval of the "
+    "draws). The loops are asymmetric and widen with the rate."
+)
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """One row per voltage."""
+    found = results.analysis(ANALYSIS)
+    if found is None or not found.curves:
+        return []
+    records = curves.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
+    shown = [r for r in records if _matches(float(r.attrs["frequency_Hz"]))]
+    voltages = sorted({_volts(r) for r in shown}, reverse=True)
+    if not shown:
+        return []
+    height = 2.3 * len(voltages) + 0.6 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(len(voltages), 2, squeeze=False, sharex="row", sharey="row")
+    names, best = [str(n) for n in shown[0]["candidate"].values], results.recommended.name
+    candidate = names.index(best) if best in names else 0
+    for (left, right), volts in zip(axes, voltages, strict=True):
+        own = [r for r in shown if _volts(r) == volts]
+        _transition(left, own[0])
+        _rates(right, own, candidate)
+        left.set_ylabel("displacement (mm)")
+        right.set_title(f"{short(volts)} kV, last cycle, {curves.names(own[0])[candidate]}",
+                        loc="left")  # fmt: skip
+    for ax in axes[-1]:
+        ax.set_xlabel("voltage (kV)")
+    panels.legend_below(figure, _handles(shown), 4)
+    return [figure]
+
+
+def _transition(ax: Axes, record: xr.Dataset) -> None:
+    measured, volts = 1e3 * record["measured"].values, record["voltage"].values / 1e3
+    shades = colormaps["Greys"](np.linspace(0.3, 1.0, len(measured)))
+    for k, shade in enumerate(shades):
+        ax.plot(volts[k], measured[k], color=shade, linewidth=0.8)
+    hertz = short(float(record.attrs["frequency_Hz"]), 2)
+    first, last = record["cycle"].values[[0, -1]]
+    ax.set_title(f"{short(_volts(record))} kV, {hertz} Hz, cycles {first} to {last}", loc="left")
+
+
+def _rates(ax: Axes, records: list[xr.Dataset], candidate: int) -> None:
+    for k, record in enumerate(records):
+        volts = record["voltage"].values[-1] / 1e3
+        lower, median, upper = 1e3 * record["predicted"].values[candidate][:, -1]
+        ax.fill(np.r_[volts, volts[::-1]], np.r_[lower, upper[::-1]], color=curves.colour(k),
+                alpha=0.22, linewidth=0)  # fmt: skip
+        ax.plot(volts, median, color=curves.colour(k), linestyle=curves.line(k))
+        ax.plot(volts[::4], 1e3 * record["measured"].values[-1][::4], linestyle="none",
+                marker=style.MARKERS[k], markersize=2.2, color=curves.colour(k),
+                markeredgecolor=style.BLACK, markeredgewidth=0.3)  # fmt: skip
+
+
+def _handles(shown: list[xr.Dataset]) -> list[Line2D | Patch]:
+    rates = list(dict.fromkeys(short(float(r.attrs["frequency_Hz"]), 2) for r in shown))
+    entries: list[Line2D | Patch] = [
+        Line2D([], [], color=curves.colour(k), linestyle=curves.line(k), marker=style.MARKERS[k],
+               markersize=2.5, label=f"{rate} Hz")
+        for k, rate in enumerate(rates)
+    ]  # fmt: skip
+    return [*entries, Patch(color=style.GREY, alpha=0.25, label=curves.BAND)]
+
+
+def _matches(hertz: float) -> bool:
+    return any(abs(hertz - shown) <= NEAR * shown for shown in SHOWN)
+
+
+def _volts(record: xr.Dataset) -> float:
+    return round(float(record.attrs["amplitude_kV"]), 1)

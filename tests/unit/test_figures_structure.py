@@ -1,0 +1,108 @@
+"""Figures of the minimum-energy structure's analyses, from made-up posteriors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.text import Text
+from tests.unit import structure_contexts as made_up
+from tests.unit.fake_results import Fake, write_study
+
+from deabayes import analyses, figures
+from deabayes.analyses import genetic_algorithm
+from deabayes.figures import pairs, panels
+from deabayes.figures.results import StudyResults
+
+SYSTEM = "minimum_energy_structure"
+OF_STRUCTURE = [
+    name for name in figures.REGISTRY
+    if getattr(figures.module(name), "ANALYSIS", "") in analyses.names_for(SYSTEM)
+]  # fmt: skip
+STATIC = ("force_curve", "structure_film", "genetic_algorithm")
+FAKE = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated")
+
+
+class OfStructure(StudyResults):
+    """Results that say they are of the structure."""
+
+    system = SYSTEM
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("structure")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(genetic_algorithm, "SEEDS", (1, 2))
+        patch.setattr(genetic_algorithm, "GENERATIONS", 5)
+        found = {}
+        for kind, context in (("static", made_up.static()), ("motion", made_up.motion())):
+            found[kind] = write_study(folder / kind, FAKE)
+            analyses.run_all(context, found[kind] / "analyses")
+        return found
+
+
+def words(figure: object) -> list[str]:
+    return [t.get_text() for t in figure.findobj(Text) if t.get_text()]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", OF_STRUCTURE)
+def test_it_draws_marked_with_units_and_with_what_did_not_converge(
+    name: str, analysed: dict[str, Path]
+) -> None:
+    kind = "static" if name in STATIC else "motion"
+    drawn = figures.draw(name, OfStructure(analysed[kind]))
+    assert drawn
+    first = (made_up.STATIC if kind == "static" else made_up.MOVING)[0]
+    for figure in drawn:
+        found = words(figure)
+        assert "simulated data" in found
+        assert any(f"{first} (not converged)" in each for each in found)
+        labels = [ax.get_xlabel() for ax in figure.axes]
+        assert any("(" in label for label in labels), "no unit on any axis"
+
+
+@pytest.mark.parametrize("name", OF_STRUCTURE)
+def test_it_draws_nothing_where_nothing_was_computed(
+    name: str, analysed: dict[str, Path], tmp_path: Path
+) -> None:
+    other = "motion" if name in STATIC else "static"
+    assert figures.draw(name, OfStructure(analysed[other])) == []
+    assert figures.draw(name, OfStructure(write_study(tmp_path, FAKE))) == []
+
+
+def test_every_analysis_with_curves_has_a_figure(analysed: dict[str, Path]) -> None:
+    drawn = {figures.module(name).ANALYSIS for name in OF_STRUCTURE}
+    for folder in analysed.values():
+        assert {e.name for e in StudyResults(folder).analyses if e.curve_names} <= drawn
+
+
+def test_one_sheet_per_voltage_and_a_panel_per_frequency(analysed: dict[str, Path]) -> None:
+    five, four = figures.draw("error_against_phase", OfStructure(analysed["motion"]))
+    assert any("5 kV, 10 Hz, calibration" in each for each in words(five))
+    assert any("4 kV, 1 Hz, held out" in each for each in words(four))
+    assert len(five.axes) == len(four.axes) == 6
+
+
+def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
+    prediction = xr.Dataset(
+        {"excitation": ("coordinate", np.ones(40))},
+        {"coordinate": np.r_[np.arange(20.0), np.arange(100.0, 120.0)]},
+        {"experiment": "sine", "protocol": "sine"},
+    )
+    assert panels.Record(prediction).shown == slice(20, None)
+    whole = prediction.assign_coords(coordinate=np.arange(40.0))
+    assert panels.Record(whole).shown == slice(None)
+    step = prediction.assign_attrs(protocol="step")
+    assert panels.Record(step).shown == slice(None)
+
+
+def test_long_tails_do_not_set_the_limits_of_pairs() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal(5000)
+    low, high = pairs._limits(values, 0.002)
+    assert (low, high) == pytest.approx(tuple(np.quantile(values, [0.002, 0.998])))
+    low, high = pairs._limits(np.append(values, np.full(50, 1e4)), 0.002)
+    assert low > -4.0 and high < 6.0
