@@ -28,7 +28,7 @@ def summary_table(
 
     contraction = 1 - var_posterior / var_prior, on the scale of the prior's
     normal coordinate for sampled parameters, on the logarithm (or the value,
-    where it changes sign) for derived quantities.
+    where it changes sign) for derived quantities and parts of a total.
     """
     target = content.target
     table = content.diagnostics.copy()
@@ -39,6 +39,8 @@ def summary_table(
     z_variance = dict(
         zip(target.names, content.z.reshape(-1, target.dimension).var(0), strict=True)
     )
+    for name in target.prior.parts:
+        z_variance.pop(name)
     posterior, prior = quantities(target, theta), quantities(target, prior_theta)
     table["contraction"] = [
         1.0 - z_variance[name] if name in z_variance else contraction(posterior[name], prior[name])
@@ -48,12 +50,15 @@ def summary_table(
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:
-    """That of a derived quantity from its draws, on its logarithm where it is positive."""
+    """That of draws, on their logarithm where they are positive; tails do not count.
+
+    The spread of either is half the distance of its 16 and 84 % quantiles.
+    """
     prior = prior[np.isfinite(prior)]
     if np.all(posterior > 0) and np.all(prior > 0):
         posterior, prior = np.log(posterior), np.log(prior)
-    low, high = np.quantile(prior, [0.16, 0.84])
-    return float(1.0 - np.var(posterior) / max((high - low) / 2.0, 1e-300) ** 2)
+    after, before = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (posterior, prior))
+    return float(1.0 - (after / max(before, 1e-300)) ** 2)
 
 
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:

@@ -162,6 +162,11 @@ class Prior:
         """Independent draws theta (n, d)."""
         return self.to_parameters(rng.standard_normal((n, len(self.names))))
 
+    @property
+    def parts(self) -> frozenset[str]:
+        """Parameters that are parts of a total, whose scores are not their own."""
+        return frozenset(p.name for p in self.parameters if p.part_of is not None)
+
     def describe(self, name: str) -> str:
         """The prior of one parameter in words, for tables."""
         parameter = self.parameters[self._column[name]]

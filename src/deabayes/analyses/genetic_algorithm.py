@@ -32,8 +32,8 @@ CAPTION = (
     "heeds. Each row is one seed; several optima that fit alike are one more way to see what "
     "the forces do not tell. Rms: of the force's error at the optimum; posterior rms: of the "
     "posterior median curve. Below: share of the posterior draws with a smaller value, so 0 and "
-    "100 % lie outside. The bounds forbid negative exponents, whatever the prior allows. Generations: "
-    "until the population's fitness agreed within 1 %, or the paper's number."
+    "100 % lie outside. The bounds forbid negative exponents, whatever the prior allows. "
+    "Generations: until the population's fitness agreed within 1 %, or the paper's number."
 )
 
 

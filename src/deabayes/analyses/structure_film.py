@@ -128,6 +128,8 @@ def determined_rows(
     of_prior = of_film(fitted.system, {n: prior_draws[n] for n in prior.names if "." not in n})
     for each in own:
         gained = 1.0 - float(np.var(scores[:, prior.names.index(each)]))
+        if each in prior.parts:
+            gained = contraction(fitted.draws[each], prior_draws[each])
         yield _determined(each, fitted.draws[each], gained, whole=False)
     for each in WHOLE:
         gained = contraction(derived[each], of_prior[each])
