@@ -81,7 +81,7 @@ def test_the_report_shows_the_papers_figures_too():
 def test_what_the_prior_knew_alone_is_not_determined():
     made = static()
     prior = made.prior_of("ogden_1")
-    before = prior.sample(np.random.default_rng(3), 2000).T
+    before = prior.sample(np.random.default_rng(3), 8000).T
     unknowing = replace(
         made.candidates["ogden_1"], draws=dict(zip(prior.names, before, strict=True))
     )

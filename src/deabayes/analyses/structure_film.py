@@ -15,7 +15,7 @@ from deabayes.systems.base import System
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Film (Table 3)"
-PRIOR_DRAWS = 1000
+PRIOR_DRAWS = 4000
 PERCENT = 100.0
 WHOLE = {
     "mu_0": ("mu_0", "kPa", 1e-3),
