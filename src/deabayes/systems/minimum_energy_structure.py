@@ -74,9 +74,9 @@ class MinimumEnergyStructure(System):
 
     name = "minimum_energy_structure"
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
-    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "displacement": "m"}
+    excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
     even = ("voltage",)
-    responses: ClassVar[Mapping[str, str]] = {"displacement": "m", "force": "N"}
+    responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "link_length": "m",
         "mass_centre": "m",

@@ -147,10 +147,14 @@ def _count(digits: str, candidate: str, what: str) -> int:
     return count
 
 
+def _is_series(entry: tuple[str, Spring]) -> bool:
+    return entry[1].counts_terms
+
+
 def examples() -> list[str]:
-    """Candidates that can be built, up to four terms and units."""
+    """Candidates that can be built, up to four terms and units; series, as the paper's, first."""
     found = []
-    for name, spring in SPRINGS.items():
+    for name, spring in sorted(SPRINGS.items(), key=_is_series, reverse=True):
         heads = [f"{name}_{terms}" for terms in range(1, 5)] if spring.counts_terms else [name]
         found += heads
         found += [f"{head}_units_{n}" for head in heads for n in range(1, 5)]
