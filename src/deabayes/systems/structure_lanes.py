@@ -10,6 +10,7 @@ from deabayes.integrate import arrow
 from deabayes.integrate.arrow import ARGUMENT, LANES, START
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
 from deabayes.systems import structure_kernel as k
+from deabayes.systems.structure_stages import step
 
 IndexArray = NDArray[np.int64]
 OF_START, OF_STEP, OF_LOW, OF_HIGH, OF_CONSTANTS = range(5)
@@ -124,7 +125,7 @@ def integrate(
                 c[k.OFFSET + i] = (now[i] - begin) * c[k.SPAN + i]
         if running == 0:
             break
-        k.step(c, blocks)
+        step(c, blocks)
         for i in range(LANES):
             w = lane_draw[i]
             if w == IDLE:
