@@ -1,0 +1,73 @@
+"""Minimum-energy structure in a posterior: its prior, its datum, its derived quantities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.structures import PLAIN, paper_draws, pull, specimen, spread_draws, structure
+
+from deabayes.experiment import Experiment, Quantity
+from deabayes.posterior import build
+from deabayes.prior import Prior
+from deabayes.study import Study
+from deabayes.systems.minimum_energy_structure import CHUNK
+
+HINGE = Quantity(0.026, "N*m/rad", 0.001)
+
+
+def force_record():
+    displacement = np.linspace(0.0, 0.01, 12)
+    driven = pull(displacement, 4e3)
+    force = structure("ogden_4").predict(driven, displacement, "force", paper_draws())[0]
+    return Experiment(
+        "quasi_static_4kV", "quasi_static", "calibrate", "displacement", "m", displacement,
+        "force", "N", force, np.ones(12), driven,
+    )  # fmt: skip
+
+
+def test_a_measured_hinge_is_in_the_likelihood():
+    study = Study("s", Path(), ("ogden_1",))
+    record = force_record()
+    plain = build(study, "ogden_1", PLAIN, [record])
+    measured = build(study, "ogden_1", specimen(hinge_stiffness=HINGE), [record])
+    theta = plain.prior.sample(np.random.default_rng(0), 20)
+    stiffness = plain.system.derived(plain.draws(theta))["hinge_stiffness"].values
+    expected = -0.5 * ((stiffness - 0.026) / 0.001) ** 2 - np.log(0.001 * np.sqrt(2.0 * np.pi))
+    without = plain.log_likelihood(theta)
+    assert np.isfinite(without).sum() > 5
+    difference = measured.log_likelihood(theta) - without
+    kept = np.isfinite(difference)
+    assert difference[kept] == pytest.approx(expected[kept], rel=1e-6)
+
+
+def test_the_prior_is_that_of_the_film_s_stress_at_rest():
+    system = structure("ogden_3")
+    prior = Prior.from_parameters(system.parameters())
+    assert prior.parts == {"mu_1", "mu_2", "mu_3"}
+    theta = prior.sample(np.random.default_rng(1), 3000)
+    draws = dict(zip(prior.names, theta.T, strict=True))
+    stress = system.structure(draws).film(np.array([np.cos(np.pi / 4)]))[:, 0] / (1.5e-3 * 4e-5)
+    assert np.mean(np.log(stress / 1e6)) == pytest.approx(0.0, abs=0.06)
+    assert np.std(np.log(stress)) == pytest.approx(1.0, abs=0.05)
+
+
+def test_derived_quantities_of_many_draws_come_in_their_order():
+    count = CHUNK + 7
+    draws = spread_draws(1, count)
+    system = structure("ogden_4_units_1")
+    last = {name: values[-3:] for name, values in draws.items()}
+    for name, each in system.derived(draws).items():
+        assert each.values.shape == (count,)
+        assert each.values[-3:] == pytest.approx(system.derived(last)[name].values)
+
+
+def test_free_displacement_beyond_the_branch_is_that_at_its_end():
+    draws = paper_draws(relative_permittivity=3.4)
+    system = structure("ogden_4")
+    found = {name: each.values[0] for name, each in system.derived(draws).items()}
+    assert found["snap_voltage"] < 5e3
+    assert np.isnan(system.structure(draws).equilibrium(5e3)[0])
+    angle = system.structure(draws).branch[0][0, -1]
+    assert found["free_displacement_5kV"] == pytest.approx(0.067 * (np.cos(angle) - np.sqrt(0.5)))
