@@ -139,7 +139,8 @@ class Fitted:
     ) -> Experiment:
         """A new experiment from arrays: `time` and one excitation channel, all SI."""
         excitation, values, coordinate_name, coordinate = self._channels(channels)
-        response = response or self.records[0].response_name
+        fitted = [r.response_name for r in self.records if r.excitation_name == excitation]
+        response = response or next(iter(fitted), self.records[0].response_name)
         if response not in self.system.responses:
             raise UserError(
                 f"response {response!r} is unknown{nearest(response, self.system.responses)}"

@@ -74,7 +74,7 @@ def simulate(
     """
     model = build(system, candidate, _specimen(system, specimen))
     driven, coordinate_name, coordinate = _excitation(model, time, excitation, conditions or {})
-    response = response or next(iter(model.responses))
+    response = response or model.response_to(driven.name)
     draws, scalar = _draws(model, parameters)
     values = model.predict(driven, coordinate, response, draws)
     failed = ~np.all(np.isfinite(values), axis=1)

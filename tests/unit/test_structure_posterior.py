@@ -11,6 +11,7 @@ from tests.unit.structures import PLAIN, paper_draws, pull, specimen, spread_dra
 from deabayes.experiment import Experiment, Quantity
 from deabayes.posterior import build
 from deabayes.prior import Prior
+from deabayes.simulation import simulate
 from deabayes.study import Study
 from deabayes.systems.minimum_energy_structure import CHUNK
 
@@ -71,3 +72,20 @@ def test_free_displacement_beyond_the_branch_is_that_at_its_end():
     assert np.isnan(system.structure(draws).equilibrium(5e3)[0])
     angle = system.structure(draws).branch[0][0, -1]
     assert found["free_displacement_5kV"] == pytest.approx(0.067 * (np.cos(angle) - np.sqrt(0.5)))
+
+
+def test_a_response_that_is_not_named_is_the_one_that_goes_with_the_excitation():
+    time = np.linspace(0.0, 0.2, 21)
+    parameters = {name: values[0] for name, values in paper_draws(1).items()}
+    quantities = {n: q.value for n, q in PLAIN.quantities.items()}
+    asked = {"parameters": parameters, "specimen": quantities}
+    moving = simulate(
+        "minimum_energy_structure", "ogden_4_units_1", **asked, time=time, voltage=0 * time + 3e3
+    )
+    assert moving.displacement[-1] > 1e-4
+    del parameters["k_1"], parameters["tau_1"], parameters["eta_0"]
+    held = simulate(
+        "minimum_energy_structure", "ogden_4", **asked, displacement=np.linspace(0.0, 0.01, 5),
+        conditions={"voltage": 5e3},
+    )  # fmt: skip
+    assert held.force[0] == pytest.approx(0.149279371, rel=1e-8)

@@ -127,6 +127,10 @@ class System(ABC):
         """
         return None
 
+    def response_to(self, excitation: str) -> str:
+        """The response to an excitation channel where none is named."""
+        return next(iter(self.responses))
+
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
         """In a few words, why each of these draws (W,), which failed, has no response."""
         return np.full(next(iter(draws.values())).shape, "no finite response")

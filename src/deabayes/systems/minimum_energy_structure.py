@@ -249,6 +249,10 @@ class MinimumEnergyStructure(System):
             for name, one in parts[0].items()
         }
 
+    def response_to(self, excitation: str) -> str:
+        """A force over displacements, a displacement under a voltage."""
+        return "force" if excitation == "displacement" else "displacement"
+
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
         """Hinges that would have to push, no stable rest, or a bent branch that was left, (W,)."""
         structure = self.structure(draws)
