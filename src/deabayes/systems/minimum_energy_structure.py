@@ -162,7 +162,8 @@ class MinimumEnergyStructure(System):
         if voltage is None or isinstance(voltage, str):
             raise UserError(
                 "a record of force over displacement needs its constant voltage: a column "
-                "'voltage' in the record, or voltage_kV in experiments.csv"
+                "'voltage' in the record, or voltage_kV in experiments.csv; in Python "
+                "conditions={'voltage': 5000.0}"
             )
 
         def simulate(draws: Draws) -> FloatArray:
