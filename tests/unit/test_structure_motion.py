@@ -37,14 +37,14 @@ def test_golden_periods(kilovolt, frequency):
 
 
 @pytest.mark.parametrize("units", [1, 4])
-def test_tolerance_holds_for_plausible_draws(units):
-    draws, driven = spread_draws(units), sine(5.0, per_period=200)
-    times = np.linspace(0.0, 2.0, 400)
+@pytest.mark.parametrize("frequency", [1.0, 10.0])
+def test_tolerance_holds_for_plausible_draws(units, frequency):
+    draws, driven = spread_draws(units), sine(frequency, per_period=200)
+    times = np.linspace(0.0, 10.0 / frequency, 400)
     fine = structure(f"ogden_4_units_{units}", 1e-9).predict(driven, times, "displacement", draws)
     usual = structure(f"ogden_4_units_{units}").predict(driven, times, "displacement", draws)
     error = np.max(np.abs(usual - fine), axis=1) / np.ptp(fine, axis=1)
-    assert np.max(error) < 4e-6
-    assert np.median(error) < 1e-6
+    assert np.max(error) < 1e-6
 
 
 def _motion(system, draws, driven, times):

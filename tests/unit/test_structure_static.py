@@ -135,6 +135,7 @@ def test_hinge_from_the_frame():
         ({"youngs_modulus": FRAME["youngs_modulus"]}, "add frame_thickness"),
         ({**FRAME, "cutout_radius": Quantity(0.03, "m")}, "twice cutout_radius"),
         ({"rest_angle": Quantity(1.5, "rad")}, "rest_angle must lie"),
+        ({"gravity": Quantity(9.81, "m/s^2", 0.01)}, "gravity is taken as exact"),
     ],
 )
 def test_mistakes_in_the_specimen(changes, message):

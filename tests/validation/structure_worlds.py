@@ -15,17 +15,12 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Role, Specimen
 from deabayes.study import Settings
+from tests.unit import structures
 from tests.validation.worlds import World, blank
 
 PERIODS, PER_PERIOD, KNOTS = 8, 20, 200
 QUANTITIES = {
-    "link_length": Quantity(0.0335, "m"),
-    "mass_centre": Quantity(0.01578, "m"),
-    "link_mass": Quantity(6.03e-4, "kg"),
-    "slider_mass": Quantity(4e-4, "kg"),
-    "rotational_inertia": Quantity(1.5656e-7, "kg*m^2"),
-    "film_thickness": Quantity(4e-5, "m"),
-    "prestretch": Quantity(5.0, "1"),
+    **structures.QUANTITIES,
     "window_area": Quantity(1.5e-3, "m^2", 1.5e-5),
     "rest_angle": Quantity(np.pi / 4.0, "rad", 0.0087),
 }

@@ -105,6 +105,11 @@ class MinimumEnergyStructure(System):
         self.order = self.model.order
         for name in self.required_quantities:
             self.require(name)
+        if "gravity" in specimen.quantities and specimen.quantities["gravity"].sd is not None:
+            raise UserError(
+                f"specimen {specimen.name!r}: gravity is taken as exact; remove its sd from "
+                "quantities in specimen.yaml"
+            )
         rest = specimen.quantities["rest_angle"].value
         if not np.radians(5.0) < rest < STEEPEST:
             raise UserError(
