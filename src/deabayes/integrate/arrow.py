@@ -148,6 +148,35 @@ def fitted_step(proposed: float, remaining: float) -> float:
 
 
 @njit(**KERNEL_OPTIONS)
+def usable(draw: FloatArray, units: FloatArray) -> bool:
+    """Whether all constants of a draw and of its units are finite."""
+    total = 0.0
+    for value in draw:
+        total += 0.0 * value
+    for n in range(units.shape[0]):
+        for value in units[n]:
+            total += 0.0 * value
+    return total == 0.0
+
+
+@njit(**KERNEL_OPTIONS)
+def enter_piece(
+    c: FloatArray,
+    i: int,
+    span: int,
+    first: int,
+    edges: FloatArray,
+    coefficients: FloatArray,
+    piece: int,
+) -> None:
+    """Put a piece of the excitation into lane `i`: 1/its length in the row `span`, its
+    coefficients in the rows from `first` on."""
+    c[span + i] = 1.0 / (edges[piece + 1] - edges[piece])
+    for power in range(coefficients.shape[1]):
+        c[first + power * LANES + i] = coefficients[piece, power]
+
+
+@njit(**KERNEL_OPTIONS)
 def write_outputs(
     times: FloatArray,
     first: int,

@@ -174,7 +174,7 @@ def integrate_with_inertia(
 ) -> None:
     """As `membrane_lanes.integrate`, with `mass` (W,) = rho L^2/3 [Pa s^2]; starts at rest."""
     for w in range(draws.shape[0]):
-        if of._usable(draws[w], units[w]) and np.isfinite(mass[w]):
+        if arrow.usable(draws[w], units[w]) and np.isfinite(mass[w]):
             steps[w], ended[w] = _follow(
                 edges, volts, restart, times, draws[w], units[w], mass[w], stretch[w]
             )

@@ -26,13 +26,6 @@ MOST_STEPS = 200_000
 
 
 @njit(**KERNEL_OPTIONS)
-def _enter_piece(c: FloatArray, i: int, piece: int, edges: FloatArray, volts: FloatArray) -> None:
-    c[k.SPAN + i] = 1.0 / (edges[piece + 1] - edges[piece])
-    for degree in range(k.DEGREE + 1):
-        c[k.V0 + degree * LANES + i] = volts[piece, degree]
-
-
-@njit(**KERNEL_OPTIONS)
 def _load(c: FloatArray, blocks: FloatArray, i: int, draw: FloatArray, units: FloatArray) -> None:
     """Put a draw with its units (n, 4) into lane `i`, at rest."""
     c[START + i], c[k.SPEED + START + i] = draw[OF_START], 0.0
@@ -44,18 +37,6 @@ def _load(c: FloatArray, blocks: FloatArray, i: int, draw: FloatArray, units: Fl
         w = blocks[n]
         w[k.RATE + i], w[k.STIFFNESS + i] = units[n, 0], units[n, 1]
         w[k.WEIGHT + i], w[START + i] = units[n, 2], units[n, 3]
-
-
-@njit(**KERNEL_OPTIONS)
-def _usable(draw: FloatArray, units: FloatArray) -> bool:
-    """Whether all constants of a draw are finite."""
-    total = 0.0
-    for value in draw:
-        total += 0.0 * value
-    for n in range(units.shape[0]):
-        for value in units[n]:
-            total += 0.0 * value
-    return total == 0.0
 
 
 @njit(**KERNEL_OPTIONS)
@@ -111,11 +92,11 @@ def integrate(
             while lane_draw[i] == IDLE and waiting < walkers:
                 w, waiting = waiting, waiting + 1
                 steps[w], ended[w] = 0, np.nan
-                if not _usable(draws[w], units[w]):
+                if not arrow.usable(draws[w], units[w]):
                     angle[w], ended[w] = np.nan, edges[0]
                     continue
                 _load(c, blocks, i, draws[w], units[w])
-                _enter_piece(c, i, 0, edges, volts)
+                arrow.enter_piece(c, i, k.SPAN, k.V0, edges, volts, 0)
                 lane_draw[i], piece[i], output[i] = w, 0, 0
                 now[i], proposed[i] = edges[0], draws[w, OF_STEP]
                 running += 1
@@ -145,7 +126,7 @@ def integrate(
                     lane_draw[i], running = IDLE, running - 1
                 elif last and not lost:
                     piece[i] += 1
-                    _enter_piece(c, i, piece[i], edges, volts)
+                    arrow.enter_piece(c, i, k.SPAN, k.V0, edges, volts, piece[i])
                     if restart[piece[i]] > 0.0:
                         proposed[i] = min(proposed[i], first)
             else:
