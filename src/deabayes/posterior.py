@@ -167,12 +167,12 @@ def build(
         the prior of the parameters of those names, correlations kept.
     """
     system = build_system(specimen.system, candidate, specimen)
-    noise = NOISE_MODELS[study.noise]()
+    solved, noise = system.for_likelihood(), NOISE_MODELS[study.noise]()
     calibrate = [e for e in experiments if e.role == "calibrate"]
     records = tuple(
         Record(
             e,
-            system.simulator(e.excitation, e.coordinate, e.response_name),
+            solved.simulator(e.excitation, e.coordinate, e.response_name),
             noise_group(study, e),
             record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),

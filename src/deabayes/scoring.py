@@ -9,8 +9,11 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
+from deabayes.smc import Schedule, anneal
 
 LogDensity = Callable[[FloatArray], FloatArray]
+ON_THE_WAY = Schedule(final_rounds=(0, 0))
+"""For a ratio of normalising constants: no draw at the end of the way counts."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +137,6 @@ def leave_one_experiment_out(
     normalising constants along the way is the wanted density. Empty for a
     single experiment.
     """
-    from deabayes.smc import anneal
-
     rows: dict[str, list[str]] = {}
     for record in target.records:
         rows.setdefault(record.experiment.row, []).append(record.experiment.name)
@@ -147,6 +148,6 @@ def leave_one_experiment_out(
         def removed(z: FloatArray, members: Sequence[str] = tuple(members)) -> FloatArray:
             return -target.log_likelihood(target.prior.to_parameters(z), members)
 
-        result = anneal(z, target, removed, np.random.default_rng(stream))
+        result = anneal(z, target, removed, np.random.default_rng(stream), ON_THE_WAY)
         scores[name] = -result.log_evidence
     return scores

@@ -23,6 +23,7 @@ from deabayes.prior import Prior
 from deabayes.proposal import Part, Proposal
 from deabayes.run import Run, Target
 from deabayes.sampling import pool, run_ensemble
+from deabayes.scoring import ON_THE_WAY
 from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
 from deabayes.unit_hop import UnitHop
@@ -260,18 +261,20 @@ def test_evidence_and_annealing_out_of_a_record():
     def second(z):
         return log_normal(z, 0.9, 0.4).sum(1)
 
-    rng = np.random.default_rng(1)
-    both = from_prior(lambda z: first(z) + second(z), 3, 2048, rng)
-    without = anneal(
-        both.particles,
-        lambda z: first(z) + second(z) + log_standard_normal(z),
-        lambda z: -second(z),
-        rng,
-    )
+    def joint(z):
+        return first(z) + second(z) + log_standard_normal(z)
+
+    def out(schedule=None):
+        rng = np.random.default_rng(2)
+        return anneal(both.particles, joint, lambda z: -second(z), rng, schedule)
+
+    both = from_prior(lambda z: first(z) + second(z), 3, 2048, np.random.default_rng(1))
+    without = out()
     variance = 1 / (1 + 1 / 0.09)
     predictive = log_normal(0.9, variance * 0.5 / 0.09, np.sqrt(variance + 0.16))
     alone = log_normal(0.5, 0.0, np.sqrt(1.09))
     assert both.log_evidence == pytest.approx(3 * (alone + predictive), abs=0.25)
     assert -without.log_evidence == pytest.approx(3 * predictive, abs=0.15)
+    assert out(ON_THE_WAY).log_evidence == without.log_evidence
     assert without.particles.mean() == pytest.approx(variance * 0.5 / 0.09, abs=0.03)
     assert without.particles.std() == pytest.approx(np.sqrt(variance), rel=0.05)

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.structures import PLAIN, paper_draws, pull, specimen, spread_draws, structure
+from tests.unit.structures import (
+    PLAIN,
+    paper_draws,
+    pull,
+    sine,
+    specimen,
+    spread_draws,
+    structure,
+)
 
 from deabayes.experiment import Experiment, Quantity
 from deabayes.posterior import build
@@ -41,6 +50,34 @@ def test_a_measured_hinge_is_in_the_likelihood():
     difference = measured.log_likelihood(theta) - without
     kept = np.isfinite(difference)
     assert difference[kept] == pytest.approx(expected[kept], rel=1e-6)
+
+
+def motion_record():
+    time, driven = np.linspace(0.0, 2.0, 200), sine(5.0, 10, per_period=200)
+    exact = structure("ogden_4_units_4", 1e-9).predict(driven, time, "displacement", paper_draws())
+    return Experiment(
+        "sine_5kV_5Hz", "sine", "calibrate", "time", "s", time,
+        "displacement", "m", exact[0], np.ones(200), driven,
+    )  # fmt: skip
+
+
+def test_the_solver_of_a_likelihood_is_looser_and_moves_it_by_hundredths():
+    record = motion_record()
+    study = Study("s", Path(), ("ogden_4_units_4",))
+    found = build(study, "ogden_4_units_4", PLAIN, [record])
+    solved = structure("ogden_4_units_4", 1e-9)
+    simulate_well = solved.simulator(record.excitation, record.coordinate, "displacement")
+    exact = replace(found, records=(replace(found.records[0], simulate=simulate_well),))
+    draws = spread_draws(4, 40, sd=0.003)
+    size = np.ptp(record.response)
+    noise = {"sigma_white": 1e-3 * size, "sigma_ou": 1e-3 * size, "tau_ou": 0.02}
+    draws |= {f"sine.{name}": np.full(40, value) for name, value in noise.items()}
+    theta = np.stack([draws[name] for name in found.names], axis=1)
+    difference = found.log_likelihood(theta) - exact.log_likelihood(theta)
+    assert 0.0 < np.std(difference) < 0.01
+    assert np.abs(difference).max() < 0.03
+    assert found.system.tolerance == 1e-6, "predictions are solved as well as before"
+    assert solved.for_likelihood() is solved
 
 
 def test_the_prior_is_that_of_the_film_s_stress_at_rest():

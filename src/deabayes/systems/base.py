@@ -101,6 +101,10 @@ class System(ABC):
         changes another's row.
         """
 
+    def for_likelihood(self) -> System:
+        """The same model, solved only as accurately as a likelihood needs; itself unless slow."""
+        return self
+
     def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
         """log p of what was measured on the specimen and the model derives, (W,)."""
         return np.zeros(next(iter(draws.values())).shape)

@@ -38,6 +38,8 @@ from deabayes.systems.structure_motion import Motion, follow
 from deabayes.systems.structure_static import STEEPEST, Structure
 
 DEFAULT_TOLERANCE = 1e-6
+LIKELIHOOD_TOLERANCE = 1e-5
+"""Moves the log-likelihood of the reference specimen's sines by 0.003, in 0.6 of the time."""
 DRIVE_TOLERANCE = 0.1
 """Of the tolerance: for the voltage, relative to its peak."""
 AT_VOLTAGE = 5e3
@@ -223,6 +225,12 @@ class MinimumEnergyStructure(System):
             raise UserError("excitation 'voltage': times must ascend; sort the record by time")
         tolerance = DRIVE_TOLERANCE * self.tolerance
         return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
+
+    def for_likelihood(self) -> System:
+        """Itself, solved to `LIKELIHOOD_TOLERANCE` where it is asked for no more than usual."""
+        if self.tolerance != DEFAULT_TOLERANCE:
+            return self
+        return MinimumEnergyStructure(self.candidate, self.specimen, LIKELIHOOD_TOLERANCE)
 
     def structure(self, draws: Draws) -> Structure:
         """The constants of the draws."""
