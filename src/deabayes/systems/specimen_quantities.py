@@ -78,5 +78,4 @@ def positive(values: FloatArray) -> FloatArray:
 
 def filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
     """A quantity per draw, (W,)."""
-    values = np.broadcast_to(positive(quantity(specimen, name, draws)), like.shape)
-    return np.ascontiguousarray(values)
+    return np.full(like.shape, positive(quantity(specimen, name, draws)))
