@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.checkpoint import Arrays, Store
 from deabayes.diagnostics import Convergence, assess
@@ -23,6 +24,9 @@ REFIT, CONTINUED = range(2)
 MOST_REFITS = 6
 LEFT_AFTER_REFIT = 2.0
 """Times what it throws away that the budget must leave after a refit."""
+LEAST_EFFECTIVE = 3
+"""Effective draws per square of the dimension that a refit needs; and growth since the last."""
+EFFECTIVE_GROWTH = 1.5
 REFITTED_COMPONENTS = 16
 REFIT_SAMPLE = 20000
 DROPPED_AFTER_REFIT = 0.1
@@ -61,7 +65,8 @@ def pool(
     Only what follows the last refit is kept. Goes on in rounds until every gate passes
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
     refitted again, a few times at most, while runs are far from long enough and the budget
-    leaves much more than a refit throws away.
+    leaves much more than a refit throws away. A refit to few effective draws spoils a proposal:
+    until there are enough, and more than the last refit had, runs go on with what they have.
 
     Parameters
     ----------
@@ -73,14 +78,17 @@ def pool(
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
     store, refits, current = Store(folder), 0, tuple(ensembles)
-    total, most, runs = 0, 0, list[Run]()
+    total, most, runs, fitted_to = 0, 0, list[Run](), np.zeros(len(current))
     while not convergence.converged:
+        effective = _effective_draws(convergence, current)
+        ample = effective > np.maximum(_least_effective(current), EFFECTIVE_GROWTH * fitted_to)
         refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
-        if not runs or (refit_pays and _hopeless(total, convergence, settings)):
+        if not runs or (ample.any() and refit_pays and _hopeless(total, convergence, settings)):
             ensembles, total, refits = current, 0, refits + 1
-            inside = store.sub(f"refit_{refits}")
+            fitted_to = np.where(ample, effective, fitted_to)
+            inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
             target = Target(log_likelihood, hop)
-            runs = _runs(target, ensembles, settings, stage_seed(seed, refits), inside)
+            runs = _runs(target, ensembles, settings, stream, inside, ample)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
@@ -99,12 +107,13 @@ def _runs(
     settings: Sampling,
     seed: np.random.SeedSequence,
     store: Store,
+    refit: NDArray[np.bool_],
 ) -> list[Run]:
-    """Each ensemble, ready to go on from its last step with a refitted proposal."""
+    """Each ensemble, ready to go on from its last step, with a refitted proposal or its own."""
     return [
         Run(
             replace(target),
-            _refit(store, ensembles, index, seed),
+            _refit(store, ensembles, index, seed) if refit[index] else ensemble.proposal,
             (ensemble.chain[-1], ensemble.log_posterior[-1]),
             stage_seed(seed, CONTINUED, index),
             store.sub(f"continued_{index}"),
@@ -187,8 +196,19 @@ def _continue(
         replaced_walkers=first.replaced_walkers,
         evaluations=np.asarray([first.evaluations, first.failures]),
         steps_before=first.steps,
-        refitted=True,
+        refitted=first.refitted or run.proposal is not first.proposal,
     )
+
+
+def _effective_draws(convergence: Convergence, ensembles: Sequence[Ensemble]) -> FloatArray:
+    """Effective draws that a refit of each proposal is made from: half of the other runs'."""
+    times = np.nan_to_num(convergence.autocorrelation_times)
+    others = times.sum() - times if len(times) > 1 else times
+    return np.asarray(0.5 * others * ensembles[0].chain.shape[1])
+
+
+def _least_effective(ensembles: Sequence[Ensemble]) -> float:
+    return LEAST_EFFECTIVE * float(ensembles[0].chain.shape[2]) ** 2
 
 
 def _wanted(total: int, convergence: Convergence, settings: Sampling) -> float:

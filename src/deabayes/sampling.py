@@ -139,8 +139,10 @@ def _start(
 
     The particles may be far from where the posterior's mass is, or on a part of it only (a
     record with little noise makes it a thin curved sheet that few moves of the warm-up
-    follow), so walkers settle in rounds, each with a proposal refitted to the rounds before,
-    until the log-posterior stands still and a round holds several autocorrelation times.
+    follow), so walkers settle in rounds until the log-posterior stands still and a round holds
+    several autocorrelation times. Each has a proposal refitted to the rounds before, which are
+    nearer, and to the particles, which are more nearly independent: to few effective draws a
+    proposal is fitted badly, however many there are.
     Rounds grow where it stands still but a round is too short. All their draws are dropped.
     """
     from deabayes.moves import build_sampler, initial_state
@@ -149,6 +151,7 @@ def _start(
     walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
     proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
     log_posterior = target(walkers)
+    particles = warm["particles"], warm["log_posterior"]
     draws: list[tuple[FloatArray, FloatArray]] = []
     rounds: list[Round] = []
     steps, spent = SETTLING_STEPS, 0
@@ -162,7 +165,7 @@ def _start(
         )
         walkers, log_posterior = state.coords, state.log_prob
         draws = [*draws[-2:], (sampler.get_chain(flat=True), sampler.get_log_prob(flat=True))]
-        z, densities = (np.concatenate(parts) for parts in zip(*draws, strict=True))
+        z, densities = (np.concatenate(parts) for parts in zip(particles, *draws, strict=True))
         proposal = fit(z, SETTLED_COMPONENTS, rng, densities)
         rounds.append(Round.of(sampler.get_chain(), draws[-1][1], rounds))
         spent += steps

@@ -135,8 +135,9 @@ def anneal(
         betas.append(1.0 if step >= 1.0 - betas[-1] else betas[-1] + step)
         ratio += log_mean
         passed.append(cloud.z.copy())
+        proposal = fit(cloud.z, schedule.components, rng)
         cloud.resample(step)
-        rounds += cloud.forget(betas[-1], schedule)
+        rounds += cloud.forget(betas[-1], schedule, proposal)
         if report is not None:
             report(betas[-1], rounds)
     broad, early = passed[-1], passed[len(passed) // 2]
@@ -204,14 +205,18 @@ class _Cloud:
         self.z, self.base = self.z[chosen], self.base[chosen]
         self.increment = self.increment[chosen]
 
-    def forget(self, beta: float, schedule: Schedule) -> int:
-        """Move until the start is forgotten; the number of rounds made."""
+    def forget(self, beta: float, schedule: Schedule, proposal: Proposal) -> int:
+        """Move until the start is forgotten; the number of rounds made.
+
+        The proposal is that of the density before: wider, and fitted to particles of which
+        none is another's copy. It is refitted as rounds go on.
+        """
         last = beta == 1.0
         fewest, most = schedule.final_rounds if last else schedule.rounds
         limit = schedule.final_forgotten if last else schedule.forgotten
         start = self.z.copy()
         for made in range(1, most + 1):
-            if made == 1 or (last and made % REFIT_ROUNDS == 1):
+            if made % REFIT_ROUNDS == 0:
                 proposal = fit(self.z, schedule.components, self.rng)
             self._differential_evolution(beta)
             self._independence(beta, proposal)
