@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,15 @@ class Record:
     def weights(self) -> FloatArray:
         """Variance of each point's white noise relative to one raw sample's."""
         return 1.0 / self.experiment.samples_averaged
+
+    def solved_by(self, system: System) -> Record:
+        """The same record with the forward model of a system."""
+        return replace(self, simulate=simulator_of(system, self.experiment))
+
+
+def simulator_of(system: System, experiment: Experiment) -> Simulator:
+    """The forward model of an experiment at its own points."""
+    return system.simulator(experiment.excitation, experiment.coordinate, experiment.response_name)
 
 
 @dataclass
@@ -133,6 +142,13 @@ class LogPosterior:
         """log L(theta(z)) + log N(z; 0, I), (W,)."""
         return self.log_likelihood_of_normal(z) + log_standard_normal(z)
 
+    def rough(self) -> LogPosterior:
+        """The same, solved less accurately where that is quicker: for draws that are dropped."""
+        system = self.system.for_likelihood(rough=True)
+        if system is self.system:
+            return self
+        return replace(self, records=tuple(record.solved_by(system) for record in self.records))
+
     def noise_draws(self, draws: Mapping[str, FloatArray], group: str) -> dict[str, FloatArray]:
         """The noise parameters of one group without their prefix."""
         prefix = f"{group}."
@@ -172,7 +188,7 @@ def build(
     records = tuple(
         Record(
             e,
-            solved.simulator(e.excitation, e.coordinate, e.response_name),
+            simulator_of(solved, e),
             noise_group(study, e),
             record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),

@@ -49,6 +49,7 @@ def run_ensemble(
     folder: Path | None = None,
     progress: bool = False,
     hop: Hop | None = None,
+    rough: LogDensity | None = None,
 ) -> Ensemble:
     """Sample one ensemble until it is long enough by itself or its share of the budget is used.
 
@@ -57,6 +58,7 @@ def run_ensemble(
     log_likelihood : z (W, d) -> (W,); NaN or -inf where the model fails.
     folder : checkpoints, to be keyed by data, settings and code by the caller.
     hop : a proposal of the model's own between modes (see `unit_hop`).
+    rough : a cheaper log_likelihood, nearly the same, for the draws that are dropped.
 
     Raises
     ------
@@ -64,18 +66,19 @@ def run_ensemble(
     """
     _check(dimension, settings)
     store, target = Store(folder), Target(log_likelihood, hop)
+    dropped = Target(rough or log_likelihood, hop)
     warm = store.once(
         "warm_up",
-        lambda: target.counted(lambda: _warm_up(target, dimension, settings, seed, progress)),
+        lambda: dropped.counted(lambda: _warm_up(dropped, dimension, settings, seed, progress)),
     )
     start = store.once(
-        "start", lambda: target.counted(lambda: _start(target, warm, settings, seed))
+        "start", lambda: dropped.counted(lambda: _start(dropped, warm, settings, seed))
     )
     limit = settings.max_steps if settings.ensembles == 1 else FIRST_PASS_SHARE * settings.max_steps
     run = Run(
         target,
         Proposal.from_arrays(start),
-        (start["walkers"], start["walkers_log_posterior"]),
+        (start["walkers"], target(start["walkers"])),
         stage_seed(seed, SAMPLING),
         store.sub("chain"),
         settings,
@@ -174,7 +177,6 @@ def _start(
     return {
         **proposal.arrays(),
         "walkers": walkers,
-        "walkers_log_posterior": log_posterior,
         "replaced": np.asarray(replaced),
     }
 

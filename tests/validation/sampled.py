@@ -72,7 +72,11 @@ def sample(
     began = time.process_time()
     *streams, pooling = seed.spawn(settings.ensembles + 1)
     likelihood, hop = target.log_likelihood_of_normal, UnitHop.of(target.prior)
-    ensembles = [run_ensemble(likelihood, target.dimension, settings, s, hop=hop) for s in streams]
+    rough = target.rough().log_likelihood_of_normal
+    ensembles = [
+        run_ensemble(likelihood, target.dimension, settings, stream, hop=hop, rough=rough)
+        for stream in streams
+    ]
     pooled = pool(
         likelihood,
         ensembles,

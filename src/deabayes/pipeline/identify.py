@@ -42,6 +42,7 @@ def fit_ensemble(
         chain_folder(study, candidate, prepared, output.parent.parent) / f"ensemble_{ensemble}",
         progress,
         UnitHop.of(target.prior),
+        target.rough().log_likelihood_of_normal,
     )
     result.write(output)
 

@@ -101,8 +101,13 @@ class System(ABC):
         changes another's row.
         """
 
-    def for_likelihood(self) -> System:
-        """The same model, solved only as accurately as a likelihood needs; itself unless slow."""
+    def for_likelihood(self, rough: bool = False) -> System:
+        """The same model, solved only as accurately as a likelihood needs; itself unless slow.
+
+        Parameters
+        ----------
+        rough : for draws that are dropped, before sampling proper.
+        """
         return self
 
     def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:

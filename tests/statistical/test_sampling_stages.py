@@ -1,0 +1,57 @@
+"""What happens before sampling proper, and when proposals are refitted."""
+
+import numpy as np
+import pytest
+
+from deabayes.ensemble import Ensemble
+from deabayes.pooling import pool
+from deabayes.proposal import fit
+from deabayes.sampling import run_ensemble
+from deabayes.smc import log_standard_normal
+from deabayes.study import Sampling
+
+SETTINGS = Sampling(ensembles=2, walkers=32, particles=256, max_steps=4000)
+
+
+def shifted(z):
+    return -0.5 * np.sum((z - 0.5) ** 2, axis=1) / 0.3**2
+
+
+def test_a_rough_likelihood_serves_what_is_dropped_only():
+    seen = []
+
+    def rough(z):
+        seen.append(len(z))
+        return shifted(z) + 5.0 + 0.01 * z[:, 0]
+
+    found = run_ensemble(shifted, 2, SETTINGS, np.random.SeedSequence(1), rough=rough)
+    z = found.chain.reshape(-1, 2)
+    expected = shifted(z) + log_standard_normal(z)
+    assert found.log_posterior.ravel() == pytest.approx(expected)
+    assert 1000 < sum(seen) < found.evaluations
+    assert z.mean() == pytest.approx(0.5 / 1.09, abs=0.02)
+
+
+def slow_run(rng, walkers, dimension, steps, times):
+    """A stationary run of a unit Gaussian that is `times` autocorrelation times long."""
+    keep = np.exp(-2.0 * times / steps)
+    chain = rng.standard_normal((steps, walkers, dimension))
+    for now in range(1, steps):
+        chain[now] = keep * chain[now - 1] + np.sqrt(1 - keep**2) * chain[now]
+    proposal = fit(rng.standard_normal((4000, dimension)), 1, rng)
+    log_posterior = log_standard_normal(chain.reshape(-1, dimension)).reshape(steps, walkers)
+    return Ensemble(
+        chain, log_posterior, proposal, steps=steps, burn_in=0, thin=1, acceptance=0.3,
+        autocorrelation_time=steps / times, replaced_walkers=0, evaluations=0, failures=0,
+        enough=False,
+    )  # fmt: skip
+
+
+def test_a_proposal_is_refitted_to_enough_effective_draws_of_the_others_only():
+    """Six dimensions ask for 108: the first run's others offer 32 * 3 / 2, the second's 1600."""
+    rng = np.random.default_rng(3)
+    runs = [slow_run(rng, 32, 6, 400, times) for times in (100, 3)]
+    settings = Sampling(ensembles=2, walkers=32, max_steps=500)
+    pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(4))
+    assert [run.refitted for run in pooled.ensembles] == [False, True]
+    assert pooled.ensembles[0].proposal is runs[0].proposal
