@@ -77,7 +77,7 @@ def test_the_solver_of_a_likelihood_is_looser_and_moves_it_by_hundredths():
     assert 0.0 < np.std(difference) < 0.01
     assert np.abs(difference).max() < 0.03
     rougher = found.rough().log_likelihood(theta) - exact.log_likelihood(theta)
-    assert np.std(difference) < np.std(rougher) < 0.1
+    assert np.std(difference) < np.std(rougher) < 0.5
     assert found.system.tolerance == 1e-6, "predictions are solved as well as before"
     assert solved.for_likelihood() is solved
     assert replace(found, system=solved).rough().records is found.records
