@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.checkpoint import Arrays, Store
 from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
-from deabayes.proposal import Proposal, fit
+from deabayes.proposal import Proposal
+from deabayes.refit import better_proposal
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.smc import Hop, LogDensity
 from deabayes.study import Sampling
@@ -24,11 +24,8 @@ REFIT, CONTINUED = range(2)
 MOST_REFITS = 6
 LEFT_AFTER_REFIT = 2.0
 """Times what it throws away that the budget must leave after a refit."""
-LEAST_EFFECTIVE = 3
-"""Effective draws per square of the dimension that a refit needs; and growth since the last."""
-EFFECTIVE_GROWTH = 1.5
-REFITTED_COMPONENTS = 16
-REFIT_SAMPLE = 20000
+GROWTH = 1.5
+"""Of the runs' length in autocorrelation times since the last refit, before the next."""
 DROPPED_AFTER_REFIT = 0.1
 
 
@@ -65,8 +62,7 @@ def pool(
     Only what follows the last refit is kept. Goes on in rounds until every gate passes
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
     refitted again, a few times at most, while runs are far from long enough and the budget
-    leaves much more than a refit throws away. A refit to few effective draws spoils a proposal:
-    until there are enough, and more than the last refit had, runs go on with what they have.
+    leaves much more than a refit throws away, and then only to longer runs than the last time.
 
     Parameters
     ----------
@@ -78,17 +74,16 @@ def pool(
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
     store, refits, current = Store(folder), 0, tuple(ensembles)
-    total, most, runs, fitted_to = 0, 0, list[Run](), np.zeros(len(current))
+    total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
-        effective = _effective_draws(convergence, current)
-        ample = effective > np.maximum(_least_effective(current), EFFECTIVE_GROWTH * fitted_to)
+        times = float(np.nansum(convergence.autocorrelation_times))
         refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
-        if not runs or (ample.any() and refit_pays and _hopeless(total, convergence, settings)):
-            ensembles, total, refits = current, 0, refits + 1
-            fitted_to = np.where(ample, effective, fitted_to)
-            inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
+        refit_pays = refit_pays and times > GROWTH * seen
+        if not runs or (refit_pays and _hopeless(total, convergence, settings)):
+            ensembles, total, refits, seen = current, 0, refits + 1, times
+            inside = store.sub(f"refit_{refits}")
             target = Target(log_likelihood, hop)
-            runs = _runs(target, ensembles, settings, stream, inside, ample)
+            runs = _runs(target, ensembles, settings, stage_seed(seed, refits), inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
@@ -107,13 +102,12 @@ def _runs(
     settings: Sampling,
     seed: np.random.SeedSequence,
     store: Store,
-    refit: NDArray[np.bool_],
 ) -> list[Run]:
     """Each ensemble, ready to go on from its last step, with a refitted proposal or its own."""
     return [
         Run(
             replace(target),
-            _refit(store, ensembles, index, seed) if refit[index] else ensemble.proposal,
+            _refit(store, ensembles, index, seed),
             (ensemble.chain[-1], ensemble.log_posterior[-1]),
             stage_seed(seed, CONTINUED, index),
             store.sub(f"continued_{index}"),
@@ -164,24 +158,17 @@ def _coordinates(z: FloatArray) -> dict[str, FloatArray]:
 def _refit(
     store: Store, ensembles: Sequence[Ensemble], index: int, seed: np.random.SeedSequence
 ) -> Proposal:
-    """Fit a proposal to the pooled second halves of the other ensembles."""
-
-    dimension = ensembles[index].chain.shape[2]
+    """The proposal of an ensemble refitted to the others, or its own where that is better."""
+    own = ensembles[index].proposal
 
     def compute() -> Arrays:
         others = [each for other, each in enumerate(ensembles) if other != index] or ensembles
-        halves = [slice(len(each.chain) // 2, None) for each in others]
-        pairs = list(zip(others, halves, strict=True))
-        draws = np.concatenate([each.chain[half].reshape(-1, dimension) for each, half in pairs])
-        density = np.concatenate([each.log_posterior[half].ravel() for each, half in pairs])
         rng = np.random.default_rng(stage_seed(seed, REFIT, index))
-        chosen = rng.choice(len(draws), min(REFIT_SAMPLE, len(draws)), replace=False)
-        proposal = fit(
-            draws[chosen], REFITTED_COMPONENTS, rng, density[chosen], may_split=True, fine=True
-        )
-        return proposal.arrays()
+        found = better_proposal(own, others, rng)
+        return {"refitted": np.asarray(found is not own), **found.arrays()}
 
-    return Proposal.from_arrays(store.once(f"refitted_{index}", compute))
+    arrays = store.once(f"refitted_{index}", compute)
+    return Proposal.from_arrays(arrays) if arrays["refitted"] else own
 
 
 def _continue(
@@ -198,17 +185,6 @@ def _continue(
         steps_before=first.steps,
         refitted=first.refitted or run.proposal is not first.proposal,
     )
-
-
-def _effective_draws(convergence: Convergence, ensembles: Sequence[Ensemble]) -> FloatArray:
-    """Effective draws that a refit of each proposal is made from: half of the other runs'."""
-    times = np.nan_to_num(convergence.autocorrelation_times)
-    others = times.sum() - times if len(times) > 1 else times
-    return np.asarray(0.5 * others * ensembles[0].chain.shape[1])
-
-
-def _least_effective(ensembles: Sequence[Ensemble]) -> float:
-    return LEAST_EFFECTIVE * float(ensembles[0].chain.shape[2]) ** 2
 
 
 def _wanted(total: int, convergence: Convergence, settings: Sampling) -> float:

@@ -229,7 +229,7 @@ def test_chunks_are_one_chain():
 def test_a_budget_too_small_is_said():
     result = sample(ridge, 2, max_steps=100)
     assert not result.convergence.converged
-    assert all(ensemble.steps <= 100 and ensemble.refitted for ensemble in result.ensembles)
+    assert all(ensemble.steps <= 100 for ensemble in result.ensembles)
     assert any("sample longer" in reason for reason in result.convergence.reasons)
 
 

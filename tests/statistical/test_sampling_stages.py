@@ -1,11 +1,14 @@
 """What happens before sampling proper, and when proposals are refitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from deabayes.ensemble import Ensemble
 from deabayes.pooling import pool
 from deabayes.proposal import fit
+from deabayes.refit import better_proposal
 from deabayes.sampling import run_ensemble
 from deabayes.smc import log_standard_normal
 from deabayes.study import Sampling
@@ -32,26 +35,32 @@ def test_a_rough_likelihood_serves_what_is_dropped_only():
     assert z.mean() == pytest.approx(0.5 / 1.09, abs=0.02)
 
 
-def slow_run(rng, walkers, dimension, steps, times):
-    """A stationary run of a unit Gaussian that is `times` autocorrelation times long."""
+def slow_run(rng, walkers, steps, times, own):
+    """A stationary run of a unit Gaussian, `times` autocorrelation times long, and its proposal."""
     keep = np.exp(-2.0 * times / steps)
-    chain = rng.standard_normal((steps, walkers, dimension))
+    chain = rng.standard_normal((steps, walkers, own.dimension))
     for now in range(1, steps):
         chain[now] = keep * chain[now - 1] + np.sqrt(1 - keep**2) * chain[now]
-    proposal = fit(rng.standard_normal((4000, dimension)), 1, rng)
-    log_posterior = log_standard_normal(chain.reshape(-1, dimension)).reshape(steps, walkers)
+    flat = chain.reshape(-1, own.dimension)
     return Ensemble(
-        chain, log_posterior, proposal, steps=steps, burn_in=0, thin=1, acceptance=0.3,
-        autocorrelation_time=steps / times, replaced_walkers=0, evaluations=0, failures=0,
-        enough=False,
+        chain, log_standard_normal(flat).reshape(steps, walkers), own, steps=steps, burn_in=0,
+        thin=1, acceptance=0.3, autocorrelation_time=steps / times, replaced_walkers=0,
+        evaluations=0, failures=0, enough=False,
     )  # fmt: skip
 
 
-def test_a_proposal_is_refitted_to_enough_effective_draws_of_the_others_only():
-    """Six dimensions ask for 108: the first run's others offer 32 * 3 / 2, the second's 1600."""
+def test_a_proposal_is_refitted_where_that_is_better():
+    """Both runs hold fair proposals, but only the first's draws are fit to better the second's."""
     rng = np.random.default_rng(3)
-    runs = [slow_run(rng, 32, 6, 400, times) for times in (100, 3)]
+    fair = fit(1.1 * rng.standard_normal((4000, 6)), 1, rng)
+    poor = fit(0.5 * rng.standard_normal((4000, 6)) + 0.3, 1, rng)
+    long, short = slow_run(rng, 32, 400, 100, fair), slow_run(rng, 32, 400, 2, fair)
+    assert better_proposal(fair, [short], rng) is fair
+    again = better_proposal(poor, [long], rng)
+    z = rng.standard_normal((2000, 6))
+    assert again.log_density(z).mean() > fair.log_density(z).mean() - 0.1
+    runs = [long, replace(short, proposal=poor)]
     settings = Sampling(ensembles=2, walkers=32, max_steps=500)
     pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(4))
     assert [run.refitted for run in pooled.ensembles] == [False, True]
-    assert pooled.ensembles[0].proposal is runs[0].proposal
+    assert pooled.ensembles[0].proposal is fair
