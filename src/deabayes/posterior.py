@@ -111,7 +111,8 @@ class LogPosterior:
     def log_likelihood(
         self, theta: FloatArray, experiments: Sequence[str] | None = None
     ) -> FloatArray:
-        """log L(theta), (W,); `experiments` limits the sum to those records.
+        """log L(theta), (W,); `experiments` limits the sum to those records, without the data on
+        the specimen itself (`System.log_likelihood_of_quantities`).
 
         A proposal far outside the prior may overflow: it fails, and is counted, in silence.
         """
@@ -126,7 +127,8 @@ class LogPosterior:
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
                 total += record.scale.log_derivative(record.experiment.response).sum()
-            total += self.system.log_likelihood_of_quantities(draws)
+            if experiments is None:
+                total += self.system.log_likelihood_of_quantities(draws)
         self.failures.evaluations += total.size
         finite = np.isfinite(total)
         self.failures.failed += int(total.size - finite.sum())

@@ -50,6 +50,8 @@ def test_a_measured_hinge_is_in_the_likelihood():
     difference = measured.log_likelihood(theta) - without
     kept = np.isfinite(difference)
     assert difference[kept] == pytest.approx(expected[kept], rel=1e-6)
+    alone = measured.log_likelihood(theta, [record.name])
+    assert alone[kept] == pytest.approx(without[kept]), "the hinge is no part of a record"
 
 
 def motion_record():
