@@ -28,7 +28,9 @@ SAMPLING = modules(
     "checkpoint.py",
     "diagnostics.py",
 )
-POOLING = modules("pooling.py", "diagnostics.py", "posterior_*.py", "storage.py")
+POOLING = modules(
+    "pooling.py", "diagnostics.py", "posterior_*.py", "power_scaling.py", "storage.py"
+)
 
 
 rule compile:
