@@ -13,6 +13,9 @@ SENSITIVE = 0.05
 """From here on a quantity counts as moved (Kallioinen et al. 2024)."""
 UNRELIABLE_K_HAT = 0.7
 """Weights with a larger Pareto shape are not relied on (Vehtari et al. 2024, JMLR 25(72))."""
+EVEN = 0.01
+"""Log-weights that differ by less have no tail to smooth: a component that is constant but for
+rounding leaves only its rounding to fit one to."""
 
 
 def sensitivities(
@@ -40,10 +43,8 @@ def sensitivities(
     -------
     dict
         NaN where it is not known: weights too unequal (Pareto k-hat above 0.7), too few draws,
-        draws that are no number or do not vary. 0 where the component does not vary.
+        draws that are no number or do not vary.
     """
-    if np.all(np.isfinite(log_component)) and np.ptp(log_component) == 0.0:
-        return {name: 0.0 if _varies(draws) else np.nan for name, draws in quantities.items()}
     weights = [_weights((alpha - 1.0) * log_component) for alpha in ALPHAS]
     return {name: _slope(draws, weights) for name, draws in quantities.items()}
 
@@ -54,10 +55,12 @@ def _weights(log_weights: FloatArray) -> FloatArray | None:
 
     if not np.all(np.isfinite(log_weights)):
         return None
-    try:
-        smoothed, k_hat = array_stats.psislw(-log_weights, r_eff=1.0)
-    except ValueError:  # too few draws for a tail, or a tail of equal ones
-        return None
+    smoothed, k_hat = log_weights, 0.0
+    if np.ptp(log_weights) > EVEN:
+        try:
+            smoothed, k_hat = array_stats.psislw(-log_weights, r_eff=1.0)
+        except ValueError:  # too few draws for a tail, or a tail of equal ones
+            return None
     if not float(k_hat) <= UNRELIABLE_K_HAT:
         return None
     weights = np.exp(smoothed - np.max(smoothed))

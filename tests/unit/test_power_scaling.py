@@ -72,7 +72,8 @@ def test_what_the_data_say_nothing_of_moves_with_the_prior_only() -> None:
     rng = np.random.default_rng(2)
     z = rng.standard_normal(DRAWS)
     told = 0.1 * rng.standard_normal(DRAWS)
-    assert sensitivities(np.full(DRAWS, -3.0), {"z": z}) == {"z": 0.0}
+    for flat in (np.full(DRAWS, -3.0), 1e3 + 1e-13 * z**2):
+        assert sensitivities(flat, {"z": z})["z"] < 1e-4
     likelihood = sensitivities(-0.5 * (told / 0.1) ** 2, {"z": z, "told": told})
     assert likelihood["z"] < 0.01 < SENSITIVE < likelihood["told"]
     assert sensitivities(-0.5 * z**2, {"z": z})["z"] > SENSITIVE
