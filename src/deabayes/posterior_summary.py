@@ -75,9 +75,10 @@ def power_sensitivities(
     log_prior = log_standard_normal(content.z.reshape(-1, content.target.dimension))
     log_likelihood = content.log_posterior.reshape(-1) - log_prior
     draws = {name: _scaled(posterior[name], prior[name])[0] for name in posterior}
+    effective = content.diagnostics["ess_bulk"].clip(upper=log_prior.size).to_dict()
     return {
-        "prior_sensitivity": sensitivities(log_prior, draws),
-        "likelihood_sensitivity": sensitivities(log_likelihood, draws),
+        "prior_sensitivity": sensitivities(log_prior, draws, effective),
+        "likelihood_sensitivity": sensitivities(log_likelihood, draws, effective),
     }
 
 

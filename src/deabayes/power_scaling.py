@@ -16,10 +16,16 @@ UNRELIABLE_K_HAT = 0.7
 EVEN = 0.01
 """Log-weights that differ by less have no tail to smooth: a component that is constant but for
 rounding leaves only its rounding to fit one to."""
+BY_CHANCE = 0.5
+"""Of quantities that do not move, 95 % show less than this times sd(log c) / sqrt(draws).
+
+Measured on 150 sets of 400 to 8000 independent normal draws with 15 parameters: 0.46 to 0.53."""
 
 
 def sensitivities(
-    log_component: FloatArray, quantities: Mapping[str, FloatArray]
+    log_component: FloatArray,
+    quantities: Mapping[str, FloatArray],
+    effective_draws: Mapping[str, float],
 ) -> dict[str, float]:
     r"""Power-scaling sensitivity of every quantity to one component of the posterior.
 
@@ -38,15 +44,22 @@ def sensitivities(
     ----------
     log_component : (S,) log c of every draw, up to a constant.
     quantities : draws (S,) by name.
+    effective_draws : how many independent draws those are worth, by name.
 
     Returns
     -------
     dict
-        NaN where it is not known: weights too unequal (Pareto k-hat above 0.7), too few draws,
-        draws that are no number or do not vary.
+        NaN where it is not known: weights too unequal (Pareto k-hat above 0.7), no more than
+        chance would show where that may reach `SENSITIVE` (too few draws), draws that are no
+        number or do not vary.
     """
     weights = [_weights((alpha - 1.0) * log_component) for alpha in ALPHAS]
-    return {name: _slope(draws, weights) for name, draws in quantities.items()}
+    found = {}
+    for name, draws in quantities.items():
+        chance = BY_CHANCE * np.std(log_component) / np.sqrt(effective_draws[name])
+        moved = _slope(draws, weights)
+        found[name] = moved if moved > chance or chance < SENSITIVE else float("nan")
+    return found
 
 
 def _weights(log_weights: FloatArray) -> FloatArray | None:

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from deabayes import power_scaling
 from deabayes.experiment import FloatArray
-from deabayes.power_scaling import SENSITIVE, sensitivities
+from deabayes.power_scaling import SENSITIVE
 
 DRAWS = 40_000
+
+
+def sensitivities(log_component: FloatArray, quantities: dict[str, FloatArray]) -> dict[str, float]:
+    """For independent draws."""
+    sizes = {name: float(draws.size) for name, draws in quantities.items()}
+    return power_scaling.sensitivities(log_component, quantities, sizes)
 
 
 class Conjugate:
@@ -110,3 +117,31 @@ def test_not_known_where_weights_or_draws_do_not_serve() -> None:
     assert np.isnan(sensitivities(heavy, {"z": z})["z"])
     assert np.isnan(sensitivities(broken, {"z": z})["z"])
     assert np.isnan(sensitivities(-0.5 * z[:12] ** 2, {"z": z[:12]})["z"])
+
+
+def test_few_effective_draws_tell_only_what_moves_far() -> None:
+    """15 parameters that all have their prior; one of two more moves with it, by 1 sd."""
+    z = np.random.default_rng(5).standard_normal((4000, 17))
+    z[:, 16] += z[:, 15] ** 2
+    log_prior = -0.5 * np.sum(z[:, :16] ** 2, axis=1)
+    draws = {"still": np.random.default_rng(6).standard_normal(4000), "far": z[:, 16]}
+    known = power_scaling.sensitivities(log_prior, draws, dict.fromkeys(draws, 4000.0))
+    assert known["still"] < 0.03
+    assert known["far"] > 2 * SENSITIVE
+    few = power_scaling.sensitivities(log_prior, draws, dict.fromkeys(draws, 400.0))
+    assert np.isnan(few["still"])
+    assert few["far"] == known["far"]
+    assert np.isnan(
+        power_scaling.sensitivities(log_prior, draws, {"still": 4e3, "far": 9.0})["far"]
+    )
+
+
+def test_independent_draws_of_what_does_not_move_are_rarely_taken_for_moved() -> None:
+    """Of 100 sets of 1000 draws a tenth at most are called moved, and some are known."""
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(100):
+        log_prior = -0.5 * np.sum(rng.standard_normal((1000, 15)) ** 2, axis=1)
+        found.append(sensitivities(log_prior, {"x": rng.standard_normal(1000)})["x"])
+    assert np.mean(np.array(found) >= SENSITIVE) <= 0.1
+    assert np.mean(np.isfinite(found)) > 0.9

@@ -30,7 +30,7 @@ def target() -> LogPosterior:
 def file(target: LogPosterior, z: FloatArray, log_likelihood: FloatArray) -> xr.DataTree:
     """A posterior file whose log-likelihood (S,) is made up for draws z (S, d)."""
     names = [*target.names, *target.system.derived(draws())]
-    table = pd.DataFrame(1.0, index=names, columns=[*SUMMARY_COLUMNS])
+    table = pd.DataFrame(float(np.prod(SIZE)), index=names, columns=[*SUMMARY_COLUMNS])
     log_posterior = (log_likelihood + log_standard_normal(z)).reshape(SIZE)
     content = PosteriorContent(
         STUDY, "voigt_kelvin_2", UNCERTAIN, target, z.reshape(*SIZE, -1), log_posterior, table,
