@@ -66,8 +66,6 @@ def _weights(log_weights: FloatArray) -> FloatArray | None:
     """Pareto-smoothed weights that sum to 1; None where they cannot be relied on."""
     from arviz_stats.base import array_stats
 
-    if not np.all(np.isfinite(log_weights)):
-        return None
     smoothed, k_hat = log_weights, 0.0
     if np.ptp(log_weights) > EVEN:
         try:

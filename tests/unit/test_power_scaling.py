@@ -106,6 +106,7 @@ def test_shift_unit_and_sign_of_a_quantity_do_not_matter() -> None:
     assert found["z"] == pytest.approx(found["other"], rel=1e-6)
 
 
+@pytest.mark.filterwarnings("error")
 def test_not_known_where_weights_or_draws_do_not_serve() -> None:
     rng = np.random.default_rng(4)
     z = rng.standard_normal(4000)

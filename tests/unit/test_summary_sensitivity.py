@@ -27,10 +27,12 @@ def target() -> LogPosterior:
     return build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
 
 
-def file(target: LogPosterior, z: FloatArray, log_likelihood: FloatArray) -> xr.DataTree:
+def file(
+    target: LogPosterior, z: FloatArray, log_likelihood: FloatArray, effective: float = 8000.0
+) -> xr.DataTree:
     """A posterior file whose log-likelihood (S,) is made up for draws z (S, d)."""
     names = [*target.names, *target.system.derived(draws())]
-    table = pd.DataFrame(float(np.prod(SIZE)), index=names, columns=[*SUMMARY_COLUMNS])
+    table = pd.DataFrame(effective, index=names, columns=[*SUMMARY_COLUMNS])
     log_posterior = (log_likelihood + log_standard_normal(z)).reshape(SIZE)
     content = PosteriorContent(
         STUDY, "voigt_kelvin_2", UNCERTAIN, target, z.reshape(*SIZE, -1), log_posterior, table,
@@ -75,6 +77,15 @@ def test_data_on_one_parameter_move_that_one(target: LogPosterior) -> None:
     assert table.loc["E_0", "prior_sensitivity"] > SENSITIVE
     others = table.drop(index="E_0").loc[[n for n in target.names if n != "E_0"]]
     assert (others["likelihood_sensitivity"] < 0.03).all()
+
+
+def test_draws_that_were_thinned_away_do_not_count(target: LogPosterior) -> None:
+    """A log-likelihood that has nothing to do with the draws and varies much."""
+    rng = np.random.default_rng(9)
+    z = rng.standard_normal((np.prod(SIZE), target.dimension))
+    table = summary(file(target, z, 20.0 * rng.standard_normal(len(z)), effective=1e9))
+    assert table["likelihood_sensitivity"].isna().mean() > 0.8
+    assert table.loc[list(target.names), "prior_sensitivity"].notna().all()
 
 
 def test_files_without_the_columns_open(tmp_path, target: LogPosterior) -> None:

@@ -9,7 +9,7 @@ from deabayes.power_scaling import SENSITIVE
 SMALLEST_CONTRACTION = 0.1
 SET_BY_PRIOR = "set by the prior"
 MOVED_BY_PRIOR = "moved by the prior"
-PULLED_APART = "prior and data pull apart"
+MOVED_BY_BOTH = "moved by prior and data"
 
 
 def in_words(row: Mapping[str, float]) -> str:
@@ -26,5 +26,5 @@ def in_words(row: Mapping[str, float]) -> str:
     if not prior >= SENSITIVE:
         return ""
     if likelihood >= SENSITIVE:
-        return PULLED_APART
+        return MOVED_BY_BOTH
     return MOVED_BY_PRIOR

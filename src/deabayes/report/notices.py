@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from deabayes.figures.decided_by import MOVED_BY_PRIOR, PULLED_APART, SET_BY_PRIOR, in_words
+from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
 
 FAILED_SHARE = 0.001
@@ -101,14 +101,14 @@ def set_by_prior(results: CandidateResults) -> Iterator[Notice]:
         yield _notice(results, "Set by the prior, not by the data", [text])
 
 
-def pulled_apart(results: CandidateResults) -> Iterator[Notice]:
-    """Parameters, specimen's ones too, on which prior and data do not agree."""
-    if names := _decided_by(results, PULLED_APART, "material", "specimen"):
+def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
+    """Parameters, specimen's ones too, that are a compromise of prior and data."""
+    if names := _decided_by(results, MOVED_BY_BOTH, "material", "specimen"):
         text = (
-            f"{', '.join(names)}: more weight on the prior, or on the data, moves the number; "
-            "see whether the prior, a stated quantity or the model is wrong"
+            f"{', '.join(names)}: a compromise, more weight on either moves the number; "
+            "see whether priors or stated quantities disagree with the data"
         )
-        yield _notice(results, "Prior and data pull apart", [text])
+        yield _notice(results, "Moved by prior and data", [text], serious=False)
 
 
 def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
@@ -197,7 +197,7 @@ CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
     noise_took_physics,
     noise_diagnostic_only,
     set_by_prior,
-    pulled_apart,
+    moved_by_both,
     moved_by_prior,
     carried_over_noise,
     failures,
