@@ -115,6 +115,7 @@ def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
         "tau_beta_1": (0.12, 0.01),
         "mu_beta_1": (np.nan, np.nan),
         "relaxation.tau_ou": (0.01, np.nan),
+        "relaxation.sigma_ou": (0.2, np.nan),
     }
     fake = Fake(candidates=(1,), protocols=("relaxation",), sensitivities=moved)
     results = StudyResults(write_study(tmp_path, fake)).recommended
@@ -124,6 +125,7 @@ def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
     assert shown["tau_beta_1"] == ("0.120 / 0.010", "moved by the prior")
     assert shown["mu_beta_1"] == ("not known", "")
     assert shown["relaxation.tau_ou"] == ("0.010 / not known", "")
+    assert shown["relaxation.sigma_ou"] == ("0.200 / not known", "")
     assert shown["zeta_alpha"][1] == "set by the prior"
     assert shown["mu_total"][1] == ""
     found = {n.title: n for n in notices.of_candidate(results)}

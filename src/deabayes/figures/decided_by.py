@@ -13,7 +13,7 @@ MOVED_BY_BOTH = "moved by prior and data"
 
 
 def in_words(row: Mapping[str, float]) -> str:
-    """The words for a row of summary.csv; empty where the data decided.
+    """The words for a row of summary.csv; empty where the data decided, or it is not known.
 
     Contraction alone does not tell that the prior set a number: data may shift a posterior
     and leave it as wide as the prior. So where the likelihood's sensitivity is known, it has
@@ -27,4 +27,4 @@ def in_words(row: Mapping[str, float]) -> str:
         return ""
     if likelihood >= SENSITIVE:
         return MOVED_BY_BOTH
-    return MOVED_BY_PRIOR
+    return MOVED_BY_PRIOR if likelihood < SENSITIVE else ""
