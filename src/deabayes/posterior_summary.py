@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.posterior import LogPosterior, log_standard_normal
 from deabayes.posterior_content import PosteriorContent
+from deabayes.power_scaling import sensitivities
 
 SUMMARY_COLUMNS = (
-    "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction converged"
+    "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction "
+    "prior_sensitivity likelihood_sensitivity converged"
 ).split()
 
 
@@ -29,6 +33,7 @@ def summary_table(
     contraction = 1 - var_posterior / var_prior, on the scale of the prior's
     normal coordinate for sampled parameters, on the logarithm (or the value,
     where it changes sign) for derived quantities and parts of a total.
+    prior_sensitivity and likelihood_sensitivity: see `power_sensitivities`.
     """
     target = content.target
     table = content.diagnostics.copy()
@@ -46,7 +51,35 @@ def summary_table(
         1.0 - z_variance[name] if name in z_variance else contraction(posterior[name], prior[name])
         for name in table.index
     ]
+    for column, values in power_sensitivities(content, posterior, prior).items():
+        table[column] = [values[name] for name in table.index]
     return table[list(SUMMARY_COLUMNS)]
+
+
+def power_sensitivities(
+    content: PosteriorContent,
+    posterior: Mapping[str, FloatArray],
+    prior: Mapping[str, FloatArray],
+) -> dict[str, dict[str, float]]:
+    """Column of the summary -> quantity -> `power_scaling.sensitivities`.
+
+    The prior's density that is raised to a power is N(z; 0, I): a power of a density depends
+    on the coordinate, and in this one a power above 1 draws every prior together about its
+    median, those with bounds and inherited ones too. How far a quantity moves is measured on
+    the scale of `contraction` for derived quantities.
+
+    Parameters
+    ----------
+    posterior, prior : draws of every quantity.
+    """
+    log_prior = log_standard_normal(content.z.reshape(-1, content.target.dimension))
+    log_likelihood = content.log_posterior.reshape(-1) - log_prior
+    draws = {name: _scaled(posterior[name], prior[name])[0] for name in posterior}
+    effective = content.diagnostics["ess_bulk"].clip(upper=log_prior.size).to_dict()
+    return {
+        "prior_sensitivity": sensitivities(log_prior, draws, effective),
+        "likelihood_sensitivity": sensitivities(log_likelihood, draws, effective),
+    }
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:
@@ -54,11 +87,18 @@ def contraction(posterior: FloatArray, prior: FloatArray) -> float:
 
     The spread of either is half the distance of its 16 and 84 % quantiles.
     """
+    after, before = (
+        np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in _scaled(posterior, prior)
+    )
+    return float(1.0 - (after / max(before, 1e-300)) ** 2)
+
+
+def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Draws, of the prior only finite ones, on their logarithm where all are positive."""
     prior = prior[np.isfinite(prior)]
     if np.all(posterior > 0) and np.all(prior > 0):
-        posterior, prior = np.log(posterior), np.log(prior)
-    after, before = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (posterior, prior))
-    return float(1.0 - (after / max(before, 1e-300)) ** 2)
+        return np.log(posterior), np.log(prior)
+    return posterior, prior
 
 
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,8 @@ class Fake:
     warnings: tuple[str, ...] = ()
     extrapolation: str = ""
     correlated_noise: float = 0.4e3
+    sensitivities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """To prior and likelihood, by quantity, in place of made-up ones."""
 
 
 def write_study(folder: Path, fake: Fake | None = None, seed: int = 1) -> Path:
@@ -316,6 +318,8 @@ def _summary(
     rows = {}
     for name, (posterior, prior, attributes) in draws.items():
         bad = not fake.converged and name == "mu_alpha"
+        contraction = 1 - np.log(posterior).var() / np.log(prior).var()
+        moved = fake.sensitivities.get(name, (0.08 * (1 - contraction), 0.08 * contraction))
         rows[name] = {
             "symbol": attributes["symbol"],
             "unit": attributes["unit"],
@@ -328,7 +332,9 @@ def _summary(
             "ess_bulk": 90.0 if bad else 900.0,
             "ess_tail": 700.0,
             "r_hat": 1.31 if bad else 1.003,
-            "contraction": 1 - np.log(posterior).var() / np.log(prior).var(),
+            "contraction": contraction,
+            "prior_sensitivity": moved[0],
+            "likelihood_sensitivity": moved[1],
             "converged": not bad,
         }
     return pd.DataFrame.from_dict(rows, orient="index")

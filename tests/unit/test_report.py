@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from tests.unit.fake_results import Fake, write_study
@@ -105,7 +106,68 @@ def test_parameter_rows_are_in_display_units(tmp_path: Path) -> None:
     assert rows["mu_alpha"]["unit"] == "kPa"
     assert rows["mu_alpha"]["value"].startswith(("34.9", "35.0"))
     assert rows["mu_alpha"]["symbol"] == "μ<sub>α</sub>"
-    assert not rows["mu_alpha"]["set_by_prior"]
+    assert rows["mu_alpha"]["decided_by"] == ""
+
+
+def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
+    moved = {
+        "mu_alpha": (0.234, 0.412),
+        "tau_beta_1": (0.12, 0.01),
+        "mu_beta_1": (np.nan, np.nan),
+        "relaxation.tau_ou": (0.01, np.nan),
+        "relaxation.sigma_ou": (0.2, np.nan),
+    }
+    fake = Fake(candidates=(1,), protocols=("relaxation",), sensitivities=moved)
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
+    shown = {name: (row["sensitivities"], row["decided_by"]) for name, row in rows.items()}
+    assert shown["mu_alpha"] == ("0.234 / 0.412", "moved by prior and data")
+    assert shown["tau_beta_1"] == ("0.120 / 0.010", "moved by the prior")
+    assert shown["mu_beta_1"] == ("not known", "")
+    assert shown["relaxation.tau_ou"] == ("0.010 / not known", "")
+    assert shown["relaxation.sigma_ou"] == ("0.200 / not known", "")
+    assert shown["zeta_alpha"][1] == "set by the prior"
+    assert shown["mu_total"][1] == ""
+    found = {n.title: n for n in notices.of_candidate(results)}
+    assert found["Moved by prior and data"].details[0].startswith("mu_alpha: ")
+    assert not found["Moved by prior and data"].serious
+    assert found["Moved by the prior"].details[0].startswith("tau_beta_1: ")
+    assert not found["Moved by the prior"].serious
+    assert found["Set by the prior, not by the data"].details[0].startswith("zeta_alpha: ")
+
+
+def test_a_posterior_as_wide_as_its_prior_that_data_move_is_not_set_by_it(tmp_path: Path) -> None:
+    fake = Fake(
+        candidates=(1,), protocols=("relaxation",), sensitivities={"zeta_alpha": (0.3, 0.3)}
+    )
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    assert results.summary is not None
+    assert results.summary.loc["zeta_alpha", "contraction"] < 0.1
+    titles = {n.title for n in notices.of_candidate(results)}
+    assert "Moved by prior and data" in titles
+    assert "Set by the prior, not by the data" not in titles
+
+
+def test_results_from_before_sensitivities_are_reported(tmp_path: Path) -> None:
+    folder = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    path = folder / "kv_gm_2" / "summary.csv"
+    old = pd.read_csv(path).drop(columns=["prior_sensitivity", "likelihood_sensitivity"])
+    old.to_csv(path, index=False)
+    few = {"identifiability": figures.REGISTRY["identifiability"]}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(figures, "REGISTRY", few)
+        page = build([folder], tmp_path / "index.html", tmp_path / "tables", [])
+    results = StudyResults(folder).candidates[1]
+    rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
+    assert rows["mu_alpha"]["sensitivities"] == "–"
+    assert rows["zeta_alpha"]["decided_by"] == "set by the prior"
+    assert "What the data determined" in page.read_text(encoding="utf-8")
+
+
+def test_words_stand_in_the_parameter_table(built: tuple[str, Path]) -> None:
+    table = built[0][built[0].index("Parameters of kv_gm_2") :]
+    assert '<br><span class="tag warn">set by the prior</span>' in table
+    assert "Moved by<br>prior / data" in table
 
 
 def test_clean_study_raises_no_serious_notice(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 CANDIDATES = ("voigt_kelvin_1", "voigt_kelvin_2")
 SUMMARY = (
     "parameter symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat "
-    "contraction converged"
+    "contraction prior_sensitivity likelihood_sensitivity converged"
 ).split()
 ERRORS = (
     "experiment role protocol e_rms_percent e_rms_q05 e_rms_q95 e_m_percent e_m_q05 e_m_q95 "

@@ -28,7 +28,14 @@ SAMPLING = modules(
     "checkpoint.py",
     "diagnostics.py",
 )
-POOLING = modules("pooling.py", "refit.py", "diagnostics.py", "posterior_*.py", "storage.py")
+POOLING = modules(
+    "pooling.py",
+    "refit.py",
+    "diagnostics.py",
+    "power_scaling.py",
+    "posterior_*.py",
+    "storage.py",
+)
 
 
 rule compile:

@@ -3,7 +3,7 @@ rule figures:
         comparison="<results>/{study}/comparison.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
-        modules=modules("figures/*.py"),
+        modules=modules("figures/*.py", "power_scaling.py"),
     output:
         directory("<results>/{study}/figures"),
     log:

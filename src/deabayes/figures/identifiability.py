@@ -9,17 +9,21 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from deabayes.figures import style
+from deabayes.figures.decided_by import SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.figures.quantities import symbol_text
 from deabayes.figures.results import CandidateResults
+from deabayes.power_scaling import SENSITIVE
 
 SCOPE = "candidate"
 TITLE = "What the data determined"
 CAPTION = (
     "Left: contraction, the share of the prior's variance that the data removed; below 10 % "
-    "(dashed) a number is set by the prior. Right: relative width of the posterior. Derived "
-    "quantities, such as ratios, may be well known although no single parameter in them is."
+    "(dashed) a number is set by the prior, unless more weight on the data still moves it. "
+    "Middle: how far a number moves with the weight of the priors (diamonds) and of the data "
+    "(circles), power-scaling sensitivity; up to 0.05 (dashed) is nothing to mention. Right: "
+    "relative width of the posterior. Derived quantities, such as ratios, may be well known "
+    "although no single parameter in them is."
 )
-THRESHOLD = 0.1
 COLOURS = {
     "material": style.BLUE,
     "specimen": style.ORANGE,
@@ -29,7 +33,7 @@ COLOURS = {
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Bars of contraction, and the posterior's relative width."""
+    """Bars of contraction, sensitivities, and the posterior's relative width."""
     table = results.summary
     if table is None:
         return []
@@ -38,31 +42,46 @@ def draw(results: CandidateResults) -> list[Figure]:
     kinds = [results.kind(name) for name in names]
     height = 0.135 * len(table) + 0.75 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    left, middle, right = figure.subplots(1, 3, sharey=True)
     _contraction(left, table, kinds)
+    _sensitivity(middle, table, kinds)
     _width(right, table, kinds)
     labels = [symbol_text(name, results.label(name)["symbol"]) for name in names]
     left.set_yticks(range(len(names)), labels, fontsize=6.0)
     left.set_ylim(len(names) - 0.5, -0.5)
     handles = [Patch(color=c, label=k) for k, c in COLOURS.items() if k in kinds]
-    set_by_prior = Patch(facecolor="white", edgecolor=style.VERMILLION, label="set by the prior")
+    set_by_prior = Patch(facecolor="white", edgecolor=style.VERMILLION, label=SET_BY_PRIOR)
     figure.legend(handles=[*handles, set_by_prior], loc="outside lower center", ncols=5)
     return [figure]
 
 
 def _contraction(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
     values = table["contraction"].to_numpy(dtype=float)
+    limit = 100 * SMALLEST_CONTRACTION
     for row, (value, kind) in enumerate(zip(values, kinds, strict=True)):
         if not np.isfinite(value):
             continue
-        low = value < THRESHOLD
         ax.barh(row, 100 * np.clip(value, 0, 1), color=COLOURS[kind], height=0.65)
-        if low:
-            ax.barh(row, 100 * THRESHOLD, facecolor="none", edgecolor=style.VERMILLION, height=0.65,
+        if in_words(table.iloc[row]) == SET_BY_PRIOR:
+            ax.barh(row, limit, facecolor="none", edgecolor=style.VERMILLION, height=0.65,
                     linewidth=0.8)  # fmt: skip
-    ax.axvline(100 * THRESHOLD, color=style.BLACK, linestyle="--", linewidth=0.8)
+    ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
     ax.set_xlim(0, 102)
     ax.set_xlabel("contraction (%)")
+
+
+def _sensitivity(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
+    rows = np.arange(len(table))
+    colours = [COLOURS[k] for k in kinds]
+    if "prior_sensitivity" in table:
+        ax.scatter(table["prior_sensitivity"], rows, s=10, marker="D", c=colours, zorder=3)
+        ax.scatter(table["likelihood_sensitivity"], rows, s=24, facecolors="none",
+                   edgecolors=colours, linewidths=0.8, zorder=3)  # fmt: skip
+    ax.axvline(SENSITIVE, color=style.BLACK, linestyle="--", linewidth=0.8)
+    ax.set_xlim(left=0)
+    ax.set_xlabel("moved by prior (◆), by data (○)")
+    ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
+    ax.set_axisbelow(True)
 
 
 def _width(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
@@ -72,6 +91,6 @@ def _width(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
     colours = np.array([COLOURS[k] for k in kinds])
     ax.scatter(relative[kept], rows[kept], c=colours[kept], s=10, zorder=3)
     ax.set_xscale("log")
-    ax.set_xlabel("half width of the 90 % interval (% of the median)")
+    ax.set_xlabel("half width of 90 % interval\n(% of the median)")
     ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
     ax.set_axisbelow(True)

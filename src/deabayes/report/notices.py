@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
 
-SET_BY_PRIOR = 0.1
 FAILED_SHARE = 0.001
 NARROW_COVERAGE = 0.7
 
@@ -96,14 +96,34 @@ def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
 
 def set_by_prior(results: CandidateResults) -> Iterator[Notice]:
     """Material parameters that the data said nothing about."""
-    table = results.summary
-    if table is None:
-        return
-    names = [n for n in results.names("material") if n in table.index]
-    weak = [n for n in names if table.loc[n, "contraction"] < SET_BY_PRIOR]
-    if weak:
+    if weak := _decided_by(results, SET_BY_PRIOR, "material"):
         text = f"{', '.join(weak)}: less than 10 % of the prior's variance was removed by the data"
         yield _notice(results, "Set by the prior, not by the data", [text])
+
+
+def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
+    """Parameters, specimen's ones too, that are a compromise of prior and data."""
+    if names := _decided_by(results, MOVED_BY_BOTH, "material", "specimen"):
+        text = (
+            f"{', '.join(names)}: a compromise, more weight on either moves the number; "
+            "see whether priors or stated quantities disagree with the data"
+        )
+        yield _notice(results, "Moved by prior and data", [text], serious=False)
+
+
+def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
+    """Material parameters that follow the priors though their own was narrowed."""
+    if names := _decided_by(results, MOVED_BY_PRIOR, "material"):
+        text = f"{', '.join(names)}: the priors, own or of others, move the number; data hardly do"
+        yield _notice(results, "Moved by the prior", [text], serious=False)
+
+
+def _decided_by(results: CandidateResults, words: str, *kinds: str) -> list[str]:
+    table = results.summary
+    if table is None:
+        return []
+    names = [n for n in results.names(*kinds) if n in table.index]
+    return [n for n in names if in_words(table.loc[n]) == words]
 
 
 def carried_over_noise(results: CandidateResults) -> Iterator[Notice]:
@@ -177,6 +197,8 @@ CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
     noise_took_physics,
     noise_diagnostic_only,
     set_by_prior,
+    moved_by_both,
+    moved_by_prior,
     carried_over_noise,
     failures,
     narrow_bands,

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.figures.decided_by import in_words
 from deabayes.figures.quantities import (
     ROLES,
     display_unit,
@@ -20,7 +21,6 @@ from deabayes.figures.quantities import (
     symbol_html,
 )
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.report.notices import SET_BY_PRIOR
 
 KINDS = {
     "material": "Material",
@@ -128,12 +128,24 @@ def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str
         "value": interval(*numbers),
         "unit": unit.label,
         "contraction": f"{100 * contraction:.0f} %" if np.isfinite(contraction) else "–",
-        "set_by_prior": contraction < SET_BY_PRIOR,
+        "sensitivities": _sensitivities(row),
+        "decided_by": in_words(row),
         "r_hat": f"{row['r_hat']:.3f}",
         "ess": f"{row['ess_bulk']:.0f} / {row['ess_tail']:.0f}",
         "converged": bool(row["converged"]),
         "prior": label["prior"],
     }
+
+
+def _sensitivities(row: pd.Series) -> str:
+    """Prior's / likelihood's; a dash for files from before they were computed."""
+    columns = ("prior_sensitivity", "likelihood_sensitivity")
+    if not set(columns) <= set(row.index):
+        return "–"
+    values = [float(row[column]) for column in columns]
+    if not np.any(np.isfinite(values)):
+        return "not known"
+    return " / ".join(f"{v:.3f}" if np.isfinite(v) else "not known" for v in values)
 
 
 def errors(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
