@@ -22,6 +22,8 @@ class Curve:
 
     Attributes
     ----------
+    linear : parameters in which the response is linear, without a constant; named for sets whose
+        posterior is too thin and bent to be weighed up in all parameters (`nist_reference`).
     lower : parameter -> the lowest value that makes sense: 0 where the response is even in it,
         two spacings of x for a period (a shorter one is the alias of a longer).
     scaled : parameter -> the one of the same kind whose starting value tells its size too (of a
@@ -31,6 +33,7 @@ class Curve:
     """
 
     model: Model
+    linear: tuple[str, ...] = ()
     lower: Mapping[str, float] = field(default_factory=dict)
     scaled: Mapping[str, str] = field(default_factory=dict)
     ordered: tuple[str, ...] = ()
@@ -135,7 +138,10 @@ def bennett5(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> F
 
 
 LANCZOS = Curve(
-    exponentials, ordered=("b2", "b4", "b6"), belonging={"b1": "b2", "b3": "b4", "b5": "b6"}
+    exponentials,
+    ("b1", "b3", "b5"),
+    ordered=("b2", "b4", "b6"),
+    belonging={"b1": "b2", "b3": "b4", "b5": "b6"},
 )
 GAUSS = Curve(
     two_peaks,
@@ -157,11 +163,17 @@ CURVES: dict[str, Curve] = {
     "Hahn1": Curve(rational),
     "Thurber": Curve(rational),
     "MGH09": Curve(mgh09),
-    "MGH10": Curve(mgh10),
-    "MGH17": Curve(two_exponentials, ordered=("b4", "b5"), belonging={"b2": "b4", "b3": "b5"}),
+    "MGH10": Curve(mgh10, ("b1",)),
+    "MGH17": Curve(
+        two_exponentials,
+        ("b1", "b2", "b3"),
+        ordered=("b4", "b5"),
+        belonging={"b2": "b4", "b3": "b5"},
+    ),
     "Roszman1": Curve(roszman),
     "ENSO": Curve(
         enso,
+        ("b1", "b2", "b3", "b5", "b6", "b8", "b9"),
         lower={"b4": 2.0, "b7": 2.0},
         scaled={"b3": "b2", "b6": "b5", "b8": "b9"},
         ordered=("b7", "b4"),
@@ -171,6 +183,6 @@ CURVES: dict[str, Curve] = {
     "Rat42": Curve(rat42),
     "Rat43": Curve(rat43),
     "Eckerle4": Curve(eckerle4, lower={"b2": 0.0}),
-    "Bennett5": Curve(bennett5),
+    "Bennett5": Curve(bennett5, ("b1",)),
 }
 """All sets of one predictor. Nelson has two, and its response is a logarithm: left out."""
