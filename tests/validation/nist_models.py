@@ -181,7 +181,7 @@ CURVES: dict[str, Curve] = {
     ),
     "BoxBOD": Curve(saturating),
     "Rat42": Curve(rat42),
-    "Rat43": Curve(rat43),
+    "Rat43": Curve(rat43, ("b1",)),
     "Eckerle4": Curve(eckerle4, lower={"b2": 0.0}),
     "Bennett5": Curve(bennett5, ("b1",)),
 }

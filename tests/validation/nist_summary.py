@@ -55,9 +55,12 @@ def summary(name: str, rows: pd.DataFrame) -> dict[str, object]:
     """The parameter that is worst in each respect."""
     found, known = certified(name), bool(rows["exact_ratio"].notna().all())
     to_exact = (rows["difference_sd"] - rows["exact_difference_sd"]) / rows["exact_sd_ratio"]
-    bends = (rows["exact_difference_sd"].abs() > SMALL_SHIFT).any() or (
-        (rows["exact_ratio"] - 1.0).abs() > SMALL_RATIO
-    ).any()
+    printed = dict(
+        zip(found.names, (found.least_squares - found.estimates) / found.sds, strict=True)
+    )  # what the certified digits leave out: up to 0.2 sds of Lanczos1, less than 1e-5 else
+    shifts = rows["exact_difference_sd"] - rows["parameter"].map(printed)
+    bent = (shifts.abs() > SMALL_SHIFT) | ((rows["exact_ratio"] - 1.0).abs() > SMALL_RATIO)
+    bends = bool(bent.any())
     return {
         "set": name,
         "difficulty": found.difficulty,
@@ -82,7 +85,10 @@ def farthest(values: pd.Series, centre: float) -> float:
 
 
 def draw(rows: pd.DataFrame, path: Path) -> None:
-    """Per parameter: shift of the mean and ratio of the sds, sampled and exact."""
+    """Per parameter: shift of the mean and ratio of the sds, sampled and exact.
+
+    What is beyond an axis is drawn at its end.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
@@ -93,13 +99,15 @@ def draw(rows: pd.DataFrame, path: Path) -> None:
     names = list(rows["set"].unique())
     places, ticks = positions(rows, names)
     panels = (
-        ("difference_sd", 0.0, SMALL_SHIFT, "mean - certified [certified sd]", "symlog"),
-        ("ratio", 1.0, SMALL_RATIO, "sd / that of the Student-t", "log"),
+        ("difference_sd", 0.0, SMALL_SHIFT, "mean - certified [certified sd]", (-8.0, 8.0)),
+        ("ratio", 1.0, SMALL_RATIO, "sd / that of the Student-t", (0.7, 4.0)),
     )
     with style.applied():
         figure, axes = plt.subplots(2, 1, figsize=(7.2, 5.4), sharex=True, layout="constrained")
-        for axis, (column, centre, small, label, scale) in zip(axes, panels, strict=True):
-            axis.set_yscale(scale, **({"linthresh": SMALL_SHIFT} if scale == "symlog" else {}))
+        axes[0].set_yscale("symlog", linthresh=SMALL_SHIFT)
+        axes[1].set_yscale("log")
+        for axis, (column, centre, small, label, ends) in zip(axes, panels, strict=True):
+            axis.set_ylim(*ends)
             axis.axhspan(centre - small, centre + small, color=style.LIGHT_GREY, lw=0)
             axis.plot(
                 places, rows[f"exact_{column}"], "_", ms=6, mew=1.2, color=style.VERMILLION,
@@ -107,16 +115,24 @@ def draw(rows: pd.DataFrame, path: Path) -> None:
             )  # fmt: skip
             for good, face, told in ((1, style.BLUE, "sampled"), (0, "white", "not converged")):
                 at = (rows["converged"] == good).to_numpy()
+                shown = rows[column].clip(*ends)
                 axis.plot(
-                    places[at], rows[column][at], "o", ms=3, mfc=face, mec=style.BLUE, label=told
+                    places[at],
+                    shown[at],
+                    "o",
+                    ms=3,
+                    mfc=face,
+                    mec=style.BLUE,
+                    label=told,
+                    clip_on=False,
                 )
             for _, edge in ticks[:-1]:
                 axis.axvline(edge, color=style.LIGHT_GREY, lw=0.5)
             axis.set_ylabel(label)
         axes[1].set_xticks([middle for middle, _ in ticks], names, rotation=90)
-        axes[1].set_yticks([0.5, 1.0, 2.0], ["0.5", "1", "2"])
+        axes[1].set_yticks([0.7, 1.0, 2.0, 4.0], ["0.7", "1", "2", "4"])
         axes[1].minorticks_off()
-        axes[0].legend(loc="upper left", ncols=3)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
         figure.savefig(path, dpi=160)
         plt.close(figure)
 
