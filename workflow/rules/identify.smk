@@ -11,6 +11,7 @@ MODEL = modules(
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
+    "own_model*.py",
     "noise/*.py",
 )
 SAMPLING = modules(
@@ -36,6 +37,7 @@ rule compile:
         studies=expand("<results>/{study}/study.yaml", study=STUDIES),
         prepared=expand("<results>/{study}/prepared", study=STUDIES),
         modules=MODEL,
+        own=own_models(),
     output:
         touch("<results>/logs/compiled"),
     log:
@@ -52,6 +54,7 @@ rule fit:
         prior=inherited_posterior,
         compiled=ancient("<results>/logs/compiled"),
         modules=MODEL + SAMPLING,
+        own=own_model,
     output:
         "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
     log:
