@@ -47,14 +47,27 @@ rule compile:
         "logged {log} deabayes compile {input.studies}"
 
 
+# What a fit runs, as one file. An edit must reach `fit` through the output of a job: in a run
+# that compiles, Snakemake looks at nothing else of it, because `compiled` is ancient.
+rule code:
+    input:
+        modules=MODEL + SAMPLING,
+        own=own_model,
+    output:
+        "<results>/{study}/logs/code",
+    log:
+        "<results>/{study}/logs/code.log",
+    shell:
+        "cksum {input} > {output} 2> {log}"
+
+
 rule fit:
     input:
         study="<results>/{study}/study.yaml",
         prepared="<results>/{study}/prepared",
         prior=inherited_posterior,
         compiled=ancient("<results>/logs/compiled"),
-        modules=MODEL + SAMPLING,
-        own=own_model,
+        code="<results>/{study}/logs/code",
     output:
         "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
     log:
