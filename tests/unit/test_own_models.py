@@ -115,6 +115,21 @@ def test_a_mistake_is_one_sentence_with_file_and_key(
     assert not OWN
 
 
+def test_the_model_is_tried_on_the_records(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    prior = "{sigma_ou: {distribution: lognormal, median: 1 um, sigma: 1}}"
+    replace_in(Path("config.yaml"), "preparation:", f"priors: {prior}\n    preparation:")
+    main(("check", "stack"))
+    assert "no finite response" not in capsys.readouterr().out
+    replace_in(MODEL, '/ draws["Y"]', '/ (0.0 * draws["Y"])')
+    main(("check", "stack"))
+    warned = "study stack, lag_0, creep_1000V: the model has no finite response at the median"
+    assert warned in capsys.readouterr().out
+    replace_in(MODEL, "per_square[:, None] * squared.input", "squared.input")
+    told = said(capsys, "check", "stack")
+    assert "study stack, lag_0, creep_1000V" in told
+    assert "array (250,); return (3, 250)" in told and told.count("\n") == 1
+
+
 def test_a_missing_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     MODEL.unlink()
     told = said(capsys, "check", "data/stack")
