@@ -26,6 +26,7 @@ include: "workflow/rules/report.smk"
 localrules:
     all,
     study,
+    code,
 
 
 rule all:

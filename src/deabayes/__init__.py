@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
+    from deabayes.own_models import load_models
     from deabayes.simulation import simulate
 
 __version__ = version("deabayes")
-__all__ = ["Posterior", "open_posterior", "simulate"]
+__all__ = ["Posterior", "load_models", "open_posterior", "simulate"]
 
 
 def __getattr__(name: str) -> Any:
@@ -24,6 +25,10 @@ def __getattr__(name: str) -> Any:
         from deabayes import api
 
         return getattr(api, name)
+    if name == "load_models":
+        from deabayes.own_models import load_models
+
+        return load_models
     if name == "simulate":
         from deabayes.simulation import simulate
 

@@ -28,8 +28,11 @@ def find_study(study: str, config: Path) -> Study:
 def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     """Check a study folder, or a study with its folder; faults are raised once all is said."""
     from deabayes.checking import check_folder
+    from deabayes.model_files import load_for
+    from deabayes.reading.specimen import system_named
 
     if Path(what).is_dir() or Path(what).name != what:
+        load_for(system_named(Path(what)), config)
         report = check_folder(Path(what))
         say(report.text(with_faults=False))
         if report.faults:
@@ -39,6 +42,15 @@ def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
     for warning in _checked(study):
         say(f"  - {warning}")
+
+
+def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
+    """Write a study folder to fill in; the entry for the config."""
+    from deabayes.model_files import load_for
+    from deabayes.scaffold import new_study
+
+    load_for(system, config)
+    return new_study(name, system, folder)
 
 
 def prepare_by_name(study: str, config: Path, output: Path) -> None:
@@ -154,11 +166,14 @@ def simulate_record(
     excitation: Path,
     settings: Sequence[str],
     output: Path,
+    config: Path,
 ) -> None:
     """Simulate the response to the drive in a record; write time, drive and response as CSV."""
     from deabayes.files import write_atomically
+    from deabayes.model_files import load_for
     from deabayes.simulation import simulate
 
+    load_for(system, config)
     driven: dict[str, Any] = _drive(system, excitation)
     response = simulate(
         system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **driven

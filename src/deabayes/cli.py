@@ -17,7 +17,7 @@ CONFIG = click.option(
     type=TARGET,
     default=Path("config.yaml"),
     show_default=True,
-    help="Where studies given by name are described.",
+    help="Where studies given by name are described, and systems of one's own named.",
 )
 RESULTS = click.option(
     "--results",
@@ -45,11 +45,12 @@ def cli() -> None:
 @click.argument("name")
 @click.option("--system", required=True, help="tubular, tensile_strip, ...")
 @click.option("--folder", type=TARGET, default=Path("data"), show_default=True)
-def new(name: str, system: str, folder: Path) -> None:
+@CONFIG
+def new(name: str, system: str, folder: Path, config: Path) -> None:
     """Write a commented study folder to fill in, and print its config entry."""
-    from deabayes.scaffold import new_study
+    from deabayes.by_hand import new_by_name
 
-    click.echo(new_study(name, system, folder), nl=False)
+    click.echo(new_by_name(name, system, folder, config), nl=False)
 
 
 @cli.command()
@@ -239,6 +240,7 @@ def report(folders: Sequence[Path], output: Path, tables: Path, left_out: Sequen
 @click.option("--excitation", type=EXISTING, required=True, help="A record with time and drive.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, SI.")
 @click.option("-o", "--output", type=TARGET, required=True, help="response.csv")
+@CONFIG
 def simulate(
     system: str,
     candidate: str,
@@ -246,11 +248,12 @@ def simulate(
     excitation: Path,
     settings: Sequence[str],
     output: Path,
+    config: Path,
 ) -> None:
     """Simulate the response of CANDIDATE of SYSTEM to an excitation record."""
     from deabayes.by_hand import simulate_record
 
-    simulate_record(system, candidate, specimen, excitation, settings, output)
+    simulate_record(system, candidate, specimen, excitation, settings, output, config)
 
 
 @cli.command()
@@ -298,6 +301,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if error.filename is None:
             raise
         _end(f"deabayes: {error.filename}: {error.strerror}", 1)
+    except Exception as error:
+        _end_at_an_own_model(error)
+        raise
+
+
+def _end_at_an_own_model(error: Exception) -> None:
+    """What fails in a user's own model is a mistake of the user's: said with file and line."""
+    from deabayes.own_models import fault_in_a_model
+
+    fault = fault_in_a_model(error)
+    if fault is not None:
+        _end(f"deabayes: {fault}", 1)
 
 
 def _end(message: str, status: int) -> None:

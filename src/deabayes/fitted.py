@@ -14,6 +14,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.own_models import restore
 from deabayes.prediction import Calibrated, Samples, sample_response
 from deabayes.record_noise import noise_coordinate
 from deabayes.storage import specimen_from_json, stacked
@@ -44,6 +45,7 @@ class Fitted:
     @classmethod
     def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
         """Rebuild from a posterior file; `size` draws are picked at random, all by default."""
+        restore(tree.attrs)
         specimen = specimen_from_json(tree.attrs["specimen"])
         settings = json.loads(tree.attrs["study"])
         group = tree["posterior"]

@@ -10,6 +10,7 @@ import xarray as xr
 import deabayes
 from deabayes.experiment import FloatArray
 from deabayes.noise_origin import CalibratedRecord, records_to_json
+from deabayes.own_models import recorded
 from deabayes.posterior_content import PosteriorContent
 from deabayes.posterior_summary import SUMMARY_COLUMNS, labels, quantities, summary_table
 from deabayes.storage import specimen_to_json
@@ -132,6 +133,7 @@ def _attributes(content: PosteriorContent) -> dict[str, str]:
         "candidate": content.candidate,
         "order": str(target.system.order),
         "system": content.specimen.system,
+        **recorded(content.specimen.system),
         "specimen": specimen_to_json(content.specimen),
         "provenance": content.specimen.provenance.get("kind", "measured"),
         "noise": study.noise,

@@ -49,6 +49,8 @@ class Study:
     """Protocol -> ending of the candidate that predicts its held-out records (`_inertia`)."""
     select: Mapping[str, str] = field(default_factory=dict)
     """Keep only the experiments whose metadata column equals the value (from `split_by`)."""
+    model: Path | None = None
+    """File that defines the specimen's system, where that is the user's own."""
     data_root: Path | None = None
     """Local copy of the public data sets; else the environment variable DEABAYES_DATA."""
     sampling: Sampling = field(default_factory=Sampling)
@@ -68,6 +70,7 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
     ------
     Faults : every violation of the schema (schemas/config.schema.yaml), and of what it names.
     """
+    from deabayes.model_files import load_named
     from deabayes.reading.schema import violations
     from deabayes.reading.yaml_file import read_yaml
 
@@ -77,11 +80,12 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
     if faults:
         raise Faults(faults)
     bases = [Path(file).parent for file in place.split(", ") if Path(file).is_file()] or [Path()]
+    own = load_named(content, bases, place)
     studies: list[Study] = []
     for name, settings in content["studies"].items():
         inherited = _with_defaults(settings, content)
         try:
-            study = _with_folders(from_settings({"name": name, **inherited}), bases)
+            study = _with_files(from_settings({"name": name, **inherited}), bases, own)
             studies += _split(study, settings.get("split_by"))
         except UserError as error:
             faults += [f"{place}, studies.{name}: {fault}" for fault in str(error).splitlines()]
@@ -95,11 +99,13 @@ def load_study(path: Path, name: str | None = None) -> Study:
     """One study: of a file that holds just its settings (study.yaml), or by name of a config.
 
     Folders in a study.yaml are relative to the working directory, as `to_settings` gives them.
+    The system that its `model` defines is loaded.
 
     Raises
     ------
     Faults, UserError : violations of the schema, or no study of this name.
     """
+    from deabayes.model_files import load_named
     from deabayes.reading.schema import violations
     from deabayes.reading.yaml_file import read_yaml
 
@@ -114,6 +120,7 @@ def load_study(path: Path, name: str | None = None) -> Study:
     faults = violations({"studies": {name: content}}, "config", str(path))
     if faults:
         raise Faults(faults)
+    load_named({"studies": {name: content}}, [Path()], str(path))
     return from_settings({"name": name, **content})
 
 
@@ -140,7 +147,7 @@ def from_settings(settings: Mapping[str, Any]) -> Study:
     for key in ("candidates", "calibrate", "validate"):
         if key in given:
             given[key] = tuple(given[key])
-    for key in ("specimen", "data_root"):
+    for key in ("specimen", "model", "data_root"):
         if key in given:
             given[key] = Path(given[key])
     if "select" in given:
@@ -170,14 +177,17 @@ def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> d
     return {"data_root": content.get("data_root"), **settings, "sampling": sampling}
 
 
-def _with_folders(study: Study, bases: Sequence[Path]) -> Study:
-    """The study with its folders seen from the working directory."""
+def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) -> Study:
+    """The study with its folders seen from the working directory, and its system's file."""
+    from deabayes.model_files import model_of, seen
+
     found = [base for base in bases if (base / study.specimen).is_dir()]
     base = found[0] if found else bases[0]
-    root = study.data_root
+    specimen, root = Path(os.path.normpath(base / study.specimen)), study.data_root
     return replace(
         study,
-        specimen=Path(os.path.normpath(base / study.specimen)),
+        specimen=specimen,
+        model=model_of(specimen, own) if study.model is None else seen(study.model, bases),
         data_root=None if root is None else Path(os.path.normpath(base / root.expanduser())),
     )
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.faults import UserError, nearest
+from deabayes.model_trial import try_models
 from deabayes.reading.checks import shorter_than_time_constant, too_few_points
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -51,6 +52,10 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         warnings += dict.fromkeys(each)
     if not faults:
         faults += _prior_faults(study, systems, experiments)
+    if not faults and study.model is not None:
+        fitted = [each for each in experiments if each.role == "calibrate"]
+        found = try_models(systems, fitted, study.priors, f"study {study.name}")
+        faults, warnings = found[0], [*warnings, *found[1]]
     return faults, warnings
 
 

@@ -112,6 +112,18 @@ def raw_files(wildcards):
     return [str(path) for path in dict.fromkeys([*tables, *records])]
 
 
+def own_model(wildcards):
+    """The file that defines the study's system, where that is the user's own."""
+    model = STUDIES[wildcards.study].model
+    return [] if model is None else [str(model)]
+
+
+def own_models():
+    """The files that define systems of the studies."""
+    files = [study.model for study in STUDIES.values() if study.model is not None]
+    return sorted({str(file) for file in files})
+
+
 def inherited_posterior(wildcards):
     """The posterior named by `prior_from`."""
     source = STUDIES[wildcards.study].prior_from

@@ -11,6 +11,7 @@ MODEL = modules(
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
+    "own_model*.py",
     "noise/*.py",
 )
 SAMPLING = modules(
@@ -43,6 +44,7 @@ rule compile:
         studies=expand("<results>/{study}/study.yaml", study=STUDIES),
         prepared=expand("<results>/{study}/prepared", study=STUDIES),
         modules=MODEL,
+        own=own_models(),
     output:
         touch("<results>/logs/compiled"),
     log:
@@ -52,13 +54,27 @@ rule compile:
         "logged {log} deabayes compile {input.studies}"
 
 
+# What a fit runs, as one file. An edit must reach `fit` through the output of a job: in a run
+# that compiles, Snakemake looks at nothing else of it, because `compiled` is ancient.
+rule code:
+    input:
+        modules=MODEL + SAMPLING,
+        own=own_model,
+    output:
+        "<results>/{study}/logs/code",
+    log:
+        "<results>/{study}/logs/code.log",
+    shell:
+        "cksum {input} > {output} 2> {log}"
+
+
 rule fit:
     input:
         study="<results>/{study}/study.yaml",
         prepared="<results>/{study}/prepared",
         prior=inherited_posterior,
         compiled=ancient("<results>/logs/compiled"),
-        modules=MODEL + SAMPLING,
+        code="<results>/{study}/logs/code",
     output:
         "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
     log:

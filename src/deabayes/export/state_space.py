@@ -12,6 +12,7 @@ from deabayes.experiment import FloatArray
 from deabayes.export.state_space_files import WRITERS
 from deabayes.faults import UserError
 from deabayes.integrate.state_space import StateSpace
+from deabayes.own_models import restore
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import Draws, System, build
 from deabayes.systems.linear_model import LinearModel, Signal
@@ -83,6 +84,7 @@ def _positive(given: str | float | None, unit: str, option: str) -> float | None
 
 def _system(tree: xr.DataTree, picked: np.ndarray) -> tuple[System, Draws]:
     """The candidate and the picked draws of its parameters."""
+    restore(tree.attrs)
     specimen = specimen_from_json(tree.attrs["specimen"])
     system = build(specimen.system, tree.attrs["candidate"], specimen)
     names = [parameter.name for parameter in system.parameters()]

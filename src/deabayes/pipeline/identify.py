@@ -125,4 +125,6 @@ def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) ->
     for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:
         if path.parent.name not in above:
             digest.update(path.read_bytes())
+    if study.model is not None:
+        digest.update(study.model.read_bytes())
     return results / ".chain" / digest.hexdigest()[:16]

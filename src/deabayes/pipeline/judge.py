@@ -19,10 +19,12 @@ ANNEALED_DRAWS = 512
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
     from deabayes import scoring
+    from deabayes.own_models import restore
     from deabayes.storage import read_tree
     from deabayes.study import from_settings
 
     tree = read_tree(posterior)
+    restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
     candidate = tree.attrs["candidate"]
     target = build_target(study, candidate, prepared)
@@ -88,6 +90,7 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
 def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path) -> None:
     """Rank the candidates of a study: comparison.csv."""
+    from deabayes.own_models import restore
     from deabayes.ranking import Ranked, comparison_table
     from deabayes.storage import read_tree
     from deabayes.study import from_settings
@@ -95,6 +98,7 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
     ranked = []
     for posterior in posteriors:
         tree = read_tree(posterior)
+        restore(tree.attrs)
         study = from_settings(json.loads(tree.attrs["study"]))
         target = build_target(study, tree.attrs["candidate"], prepared)
         scores = json.loads(posterior.with_name("scores.json").read_text())

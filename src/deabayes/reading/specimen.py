@@ -111,6 +111,14 @@ def system_class(name: str) -> type[System]:
     return systems.system_class(name)
 
 
+def system_named(folder: Path) -> str:
+    """The system that a folder's specimen.yaml names, unchecked; empty where it names none."""
+    try:
+        return str(read_yaml(Path(folder) / FILE).get("system", ""))
+    except (OSError, UserError):
+        return ""  # whoever reads the file in earnest says what is wrong
+
+
 def known_quantities(system: str) -> dict[str, str]:
     """Quantity -> SI unit of all that a system requires or can use."""
     kind = system_class(system)

@@ -2,7 +2,7 @@
 
 Adding one: a module `systems/<name>.py` and a line in REGISTRY. The module's class
 derives from `System`. Modules are imported when first asked for, so that a job pays
-for its own system only.
+for its own system only. Systems in a user's own files come in through `own_models`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ REGISTRY: dict[str, str] = {
 }
 """System -> class in the module of the same name."""
 
+OWN: dict[str, type[System]] = {}
+"""System of a user's own file -> its class."""
+
 
 def system_class(system: str) -> type[System]:
     """The class of a system.
@@ -31,8 +34,13 @@ def system_class(system: str) -> type[System]:
     UserError
         If no system has this name.
     """
+    if system in OWN:
+        return OWN[system]
     if system not in REGISTRY:
-        raise UserError(f"unknown system {system!r}{nearest(system, REGISTRY)}")
+        raise UserError(
+            f"unknown system {system!r}{nearest(system, [*REGISTRY, *OWN])} (a system of your own: "
+            "name the file that defines it under `models` in config.yaml)"
+        )
     found: type[System] = getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
     return found
 
@@ -54,6 +62,7 @@ def candidates(system: str) -> Sequence[str]:
 
 
 __all__ = [
+    "OWN",
     "REGISTRY",
     "Derived",
     "Draws",

@@ -1,0 +1,184 @@
+"""A user's own systems: Python files, named under `models:` in a config, that define them.
+
+A file is run once per text of it, and what it defines is known by name to
+`deabayes.systems` from then on, as the shipped systems are. A posterior records its file
+and the SHA-256 of its text, and is used with that text only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+
+from deabayes.faults import Faults, UserError
+from deabayes.own_model_checks import system_faults
+from deabayes.systems import OWN, System
+
+REMEDY = "docs/how-to/own-model.md has one to start from"
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A file as it was when its systems were loaded."""
+
+    path: Path
+    sha256: str
+
+
+_FILES: dict[str, ModelFile] = {}
+
+
+def load_models(*files: str | Path) -> dict[str, Path]:
+    """Make the systems that Python files define known by their names.
+
+    A file stands alone: it may import installed packages, but no file beside it. Loaded
+    again after an edit, it replaces what it defined before.
+
+    Parameters
+    ----------
+    *files : relative to the working directory.
+
+    Returns
+    -------
+    dict
+        System -> the file that defines it.
+
+    Raises
+    ------
+    Faults
+        Every file that is missing, cannot be run or defines no usable `System`, and
+        every name that two systems have.
+    """
+    found: dict[str, type[System]] = {}
+    read: dict[str, ModelFile] = {}
+    faults: list[str] = []
+    for path in dict.fromkeys(Path(file) for file in files):
+        try:
+            source = _text_of(path)
+            systems = _systems_in(path, source)
+        except UserError as error:
+            faults += str(error).splitlines()
+            continue
+        for kind in systems:
+            if kind.name in read:
+                faults.append(
+                    f"{path}: system {kind.name!r} is defined in {read[kind.name].path} too; "
+                    "give one of them another name"
+                )
+            found[kind.name] = kind
+            read[kind.name] = ModelFile(path, hashlib.sha256(source).hexdigest())
+    if faults:
+        raise Faults(faults)
+    OWN.update(found)
+    _FILES.update(read)
+    return {name: file.path for name, file in read.items()}
+
+
+def recorded(system: str) -> dict[str, str]:
+    """What a posterior says of its system's file; nothing for a shipped system."""
+    file = _FILES.get(system)
+    return {} if file is None else {"model_file": str(file.path), "model_sha256": file.sha256}
+
+
+def restore(attributes: Mapping[str, str]) -> None:
+    """Load the file that a posterior with these attributes was fitted with, if it was with one.
+
+    Raises
+    ------
+    UserError
+        If the file is not there, or not as it was then, and no copy that is has been loaded.
+    """
+    system, wanted = attributes["system"], attributes.get("model_sha256")
+    if wanted is None or _is_loaded(system, wanted):
+        return
+    path = Path(attributes["model_file"])
+    fitted = f"{attributes['study_name']}, {attributes['candidate']}: fitted with {path}"
+    if not path.is_file():
+        raise UserError(
+            f"{fitted}, which is missing seen from {Path.cwd()}; work in the folder it was fitted "
+            "in, or load a copy first: deabayes.load_models(FILE)"
+        )
+    load_models(path)
+    if not _is_loaded(system, wanted):
+        raise UserError(
+            f"{fitted}, which has changed since (SHA-256 then {wanted[:12]}); fit again, or "
+            "bring back the file as it was"
+        )
+
+
+def fault_in_a_model(error: BaseException) -> str | None:
+    """Where in a loaded model's file an error arose, and which; None if it arose elsewhere."""
+    for file in {file.path for file in _FILES.values()}:
+        if _line_of(error, file):
+            return _sentence(error, file)
+    return None
+
+
+def _is_loaded(system: str, sha256: str) -> bool:
+    return system in _FILES and _FILES[system].sha256 == sha256
+
+
+def _text_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        reason = "there is no such file" if isinstance(error, FileNotFoundError) else error.strerror
+        raise UserError(
+            f"{path}: {reason}; `models` names Python files that define a System"
+        ) from None
+
+
+@lru_cache(maxsize=64)
+def _systems_in(path: Path, source: bytes) -> tuple[type[System], ...]:
+    """The systems that a file with this text defines, each whole."""
+    module = _run(path, source)
+    classes = dict.fromkeys(each for each in vars(module).values() if isinstance(each, type))
+    mine = [c for c in classes if issubclass(c, System) and c.__module__ == module.__name__]
+    offered = [
+        kind
+        for kind in mine
+        if hasattr(kind, "name") or not any(kind in other.__bases__ for other in mine)
+    ]
+    if not offered:
+        raise UserError(
+            f"{path}: defines no System; derive a class from deabayes.systems.System ({REMEDY})"
+        )
+    faults = [f"{path}, {fault}" for kind in offered for fault in system_faults(kind)]
+    if faults:
+        raise Faults(faults)
+    return tuple(offered)
+
+
+def _run(path: Path, source: bytes) -> ModuleType:
+    """The module that a file is, run from its text: Python's own cache may hold an older one."""
+    digest = hashlib.sha256(str(path.resolve()).encode() + source).hexdigest()
+    module = ModuleType(f"deabayes_own_model_{digest[:16]}")
+    module.__file__ = str(path.resolve())
+    sys.modules[module.__name__] = module  # where dataclasses look their annotations up
+    try:
+        exec(compile(source, module.__file__, "exec"), vars(module))
+    except (Exception, SystemExit) as error:
+        del sys.modules[module.__name__]
+        raise UserError(_sentence(error, path)) from error
+    return module
+
+
+def _sentence(error: BaseException, path: Path) -> str:
+    said = error.msg if isinstance(error, SyntaxError) else str(error)
+    words = f"{type(error).__name__}: {said}".replace("\n", " ").rstrip(": ")
+    return f"{path}{_line_of(error, path)}: {words}; correct the model there"
+
+
+def _line_of(error: BaseException, path: Path) -> str:
+    """The last line of the file that an error passed through; empty if it passed through none."""
+    file = str(path.resolve())
+    if isinstance(error, SyntaxError) and error.filename == file:
+        return f", line {error.lineno}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+    return f", line {frames[-1].lineno}" if frames else ""
