@@ -104,12 +104,12 @@ def restore(attributes: Mapping[str, str]) -> None:
             f"{fitted}, which is missing seen from {Path.cwd()}; work in the folder it was fitted "
             "in, or load a copy first: deabayes.load_models(FILE)"
         )
-    load_models(path)
-    if not _is_loaded(system, wanted):
+    if hashlib.sha256(_text_of(path)).hexdigest() != wanted:
         raise UserError(
             f"{fitted}, which has changed since (SHA-256 then {wanted[:12]}); fit again, or "
             "bring back the file as it was"
         )
+    load_models(path)
 
 
 def fault_in_a_model(error: BaseException) -> str | None:
