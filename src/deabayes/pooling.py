@@ -62,7 +62,8 @@ def pool(
     Only what follows the last refit is kept. Goes on in rounds until every gate passes
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
     refitted again, a few times at most, while runs are far from long enough and the budget
-    leaves much more than a refit throws away, and then only to longer runs than the last time.
+    leaves much more than a refit throws away, and then only to longer runs than the last time;
+    where no proposal gets better by it, nothing is thrown away.
 
     Parameters
     ----------
@@ -80,10 +81,13 @@ def pool(
         refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
         refit_pays = refit_pays and times > GROWTH * seen
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
-            ensembles, total, refits, seen = current, 0, refits + 1, times
-            inside = store.sub(f"refit_{refits}")
-            target = Target(log_likelihood, hop)
-            runs = _runs(target, ensembles, settings, stage_seed(seed, refits), inside)
+            refits, seen = refits + 1, times
+            inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
+            proposals = [_refit(inside, current, index, stream) for index in range(len(current))]
+            if not runs or _differ(proposals, current):
+                ensembles, total = current, 0
+                target = Target(log_likelihood, hop)
+                runs = _runs(target, ensembles, proposals, settings, stream, inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
@@ -99,15 +103,16 @@ def pool(
 def _runs(
     target: Target,
     ensembles: Sequence[Ensemble],
+    proposals: Sequence[Proposal],
     settings: Sampling,
     seed: np.random.SeedSequence,
     store: Store,
 ) -> list[Run]:
-    """Each ensemble, ready to go on from its last step, with a refitted proposal or its own."""
+    """Each ensemble, ready to go on from its last step with a proposal."""
     return [
         Run(
             replace(target),
-            _refit(store, ensembles, index, seed),
+            proposals[index],
             (ensemble.chain[-1], ensemble.log_posterior[-1]),
             stage_seed(seed, CONTINUED, index),
             store.sub(f"continued_{index}"),
@@ -153,6 +158,11 @@ def judge(
 
 def _coordinates(z: FloatArray) -> dict[str, FloatArray]:
     return {f"z_{index + 1}": column for index, column in enumerate(z.T)}
+
+
+def _differ(proposals: Sequence[Proposal], ensembles: Sequence[Ensemble]) -> bool:
+    pairs = zip(proposals, ensembles, strict=True)
+    return any(proposal is not ensemble.proposal for proposal, ensemble in pairs)
 
 
 def _refit(

@@ -64,3 +64,23 @@ def test_a_proposal_is_refitted_where_that_is_better():
     pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(4))
     assert [run.refitted for run in pooled.ensembles] == [False, True]
     assert pooled.ensembles[0].proposal is fair
+
+
+def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
+    """400 steps are gone on from, 90 % of the other 7600 kept, however often a refit is tried."""
+    tried = []
+
+    def its_own(own, others, rng):
+        tried.append(own)
+        return own
+
+    monkeypatch.setattr("deabayes.pooling.better_proposal", its_own)
+    rng = np.random.default_rng(5)
+    fair = fit(rng.standard_normal((4000, 2)), 1, rng)
+    runs = [slow_run(rng, 32, 400, 2, fair) for _ in range(2)]
+    settings = Sampling(ensembles=2, walkers=32, max_steps=8000, autocorrelation_times=1e6)
+    pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
+    assert len(tried) > 2
+    assert not any(run.refitted for run in pooled.ensembles)
+    assert [run.steps for run in pooled.ensembles] == [8000, 8000]
+    assert pooled.ensembles[0].burn_in == pytest.approx(400 + 0.1 * 7600, abs=10)
