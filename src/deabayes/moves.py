@@ -14,12 +14,10 @@ from emcee import EnsembleSampler
 from emcee.moves import DEMove, MHMove
 from emcee.state import State
 
+from deabayes.cloud import SHORT_STEP, Hop, LogDensity
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.smc import Hop, LogDensity
 from deabayes.warp import Warp
-
-SHORT_STEP = 0.2
 
 
 class IndependenceMove(MHMove):

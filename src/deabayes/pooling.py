@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.checkpoint import Arrays, Store
+from deabayes.cloud import Hop, LogDensity
 from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
 from deabayes.refit import better_proposal
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
-from deabayes.smc import Hop, LogDensity
 from deabayes.study import Sampling
 
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]

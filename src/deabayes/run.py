@@ -10,11 +10,12 @@ import numpy as np
 
 from deabayes import chains
 from deabayes.checkpoint import Arrays, Store, random_state_arrays, random_state_from
+from deabayes.cloud import Hop, LogDensity
 from deabayes.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.smc import Hop, LogDensity, log_standard_normal
+from deabayes.smc import log_standard_normal
 from deabayes.study import Sampling
 
 MOST_STORED_STEPS = 4000

@@ -16,13 +16,14 @@ import numpy as np
 from deabayes.chains import ess_bulk
 from deabayes.checkpoint import Arrays, Store
 from deabayes.climb import bulk_missed, draws_of_peaks, find_peaks
+from deabayes.cloud import Hop, LogDensity, Schedule
 from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
 from deabayes.proposal import Proposal, fit
 from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
-from deabayes.smc import Hop, LogDensity, Population, Schedule, from_prior, settle
+from deabayes.smc import Population, from_prior, settle
 from deabayes.study import Sampling
 
 __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
@@ -30,7 +31,7 @@ __all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "ru
 WARM_UP, START, SAMPLING = range(3)
 COMPONENTS, SETTLED_COMPONENTS = 4, 8
 SETTLING_STEPS = 200
-WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 15))
+WARM_UP_SCHEDULE = Schedule(final_forgotten=0.3, final_rounds=(4, 60))
 """What the warm-up leaves undone at beta = 1, settling does."""
 SETTLING_SHARE, LEAST_SETTLING = 0.15, 1000
 """Of the budget, at most, and not counted in it; and steps that are always allowed."""

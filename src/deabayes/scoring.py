@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from deabayes.cloud import Schedule
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.smc import Schedule, anneal
+from deabayes.smc import anneal
 
 LogDensity = Callable[[FloatArray], FloatArray]
 ON_THE_WAY = Schedule(final_rounds=(0, 0))

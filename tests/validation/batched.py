@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from deabayes.cloud import LogDensity
 from deabayes.experiment import FloatArray
-from deabayes.smc import LogDensity
 
 
 class Batched:

@@ -17,6 +17,7 @@ MODEL = modules(
 SAMPLING = modules(
     "sampling.py",
     "smc.py",
+    "cloud.py",
     "climb.py",
     "mixture.py",
     "warp*.py",

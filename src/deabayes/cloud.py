@@ -1,0 +1,178 @@
+"""Particles on their way, and the moves that leave base * increment^beta alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.mixture import RandomSource
+from deabayes.proposal import Proposal, fit
+from deabayes.warp import Warp
+
+LogDensity = Callable[[FloatArray], FloatArray]
+Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
+"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+
+REFIT_ROUNDS, STEADY_ROUNDS = 5, 5
+SHORT_STEP = 0.2
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How a population is moved: rounds go on until it has forgotten where it started.
+
+    Attributes
+    ----------
+    effective_share : effective share of the particles that the next beta leaves.
+    forgotten : largest correlation of any coordinate with its start at which rounds
+        end, on the way and (`final_`) at beta = 1.
+    drift : of the median log density over five rounds, in its standard deviations, below
+        which rounds end. Particles that have forgotten where along a thin ridge they were
+        may still be far down its side.
+    """
+
+    effective_share: float = 0.5
+    components: int = 4
+    forgotten: float = 0.5
+    rounds: tuple[int, int] = (2, 60)
+    final_forgotten: float = 0.1
+    final_rounds: tuple[int, int] = (10, 60)
+    drift: float = 0.1
+
+
+class Cloud:
+    """Particles with their densities, and the moves that leave base * increment^beta alone."""
+
+    def __init__(
+        self,
+        z: FloatArray,
+        log_base: LogDensity,
+        log_increment: LogDensity,
+        rng: np.random.Generator,
+        hop: Hop | None = None,
+    ) -> None:
+        self.z, self.rng, self._hop = z, rng, hop
+        self._log_base, self._log_increment = log_base, log_increment
+        self.base, self.increment = self._densities(z)
+
+    def _densities(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        base = np.asarray(self._log_base(z), dtype=float)
+        increment = np.asarray(self._log_increment(z), dtype=float)
+        usable = np.isfinite(base) & np.isfinite(increment)
+        return np.where(usable, base, -np.inf), np.where(usable, increment, -np.inf)
+
+    def resample(self, step: float) -> None:
+        usable = np.isfinite(self.increment)
+        largest = self.increment[usable].max()
+        chosen = _systematic(np.exp(step * (self.increment - largest)), self.rng)
+        self.z, self.base = self.z[chosen], self.base[chosen]
+        self.increment = self.increment[chosen]
+
+    def forget(self, beta: float, schedule: Schedule, proposal: Proposal) -> int:
+        """Move until the start is forgotten; the number of rounds made.
+
+        The proposal is that of the density before: wider, and fitted to particles of which
+        none is another's copy. It is refitted as rounds go on.
+        """
+        last = beta == 1.0
+        fewest, most = schedule.final_rounds if last else schedule.rounds
+        limit = schedule.final_forgotten if last else schedule.forgotten
+        start = self.z.copy()
+        levels: list[tuple[float, float]] = []
+        for made in range(1, most + 1):
+            if made % REFIT_ROUNDS == 0:
+                proposal = fit(self.z, schedule.components, self.rng)
+            self._move(beta, proposal)
+            density = self.base + beta * self.increment
+            levels.append((float(np.median(density)), float(density.std())))
+            forgotten = made >= fewest and _largest_correlation(start, self.z) < limit
+            if forgotten and _steady(levels, schedule.drift):
+                return made
+        return most
+
+    def _move(self, beta: float, proposal: Proposal) -> None:
+        """One round: every kind of move once."""
+        self._differential_evolution(beta)
+        self._independence(beta, proposal)
+        for part in proposal.parts:
+            if part.warp is not None:
+                self._along(beta, part.warp)
+        if self._hop is not None:
+            proposed, factor = self._hop(self.z, self.rng)
+            self._accept(np.arange(len(self.z)), proposed, factor, beta)
+
+    def _accept(
+        self, which: NDArray[np.intp], proposed: FloatArray, factor: FloatArray, beta: float
+    ) -> None:
+        base, increment = self._densities(proposed)
+        usable = np.isfinite(base)
+        target = np.where(usable, base + beta * np.where(usable, increment, 0.0), -np.inf)
+        current = self.base[which] + beta * self.increment[which]
+        accepted = np.log(self.rng.random(len(which))) < target - current + factor
+        moved = which[accepted]
+        self.z[moved] = proposed[accepted]
+        self.base[moved], self.increment[moved] = base[accepted], increment[accepted]
+
+    def _differential_evolution(self, beta: float) -> None:
+        """Each half moves along differences of pairs of the other (ter Braak 2006)."""
+        for moving, resting in self._halves():
+            jump = self.rng.random(len(moving)) < 0.1
+            gamma = np.where(jump, 1.0, 2.38 / sqrt(2 * self.z.shape[1]))
+            proposed = self.z[moving] + self._differences(self.z[resting], gamma)
+            self._accept(moving, proposed, np.zeros(len(moving)), beta)
+
+    def _along(self, beta: float, warp: Warp) -> None:
+        """The same in a map's straightened coordinates, half of it in short steps."""
+        for moving, resting in self._halves():
+            short = self.rng.random(len(moving)) < 0.5
+            gamma = np.where(short, SHORT_STEP, 2.38 / sqrt(2 * self.z.shape[1]))
+            x, log_jacobian = warp.straighten(self.z[moving])
+            step = self._differences(warp.forward(self.z[resting]), gamma)
+            proposed = warp.inverse(x + step)
+            self._accept(moving, proposed, log_jacobian - warp.straighten(proposed)[1], beta)
+
+    def _halves(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
+        """Indices of the particles that move and of those that rest, and the other way round."""
+        order = self.rng.permutation(len(self.z))
+        first, second = order[: len(order) // 2], order[len(order) // 2 :]
+        return (first, second), (second, first)
+
+    def _differences(self, resting: FloatArray, gamma: FloatArray) -> FloatArray:
+        """Differences of random pairs of `resting` (R, d), one for each of gamma (M,): (M, d)."""
+        first = self.rng.integers(len(resting), size=len(gamma))
+        second = (first + self.rng.integers(1, len(resting), size=len(gamma))) % len(resting)
+        gamma = gamma * (1 + 1e-5 * self.rng.standard_normal(len(gamma)))
+        step = gamma[:, None] * (resting[first] - resting[second])
+        return step + 1e-9 * self.rng.standard_normal(step.shape)
+
+    def _independence(self, beta: float, proposal: Proposal) -> None:
+        proposed = proposal.sample(self.rng, len(self.z))
+        factor = proposal.log_density(self.z) - proposal.log_density(proposed)
+        self._accept(np.arange(len(self.z)), proposed, factor, beta)
+
+
+def _systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Indices of systematic resampling."""
+    points = (np.arange(len(weights)) + rng.random()) / len(weights)
+    cumulative = np.cumsum(weights) / weights.sum()
+    return np.minimum(np.searchsorted(cumulative, points, side="right"), len(weights) - 1)
+
+
+def _steady(levels: Sequence[tuple[float, float]], drift: float) -> bool:
+    """Whether medians, with standard deviations, have stood still for some rounds."""
+    if len(levels) <= STEADY_ROUNDS:
+        return False
+    (median, spread), (before, _) = levels[-1], levels[-1 - STEADY_ROUNDS]
+    return abs(median - before) <= drift * spread
+
+
+def _largest_correlation(start: FloatArray, now: FloatArray) -> float:
+    """Largest absolute correlation of a coordinate with its own start."""
+    first, second = start - start.mean(axis=0), now - now.mean(axis=0)
+    norm = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
+    return float(np.max(np.abs((first * second).sum(axis=0)) / np.maximum(norm, 1e-300)))
