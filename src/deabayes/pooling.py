@@ -14,13 +14,13 @@ from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.refit import better_proposal
+from deabayes.refit import better_proposal, leaves_out
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.study import Sampling
 
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
-REFIT, CONTINUED = range(2)
+REFIT, CONTINUED, INSPECTED = range(3)
 MOST_REFITS = 6
 LEFT_AFTER_REFIT = 2.0
 """Times what it throws away that the budget must leave after a refit."""
@@ -62,8 +62,9 @@ def pool(
     Only what follows the last refit is kept. Goes on in rounds until every gate passes
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
     refitted again, a few times at most, while runs are far from long enough and the budget
-    leaves much more than a refit throws away, and then only to longer runs than the last time;
-    where no proposal gets better by it, nothing is thrown away.
+    leaves much more than a refit throws away, and then only to longer runs than the last time
+    or where a proposal leaves out what other runs found since; where none gets better by it,
+    nothing is thrown away.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ def pool(
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
         refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
-        refit_pays = refit_pays and times > GROWTH * seen
+        refit_pays = refit_pays and (times > GROWTH * seen or _incomplete(current, seed, total))
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
             refits, seen = refits + 1, times
             inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
@@ -163,6 +164,13 @@ def _coordinates(z: FloatArray) -> dict[str, FloatArray]:
 def _differ(proposals: Sequence[Proposal], ensembles: Sequence[Ensemble]) -> bool:
     pairs = zip(proposals, ensembles, strict=True)
     return any(proposal is not ensemble.proposal for proposal, ensemble in pairs)
+
+
+def _incomplete(ensembles: Sequence[Ensemble], seed: np.random.SeedSequence, total: int) -> bool:
+    """Whether a run's proposal leaves out what others found."""
+    rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
+    pairs = [(each, [other for other in ensembles if other is not each]) for each in ensembles]
+    return any(leaves_out(each.proposal, others, rng) for each, others in pairs if others)
 
 
 def _refit(

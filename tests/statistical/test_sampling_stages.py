@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from deabayes.ensemble import Ensemble
+from deabayes.mixture import Mixture
 from deabayes.pooling import pool
-from deabayes.proposal import fit
-from deabayes.refit import better_proposal
+from deabayes.proposal import Part, Proposal, fit
+from deabayes.refit import better_proposal, divergence, leaves_out
 from deabayes.sampling import run_ensemble
 from deabayes.smc import log_standard_normal
 from deabayes.study import Sampling
@@ -64,6 +65,29 @@ def test_a_proposal_is_refitted_where_that_is_better():
     pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(4))
     assert [run.refitted for run in pooled.ensembles] == [False, True]
     assert pooled.ensembles[0].proposal is fair
+
+
+def test_the_divergence_of_normal_densities():
+    """p = N(0, 1), q = N(0, s^2): the mean of (p/q)^(1/2) is (s / (3/2 - 1/(2 s^2)))^(1/2)."""
+    s, z = 0.8, np.random.default_rng(8).standard_normal((200000, 1))
+    narrow = Mixture(np.ones(1), np.zeros((1, 1)), np.full((1, 1, 1), s), 1e9)
+    expected = 0.5 * np.log(s / (1.5 - 0.5 / s**2))
+    found = divergence(Proposal((Part(1.0, narrow),)), z, log_standard_normal(z))
+    assert found == pytest.approx(expected, abs=0.002)
+
+
+def test_a_proposal_leaves_out_what_other_runs_found():
+    """One of a hundred draws lies twelve standard deviations out, where the target is flat."""
+    rng = np.random.default_rng(7)
+    own = fit(rng.standard_normal((4000, 2)), 1, rng)
+    run = slow_run(rng, 32, 400, 400, own)
+    assert not leaves_out(own, [run], rng)
+    chain, log_posterior = run.chain.copy(), run.log_posterior.copy()
+    far = rng.random(log_posterior.shape) < 0.01
+    chain[far, 0] += 12.0
+    assert leaves_out(own, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
+    found = better_proposal(own, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
+    assert not leaves_out(found, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
 
 
 def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.validation import membrane_summary, nist_summary, rank_figure, recovery_summary
+from tests.validation import goals, membrane_summary, nist_summary, rank_figure, recovery_summary
 from tests.validation.calibration import NARROW, OUTPUT, RANKS, SEED
 from tests.validation.ecdf import inside
 
@@ -81,6 +81,7 @@ def main() -> None:
         *membrane_summary.write(OUTPUT),
         *recovery_summary.write(OUTPUT),
         *nist_summary.write(OUTPUT),
+        *goals.write(OUTPUT),
     ]
     for name in missing:
         print(f"not measured yet: {OUTPUT / name}")

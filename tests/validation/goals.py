@@ -1,0 +1,184 @@
+"""What the statistical design asks for, and what was measured, of whatever has been run.
+
+The eight goals are those the project set itself before it began; a goal without figures
+says so, and one that is missed says NO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from tests.validation import membrane_summary, recovery_summary
+
+FILE = "goals.csv"
+NOT_RUN = "not measured yet"
+MUST_FAIL = "must fail"
+"""In what a table says of a noise model that is wrong on purpose."""
+COVERED, BAND, BAND_HALF = (0.86, 0.94), (0.85, 0.95), (0.42, 0.58)
+DILUTED = 0.75
+MEANS, ENDS = 0.1, 0.15
+NATS, CLOSED, OPEN = 0.5, 0.95, 0.80
+SHIFT, RATIO = 0.1, 0.05
+WIDE, HALF = "90 % band covers ", "50 % band covers "
+
+Found = tuple[str, str, str]
+"""What was looked at, what came out, whether that is what was asked: yes, NO or empty."""
+Checked = tuple[str, "pd.Series[Any] | None", bool]
+"""A recovery check, its row of figures, and whether its noise model is wrong on purpose."""
+
+
+def write(folder: Path) -> list[str]:
+    """Write goals.csv."""
+    table = pd.DataFrame(
+        [
+            {"goal": goal, "asked": asked, "of": what, "measured": measured, "met": met}
+            for goal, asked, find in GOALS
+            for what, measured, met in find(folder)
+        ]
+    )
+    table.to_csv(folder / FILE, index=False)
+    print(f"\n{FILE}\n{table.to_string(index=False)}")
+    return []
+
+
+def _table(path: Path) -> pd.DataFrame | None:
+    return pd.read_csv(path) if path.is_file() else None
+
+
+def _within(value: float, limits: tuple[float, float]) -> str:
+    return "yes" if limits[0] <= value <= limits[1] else "NO"
+
+
+def _first(text: object) -> float:
+    """The number in front of a range: 0.907 of `0.907 (0.86 to 0.96)`."""
+    return float(str(text).split()[0])
+
+
+def by_tests(*names: str) -> Callable[[Path], Iterator[Found]]:
+    """A goal that the test suite holds at every change."""
+
+    def find(folder: Path) -> Iterator[Found]:
+        for name in names:
+            yield name, "asserted by `make test`", "yes"
+
+    return find
+
+
+def calibrated(folder: Path) -> Iterator[Found]:
+    table = _table(folder / "calibration.csv")
+    if table is None:
+        yield "", NOT_RUN, ""
+        return
+    for model, rows in table.groupby("model"):
+        outside = int((rows["ranks in 95 % band"] != "yes").sum())
+        control = rows[next(name for name in rows if name.startswith("control"))]
+        seen = bool(control.str.startswith("leaves").all())
+        measured = f"{outside} of {len(rows)} parameters outside, {rows['replicates'].min()} sets"
+        measured += "; the narrow control leaves" if seen else "; the control stays inside"
+        yield str(model), measured, "yes" if outside == 0 and seen else "NO"
+
+
+def covered(folder: Path) -> Iterator[Found]:
+    for what, row, wrong in (*_membranes(folder), *_others(folder)):
+        if row is None:
+            yield what, NOT_RUN, ""
+            continue
+        share = _first(row["coverage of 90 % intervals"])
+        met = ("yes" if share < DILUTED else "NO") if wrong else _within(share, COVERED)
+        yield what, f"{share:.3f}, {row['replicates']} specimens", met
+
+
+def _membranes(folder: Path) -> Iterator[Checked]:
+    table = _table(folder / "membrane_recovery.csv")
+    for variant, order in membrane_summary.PLANNED:
+        meaning = membrane_summary.MEANING[variant]
+        row = None
+        if table is not None:
+            found = table[(table["data and fit"] == meaning) & (table["units"] == order)]
+            row = found.iloc[0] if len(found) else None
+        yield f"membrane, kv_gm_{order}: {meaning}", row, MUST_FAIL in meaning
+
+
+def _others(folder: Path) -> Iterator[Checked]:
+    for model in recovery_summary.checked(folder):
+        table = _table(folder / f"{model.name}.csv")
+        yield model.title, None if table is None else table.iloc[0], False
+
+
+def agreeing(folder: Path) -> Iterator[Found]:
+    table = _table(folder / "two_seeds.csv")
+    if table is None:
+        yield "", NOT_RUN, ""
+        return
+    for model, rows in table[table["both_converged"] == 1].groupby("model"):
+        mean, end = rows["mean_difference_sd"].max(), rows["end_difference_sd"].max()
+        measured = f"means {mean:.3f} sd, ends {end:.3f} sd, {len(rows)} specimens"
+        yield str(model), measured, "yes" if mean <= MEANS and end <= ENDS else "NO"
+
+
+def compared(folder: Path) -> Iterator[Found]:
+    table = _table(folder / "nested_evidence.csv")
+    if table is None:
+        yield "bridge against nested", NOT_RUN, ""
+    else:
+        most = float(table["difference"].abs().max())
+        yield "bridge against nested", f"{most:.2f} nat", "yes" if most <= NATS else "NO"
+    table = _table(folder / "order_selection.csv")
+    if table is None:
+        yield "true order", NOT_RUN, ""
+        return
+    for _, row in table.iterrows():
+        limit = CLOSED if row["world"] == "closed" else OPEN
+        right, conflicts = row["share right of all judged"], int(row["unflagged conflicts"])
+        of = f"order, {row['family']}, {row['world']}, {row['true units']} true units"
+        met = "yes" if float(right) >= limit and conflicts == 0 else "NO"
+        yield of, f"{right} right, {conflicts} unflagged conflicts", met
+
+
+def held_out(folder: Path) -> Iterator[Found]:
+    for what, row, wrong in (*_membranes(folder), *_others(folder)):
+        if row is None:
+            yield what, NOT_RUN, ""
+            continue
+        for column in [name for name in row.index if name.startswith(WIDE) and not wrong]:
+            record = column.removeprefix(WIDE)
+            wide, half = float(row[column]), float(row[HALF + record])
+            both = _within(wide, BAND), _within(half, BAND_HALF)
+            yield f"{what}: {record}", f"{wide:.3f}, {half:.3f}", "NO" if "NO" in both else "yes"
+
+
+def reproduced(folder: Path) -> Iterator[Found]:
+    table = _table(folder / "nist_summary.csv")
+    if table is None:
+        yield "", NOT_RUN, ""
+        return
+    done = table[table["converged"] == "yes"]
+    exact = (done["mean - exact [sd]"].abs() <= SHIFT) & ((done["sd / exact"] - 1).abs() <= RATIO)
+    wrong = ", ".join(done.loc[~exact, "set"])
+    short = ", ".join(table.loc[table["converged"] != "yes", "set"])
+    good = f"{int(exact.sum())} of {len(table)} sets within {SHIFT} sd and {RATIO:.0%} of exact"
+    yield "converged sets", good, "yes" if not wrong and len(done) == len(table) else "NO"
+    if wrong:
+        yield "converged and off", wrong, "NO"
+    if short:
+        yield "not converged, and said so", short, "NO"
+
+
+GOALS: tuple[tuple[str, str, Callable[[Path], Iterator[Found]]], ...] = (
+    ("1 likelihood", "1e-8 of dense covariances, celerite2", by_tests("tests/unit/test_noise.py")),
+    (
+        "2 conjugate posterior",
+        "means in 4 MCSE, sds in 3 %",
+        by_tests("tests/statistical/test_sampler.py"),
+    ),
+    ("3 calibration", "ranks in their 95 % band, control outside", calibrated),
+    ("4 coverage", "0.86 to 0.94; fitted as independent below 0.75", covered),
+    ("5 two seeds", "means in 0.1 sd, ends of intervals in 0.15 sd", agreeing),
+    ("6 comparison", "0.5 nat; right 0.95 closed, 0.80 open; no unflagged conflict", compared),
+    ("7 held-out records", "90 % bands 0.85 to 0.95, 50 % bands 0.42 to 0.58", held_out),
+    ("8 NIST's regression sets", "certified (or exact) means and sds", reproduced),
+)
