@@ -29,7 +29,7 @@ class Ensemble:
     replaced_walkers : walkers found stuck after the warm-up and started elsewhere.
     evaluations, failures : likelihood evaluations, and how many gave no finite value.
     enough : the run passed the gates that can be judged on one run alone.
-    refitted : sampled with a proposal fitted to the other ensembles' draws.
+    refitted : sampled with a proposal refitted to the ensembles' draws.
     """
 
     chain: FloatArray

@@ -14,7 +14,7 @@ from deabayes.diagnostics import Convergence, assess
 from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
 from deabayes.proposal import Proposal
-from deabayes.refit import better_proposal, leaves_out
+from deabayes.refit import better_proposals, leave_out
 from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.study import Sampling
 
@@ -63,7 +63,7 @@ def pool(
     or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
     refitted again, a few times at most, while runs are far from long enough and the budget
     leaves much more than a refit throws away, and then only to longer runs than the last time
-    or where a proposal leaves out what other runs found since; where none gets better by it,
+    or where a proposal leaves out what runs have found since; where none gets better by it,
     nothing is thrown away.
 
     Parameters
@@ -80,11 +80,12 @@ def pool(
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
         refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
-        refit_pays = refit_pays and (times > GROWTH * seen or _incomplete(current, seed, total))
+        rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
+        refit_pays = refit_pays and (times > GROWTH * seen or leave_out(current, rng))
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
             refits, seen = refits + 1, times
             inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
-            proposals = [_refit(inside, current, index, stream) for index in range(len(current))]
+            proposals = _refit(inside, current, stream)
             if not runs or _differ(proposals, current):
                 ensembles, total = current, 0
                 target = Target(log_likelihood, hop)
@@ -166,27 +167,22 @@ def _differ(proposals: Sequence[Proposal], ensembles: Sequence[Ensemble]) -> boo
     return any(proposal is not ensemble.proposal for proposal, ensemble in pairs)
 
 
-def _incomplete(ensembles: Sequence[Ensemble], seed: np.random.SeedSequence, total: int) -> bool:
-    """Whether a run's proposal leaves out what others found."""
-    rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
-    pairs = [(each, [other for other in ensembles if other is not each]) for each in ensembles]
-    return any(leaves_out(each.proposal, others, rng) for each, others in pairs if others)
-
-
 def _refit(
-    store: Store, ensembles: Sequence[Ensemble], index: int, seed: np.random.SeedSequence
-) -> Proposal:
-    """The proposal of an ensemble refitted to the others, or its own where that is better."""
-    own = ensembles[index].proposal
+    store: Store, ensembles: Sequence[Ensemble], seed: np.random.SeedSequence
+) -> list[Proposal]:
+    """The proposals of all ensembles refitted, or their own where those are better."""
 
     def compute() -> Arrays:
-        others = [each for other, each in enumerate(ensembles) if other != index] or ensembles
-        rng = np.random.default_rng(stage_seed(seed, REFIT, index))
-        found = better_proposal(own, others, rng)
-        return {"refitted": np.asarray(found is not own), **found.arrays()}
+        found = better_proposals(ensembles, np.random.default_rng(stage_seed(seed, REFIT)))
+        own = [each.proposal for each in ensembles]
+        new = [here is not before for here, before in zip(found, own, strict=True)]
+        fitted = next((each for each, is_new in zip(found, new, strict=True) if is_new), own[0])
+        return {"refitted": np.asarray(new), **fitted.arrays()}
 
-    arrays = store.once(f"refitted_{index}", compute)
-    return Proposal.from_arrays(arrays) if arrays["refitted"] else own
+    arrays = store.once("refitted", compute)
+    fitted = Proposal.from_arrays(arrays)
+    pairs = zip(ensembles, arrays["refitted"], strict=True)
+    return [fitted if is_new else each.proposal for each, is_new in pairs]
 
 
 def _continue(

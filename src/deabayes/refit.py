@@ -1,4 +1,4 @@
-"""Proposals refitted to the draws of the other ensembles, where that describes them better."""
+"""Proposals refitted to the draws of all ensembles, where that describes them better."""
 
 from __future__ import annotations
 
@@ -18,34 +18,39 @@ TOO_FAR = 1.0
 """Of `divergence` above that of usual draws; fitted to where all runs were, it is 0.1 to 0.8."""
 
 
-def better_proposal(
-    own: Proposal, others: Sequence[Ensemble], rng: np.random.Generator
-) -> Proposal:
-    """A proposal fitted to the second halves of `others`, or `own` if that is better.
+def better_proposals(ensembles: Sequence[Ensemble], rng: np.random.Generator) -> list[Proposal]:
+    """For each ensemble a proposal fitted to the second halves of all, or its own if better.
 
-    A trial fitted to four fifths of their walkers is judged, as `own` is, by its `divergence`
-    at draws of the walkers left out. Fitted to a few effective draws, or to walkers that
-    sit still, a proposal with its many coefficients is worse than the one it would replace.
+    A trial fitted to four fifths of the walkers is judged, as their own ones are, by its
+    `divergence` at draws of the walkers left out. Fitted to a few effective draws, or to walkers
+    that sit still, a proposal with its many coefficients is worse than what it would replace.
     """
-    kept, left_out = _draws(others, left_out=False), _draws(others, left_out=True)
+    kept, left_out = _draws(ensembles, left_out=False), _draws(ensembles, left_out=True)
     trial = _fit(*kept, TRIAL_SAMPLE, rng)
     judged = _some(left_out[0], JUDGED_SAMPLE, rng)
     z, log_posterior = left_out[0][judged], left_out[1][judged]
-    if not divergence(trial, z, log_posterior) < divergence(own, z, log_posterior):
-        return own
-    both = zip(kept, left_out, strict=True)
-    draws, log_posterior = (np.concatenate(parts) for parts in both)
-    return _fit(draws, log_posterior, SAMPLE, rng)
+    reached = divergence(trial, z, log_posterior)
+    better = [reached < divergence(each.proposal, z, log_posterior) for each in ensembles]
+    if not any(better):
+        return [each.proposal for each in ensembles]
+    draws, densities = (np.concatenate(parts) for parts in zip(kept, left_out, strict=True))
+    found = _fit(draws, densities, SAMPLE, rng)
+    pairs = zip(ensembles, better, strict=True)
+    return [found if is_better else each.proposal for each, is_better in pairs]
 
 
-def leaves_out(own: Proposal, others: Sequence[Ensemble], rng: np.random.Generator) -> bool:
-    """Whether other runs have been where `own` hardly ever proposes to go."""
-    both = zip(*(_draws(others, left_out=which) for which in (False, True)), strict=True)
-    draws, log_posterior = (np.concatenate(parts) for parts in both)
+def leave_out(ensembles: Sequence[Ensemble], rng: np.random.Generator) -> bool:
+    """Whether any of them has been where a proposal of theirs hardly ever proposes to go."""
+    halves = _draws(ensembles, left_out=False), _draws(ensembles, left_out=True)
+    draws, log_posterior = (np.concatenate(parts) for parts in zip(*halves, strict=True))
     judged = _some(draws, JUDGED_SAMPLE, rng)
     z, densities = draws[judged], log_posterior[judged]
-    usual = 0.5 * float(np.median(densities - own.log_density(z)))
-    return divergence(own, z, densities) - usual > TOO_FAR
+    return any(_too_far(each.proposal, z, densities) for each in ensembles)
+
+
+def _too_far(own: Proposal, z: FloatArray, log_posterior: FloatArray) -> bool:
+    usual = 0.5 * float(np.median(log_posterior - own.log_density(z)))
+    return divergence(own, z, log_posterior) - usual > TOO_FAR
 
 
 def divergence(proposal: Proposal, z: FloatArray, log_posterior: FloatArray) -> float:
@@ -60,10 +65,10 @@ def divergence(proposal: Proposal, z: FloatArray, log_posterior: FloatArray) -> 
     return largest + float(np.log(np.mean(np.exp(excess - largest))))
 
 
-def _draws(others: Sequence[Ensemble], left_out: bool) -> tuple[FloatArray, FloatArray]:
+def _draws(ensembles: Sequence[Ensemble], left_out: bool) -> tuple[FloatArray, FloatArray]:
     """Draws (n, d) and log-posterior (n,) of some walkers, second halves of the runs."""
     draws, log_posterior = [], []
-    for each in others:
+    for each in ensembles:
         chosen = (np.arange(each.chain.shape[1]) % LEFT_OUT == 0) == left_out
         half = len(each.chain) // 2
         draws.append(each.chain[half:, chosen].reshape(-1, each.chain.shape[2]))

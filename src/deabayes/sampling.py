@@ -39,7 +39,7 @@ SETTLED_TIMES = 8.0
 """Autocorrelation times in the last round."""
 STORED_PER_ROUND = 40
 FIRST_PASS_SHARE = 0.25
-"""Of the budget; the rest is for continuing with a proposal refitted to the other ensembles."""
+"""Of the budget; the rest is for continuing with a proposal refitted to all of them."""
 
 
 def run_ensemble(

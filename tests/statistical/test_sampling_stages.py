@@ -9,7 +9,7 @@ from deabayes.ensemble import Ensemble
 from deabayes.mixture import Mixture
 from deabayes.pooling import pool
 from deabayes.proposal import Part, Proposal, fit
-from deabayes.refit import better_proposal, divergence, leaves_out
+from deabayes.refit import better_proposals, divergence, leave_out
 from deabayes.sampling import run_ensemble
 from deabayes.smc import log_standard_normal
 from deabayes.study import Sampling
@@ -51,16 +51,17 @@ def slow_run(rng, walkers, steps, times, own):
 
 
 def test_a_proposal_is_refitted_where_that_is_better():
-    """Both runs hold fair proposals, but only the first's draws are fit to better the second's."""
+    """Two poor runs' draws better no proposal; a long one's better the poor proposal only."""
     rng = np.random.default_rng(3)
     fair = fit(1.1 * rng.standard_normal((4000, 6)), 1, rng)
     poor = fit(0.5 * rng.standard_normal((4000, 6)) + 0.3, 1, rng)
     long, short = slow_run(rng, 32, 400, 100, fair), slow_run(rng, 32, 400, 2, fair)
-    assert better_proposal(fair, [short], rng) is fair
-    again = better_proposal(poor, [long], rng)
+    assert better_proposals([short], rng) == [fair]
+    runs = [long, replace(short, proposal=poor)]
+    kept, again = better_proposals(runs, rng)
+    assert kept is fair
     z = rng.standard_normal((2000, 6))
     assert again.log_density(z).mean() > fair.log_density(z).mean() - 0.1
-    runs = [long, replace(short, proposal=poor)]
     settings = Sampling(ensembles=2, walkers=32, max_steps=500)
     pooled = pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(4))
     assert [run.refitted for run in pooled.ensembles] == [False, True]
@@ -81,24 +82,25 @@ def test_a_proposal_leaves_out_what_other_runs_found():
     rng = np.random.default_rng(7)
     own = fit(rng.standard_normal((4000, 2)), 1, rng)
     run = slow_run(rng, 32, 400, 400, own)
-    assert not leaves_out(own, [run], rng)
+    assert not leave_out([run], rng)
     chain, log_posterior = run.chain.copy(), run.log_posterior.copy()
     far = rng.random(log_posterior.shape) < 0.01
     chain[far, 0] += 12.0
-    assert leaves_out(own, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
-    found = better_proposal(own, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
-    assert not leaves_out(found, [replace(run, chain=chain, log_posterior=log_posterior)], rng)
+    run = replace(run, chain=chain, log_posterior=log_posterior)
+    assert leave_out([run], rng)
+    found = better_proposals([run], rng)[0]
+    assert not leave_out([replace(run, proposal=found)], rng)
 
 
 def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
     """400 steps are gone on from, 90 % of the other 7600 kept, however often a refit is tried."""
     tried = []
 
-    def its_own(own, others, rng):
-        tried.append(own)
-        return own
+    def their_own(ensembles, rng):
+        tried.append(len(ensembles))
+        return [each.proposal for each in ensembles]
 
-    monkeypatch.setattr("deabayes.pooling.better_proposal", its_own)
+    monkeypatch.setattr("deabayes.pooling.better_proposals", their_own)
     rng = np.random.default_rng(5)
     fair = fit(rng.standard_normal((4000, 2)), 1, rng)
     runs = [slow_run(rng, 32, 400, 2, fair) for _ in range(2)]
