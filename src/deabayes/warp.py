@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.warp_kernels import KNOTS, SCALE_LIMIT, SHIFT_LIMIT, polynomials, solve
+from deabayes.warp_kernels import KNOTS, RATES, SCALE_LIMIT, SHIFT_LIMIT, polynomials, solve
 
 SHIFT_PENALTY, SCALE_PENALTY = 1e-6, 1e-3
 DRAWS_PER_TERM = 4
@@ -37,7 +37,7 @@ class Warp:
     ----------
     centre (d,), axes (d, d) : y = (z - centre) @ axes, of unit variance, widest first.
     inverse_axes (d, d) : the way back.
-    shifts (d, d + 2 + knots, d), scales (d, 2, d) : coefficients of P and of S, (terms led
+    shifts (d, d + 2 + knots + rates, d), scales (d, 2, d) : coefficients of P and of S, (terms led
         by coordinate, their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
     offsets (2, d) : the constant terms of P and S.
     """
@@ -77,16 +77,22 @@ class Warp:
 
 
 def _shift_terms(y: FloatArray, k: int, fine: bool) -> FloatArray:
-    """Terms of P led by coordinate k: y_k y_j for j <= k, y_k, and y_k^3 or a spline's, (W, T)."""
+    """Terms of P led by coordinate k, (W, T).
+
+    y_k y_j for j <= k, y_k, and y_k^3 or a spline's and exponentials.
+    """
     bounded = np.clip(y[:, : k + 1], -SHIFT_LIMIT, SHIFT_LIMIT)
     lead = bounded[:, k : k + 1]
+    if not fine:
+        return np.hstack([bounded * lead, lead, lead**3])
     outwards = np.maximum(np.sign(KNOTS) * (lead - np.array(KNOTS)), 0.0)
-    return np.hstack([bounded * lead, lead, outwards**2 if fine else lead**3])
+    return np.hstack([bounded * lead, lead, outwards**2, np.exp(np.array(RATES) * lead)])
 
 
 def _shift_kinds(k: int, dimension: int, fine: bool) -> NDArray[np.intp]:
     """The kinds of these terms, as `Warp.shifts` counts them."""
-    last = range(dimension + 2, dimension + 2 + len(KNOTS)) if fine else [dimension + 1]
+    beyond = dimension + 2 + len(KNOTS) + len(RATES)
+    last = range(dimension + 2, beyond) if fine else [dimension + 1]
     return np.array([*range(k + 1), dimension, *last])
 
 
@@ -114,7 +120,7 @@ def fit_warp(samples: FloatArray, fine: bool = False) -> Warp | None:
         return None
     axes = directions / np.sqrt(variances)
     y = (samples - centre) @ axes
-    shifts = np.zeros((dimension, dimension + 2 + len(KNOTS), dimension))
+    shifts = np.zeros((dimension, dimension + 2 + len(KNOTS) + len(RATES), dimension))
     scales = np.zeros((dimension, 2, dimension))
     offsets = np.empty((2, dimension))
     for_shift, for_scale = np.ones((len(y), 1)), np.ones((len(y), 1))

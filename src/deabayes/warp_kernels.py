@@ -13,6 +13,9 @@ SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
 """Standard deviations beyond which terms stay constant: polynomials must not run away."""
 KNOTS = (-2.2, -1.2, -0.4, 0.4, 1.2, 2.2)
 """Where a coordinate's spline bends: squares of what lies beyond a knot, outwards."""
+RATES = (-0.4, 0.4)
+"""Of exponentials of a coordinate. z is mostly the logarithm of a parameter, and a ridge the
+balance of a sum of parameters: they go on where a spline fitted to what was visited ends."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -37,6 +40,10 @@ def _lead(
         if beyond > 0:
             for later in range(k + 1, dimension):
                 shift[later] += beyond**2 * shifts[k, dimension + 2 + index, later]
+    for index, rate in enumerate(RATES):
+        term = exp(rate * bounded)
+        for later in range(k + 1, dimension):
+            shift[later] += term * shifts[k, dimension + 2 + len(KNOTS) + index, later]
     near = min(max(y[k], -SCALE_LIMIT), SCALE_LIMIT)
     for later in range(k + 1, dimension):
         shift[later] += bounded * shifts[k, dimension, later]
