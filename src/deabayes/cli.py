@@ -12,6 +12,7 @@ from deabayes.command_options import CONFIG, EXISTING, RESULTS, TARGET
 from deabayes.faults import UserError
 from deabayes.population_command import population
 
+
 @click.group(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="`snakemake --cores 2` runs all stages of all studies; these commands run one by hand.",

@@ -39,6 +39,11 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
                 f"({study.specimen}), which would count twice; remove one"
             )
         seen.setdefault(specimen, study.name)
+        if (study.prior_from or "").endswith(f"populations/{population.name}/posterior.nc"):
+            faults.append(
+                f"{where}, studies: {study.name} has this population for its prior, which would "
+                "count its records twice; take it out of one"
+            )
     without = [s for s in members if population.candidate not in s.candidates]
     for study in without:
         faults.append(
@@ -78,9 +83,7 @@ def _parameter_faults(population: Population, study: Study, where: str) -> list[
     return faults + _spread_faults(population, known, where)
 
 
-def _spread_faults(
-    population: Population, known: Mapping[str, Parameter], where: str
-) -> list[str]:
+def _spread_faults(population: Population, known: Mapping[str, Parameter], where: str) -> list[str]:
     faults = []
     for name, settings in population.spread.items():
         place = f"{where}, spread.{name}"

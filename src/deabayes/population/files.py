@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 import deabayes
 from deabayes.diagnostics import summarise
@@ -43,7 +44,7 @@ class PopulationContent:
     shrunken: Sequence[Shrunken]
     warnings: Sequence[str]
     first: xr.DataTree
-    rows: FloatArray
+    rows: NDArray[np.intp]
 
     @property
     def convergence(self) -> dict[str, object]:
@@ -150,9 +151,7 @@ def _attributes(content: PopulationContent) -> dict[str, str]:
 def summary_table(content: PopulationContent) -> pd.DataFrame:
     """summary.csv, indexed by quantity: a new specimen's parameters, then means and spreads."""
     model = content.model
-    new = {
-        name: content.new[..., k, None] for k, name in enumerate(model.coordinate.names)
-    }
+    new = {name: content.new[..., k, None] for k, name in enumerate(model.coordinate.names)}
     parameters = [*model.coordinate.parameters, *model.prior.parameters]
     table = pd.concat([summarise(new), content.pooled.convergence.table])
     table.insert(0, "unit", [p.unit for p in parameters])

@@ -20,7 +20,7 @@ from deabayes.sampling import PooledResult, pool, run_ensemble
 from deabayes.study import Sampling, Settings
 
 RELATIVE_SPREAD = 0.5
-"""Scale of the default half-normal prior of a logarithm's sd: specimens alike, or a factor apart."""
+"""Scale of the default half-normal prior of a logarithm's sd: from alike to a factor apart."""
 SPREAD_OF_PRIOR = 0.5
 """The same for a parameter that changes its sign, in sds of the members' own prior."""
 MEAN, SPREAD = "mean_", "spread_"
@@ -114,7 +114,7 @@ def sample(
     seed: np.random.SeedSequence,
     progress: bool = False,
 ) -> PooledResult:
-    """Sample mean and spread as a candidate's parameters are: ensembles, pooled, under the gates."""
+    """Sample mean and spread as a candidate's parameters are: ensembles, pooled, gates."""
     *streams, pooling = seed.spawn(settings.ensembles + 1)
     density = model.log_likelihood_of_normal
     ensembles = [

@@ -49,7 +49,8 @@ def shrink(
 ) -> Shrunken:
     r"""Weigh a member's draws by what the population says of them.
 
-    p(phi_i | y_1..S) = E_{m, s | y} [N(phi_i; m, s^2) p(phi_i | y_i) / (pi_i(phi_i) p(y_i | m, s))],
+    p(phi_i | y) = p(phi_i | y_i) / pi_i(phi_i) E_{m, s | y} [N(phi_i; m, s^2) / p(y_i | m, s)],
+
     so that draw k of the member's own posterior has the weight
 
     w_k ~ sum_t N(phi_k; m_t, s_t^2) / (pi_i(phi_k) p(y_i | m_t, s_t)),
@@ -110,9 +111,7 @@ def new_specimens(
     )
 
 
-def warnings_of(
-    model: PopulationModel, shrunken: list[Shrunken], outside: float
-) -> list[str]:
+def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
     """What a reader must know of the members and of the new specimen, in sentences."""
     found = []
     for member, each in zip(model.members, shrunken, strict=True):
@@ -154,5 +153,3 @@ def _smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
         k_hat = float("inf")
     weights = np.exp(log_weights - np.max(log_weights))
     return np.asarray(weights / weights.sum()), k_hat
-
-
