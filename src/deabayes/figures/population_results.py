@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,7 +54,8 @@ class PopulationResults:
 
     @cached_property
     def settings(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = json.loads(self.attributes["population"])
+        """As the population was put together with."""
+        found: Mapping[str, Any] = self.attributes["population"]
         return found
 
     @property

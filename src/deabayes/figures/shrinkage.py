@@ -53,8 +53,8 @@ def _sheet(results: PopulationResults, table: pd.DataFrame, names: Sequence[str]
         Line2D([], [], color=style.GREY, marker="o", label="by itself"),
         Line2D([], [], color=style.BLUE, marker="D", label="with the population"),
         Line2D([], [], color=style.VERMILLION, linestyle="--", label="population's mean"),
-        Patch(color=style.VERMILLION, alpha=0.28, linewidth=0, label="90 % of the mean"),
-        Patch(color=style.VERMILLION, alpha=0.12, linewidth=0, label="90 % of new specimens"),
+        Patch(color=style.VERMILLION, alpha=0.28, linewidth=0, label="mean, 90 %"),
+        Patch(color=style.VERMILLION, alpha=0.12, linewidth=0, label="new specimen, 90 %"),
     ]
     panels.legend_below(figure, handles, columns=5)
     return figure

@@ -87,28 +87,31 @@ def new_specimens(
     """theta (W, d) of one new specimen for every (m, s), and the share first drawn outside.
 
     A draw that no member's prior allows (time constants out of order, beyond a bound) is drawn
-    again.
+    again; where (m, s) leave hardly room for one, it is another draw's.
 
     Raises
     ------
-    UserError : hardly a draw is allowed.
+    UserError : most draws are not allowed.
     """
     theta = np.empty_like(centres)
     left = np.arange(len(centres))
-    outside = 0.0
+    outside = 1.0
     for attempt in range(MOST_TRIES):
         phi = centres[left] + spreads[left] * rng.standard_normal((left.size, centres.shape[1]))
         theta[left] = model.coordinate.inverse(phi)
-        allowed = _allowed(model.members, theta[left])
-        left = left[~allowed]
+        left = left[~_allowed(model.members, theta[left])]
         if attempt == 0:
             outside = left.size / len(centres)
         if not left.size:
             return theta, outside
-    raise UserError(
-        f"{left.size} of {len(centres)} draws of a new specimen lie outside of all members' "
-        "priors; give the spread a narrower prior, or widen the members'"
-    )
+    if left.size > 0.5 * len(centres):
+        raise UserError(
+            f"{left.size} of {len(centres)} draws of a new specimen lie outside of all members' "
+            "priors; give the spread a narrower prior, or widen the members'"
+        )
+    inside = np.setdiff1d(np.arange(len(centres)), left)
+    theta[left] = theta[rng.choice(inside, left.size)]
+    return theta, outside
 
 
 def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
@@ -117,9 +120,9 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
     for member, each in zip(model.members, shrunken, strict=True):
         if not each.reliable:
             found.append(
-                f"{member.study}: its own posterior and the population hardly overlap "
-                f"({each.effective_draws:.0f} effective draws, k-hat {each.k_hat:.2f}); it may "
-                "not belong to this population, and its shrunken estimate is not to be trusted"
+                f"{member.study}: few of its own draws agree with the population "
+                f"({each.effective_draws:.0f} effective draws, k-hat {each.k_hat:.2f}), so its "
+                "shrunken estimate is not to be trusted; does it belong to this population?"
             )
         if member.likelihood.misfit > LARGEST_MISFIT:
             found.append(
