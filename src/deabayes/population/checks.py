@@ -45,10 +45,11 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
                 "count its records twice; take it out of one"
             )
     without = [s for s in members if population.candidate not in s.candidates]
-    for study in without:
+    if without:
         faults.append(
-            f"{where}, candidate: study {study.name} has no {population.candidate!r}"
-            f"{nearest(population.candidate, study.candidates)}"
+            f"{where}, candidate: among those of {', '.join(study.name for study in without)}: "
+            f"there is no {population.candidate!r}"
+            f"{nearest(population.candidate, without[0].candidates)}"
         )
     if members and not without:
         faults += _parameter_faults(population, members[0], where)

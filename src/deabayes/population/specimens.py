@@ -150,8 +150,9 @@ def _smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
     from arviz_stats.base import array_stats
 
     try:
-        log_weights, shape = array_stats.psislw(-log_weights, r_eff=1.0)
-        k_hat = float(shape)
+        with np.errstate(all="ignore"):
+            log_weights, shape = array_stats.psislw(-log_weights, r_eff=1.0)
+        k_hat = float(np.nan_to_num(float(shape), nan=np.inf))
     except ValueError:
         k_hat = float("inf")
     weights = np.exp(log_weights - np.max(log_weights))
