@@ -50,9 +50,7 @@ def read_studies():
 def read_populations():
     """The populations whose studies can all be run, and a line on each that is left out."""
     at_hand, left_out = {}, []
-    for population in load_populations(
-        settings_given(), CONFIG_FILES
-    ):
+    for population in load_populations(settings_given(), CONFIG_FILES):
         missing = [name for name in population.studies if name not in STUDIES]
         if missing:
             why = f"no records of {', '.join(missing)}"
