@@ -33,8 +33,10 @@ def population(population: str, config: Path, results: Path, output: Path | None
     else:
         found = _find(population, config)
     folder = output or results / FOLDER / found.name
-    write_population(found, folder / SETTINGS)
-    click.echo(fit_population(found, results, folder, progress=True))
+    said = fit_population(found, results, folder, progress=True)
+    if Path(population) != folder / SETTINGS:
+        write_population(found, folder / SETTINGS)
+    click.echo(said)
 
 
 def _find(name: str, config: Path) -> Population:

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from tests.unit.study_folders import make_folder
 
+from deabayes.cli import main
 from deabayes.faults import UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import (
@@ -135,3 +136,10 @@ def test_settings_by_hand_are_checked(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="'parameters' is missing"):
         load_population(path)
     assert Population("x", ("a",), "kv_gm_1", ("mu_alpha",)).spread == {}
+
+
+def test_the_command_says_a_misspelt_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["population", "stripes", "--config", str(config(folder))])
+    assert ended.value.code == 1
+    assert "did you mean 'strips'" in capsys.readouterr().err
