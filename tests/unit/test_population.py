@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 from tests.unit.populations import MEDIANS, SIGMAS, World, parameter, prior_of_two, world
 
 from deabayes.distributions import LogNormal, LogUniform, Normal, Uniform
@@ -16,7 +17,13 @@ from deabayes.population.files import weighted_quantiles
 from deabayes.population.likelihood import fit
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.population.specimens import Shrunken, new_specimens, shrink, warnings_of
+from deabayes.population.specimens import (
+    Shrunken,
+    new_specimens,
+    shrink,
+    tail_probability,
+    warnings_of,
+)
 from deabayes.prior import Prior
 
 MEAN, SPREAD = np.log([2e4, 3.0]), np.array([0.1, 0.3])
@@ -82,15 +89,41 @@ def test_a_specimen_far_from_the_population_is_named(known: World) -> None:
     assert not any(each.reliable for each in far)
     words = warnings_of(known.model, far, 0.0)
     assert all(any(f"strip_{k}" in w and "not to be trusted" in w for w in words) for k in range(6))
-    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]))
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
     assert warnings_of(known.model, [fine] * 6, 0.0) == []
+
+
+def test_how_far_out_a_specimen_lies(known: World) -> None:
+    """With m and s known, phi_i ~ N(y', v) has P = Phi((y' - m) / sqrt(s^2 + v))."""
+    member = known.model.members[2]
+    centres, spreads = np.tile(MEAN, (5, 1)), np.tile(SPREAD, (5, 1))
+    found = tail_probability(member.phi, centres, spreads, np.zeros(5))
+    middle, variance = member.phi.mean(axis=0), member.phi.var(axis=0)
+    below = ndtr((middle - MEAN) / np.sqrt(SPREAD**2 + variance))
+    assert found == pytest.approx(2 * np.minimum(below, 1 - below), abs=0.08)
+
+
+def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
+    """Judged by the others: draws of (m, s) that only it asks for count for nothing."""
+    rng = np.random.default_rng(12)
+    centres = MEAN + 0.05 * rng.standard_normal((400, 2))
+    spreads = np.abs(SPREAD * rng.uniform(0.5, 1.5, (400, 2)))
+    spreads[200:] = 3.0  # as wide as the odd one would have it
+    evidence = np.where(np.arange(400) < 200, -30.0, 0.0)
+    odd = MEAN + [1.5, 0.0] + 0.02 * rng.standard_normal((4000, 2))
+    found = tail_probability(odd, centres, spreads, evidence)
+    assert found[0] < 0.005 < found[1]
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), found)
+    words = warnings_of(known.model, [fine] * 6, 0.0)
+    assert all("does it belong to this population" in w and "a (" in w for w in words)
+    assert len(words) == 6
 
 
 def test_silent_records_and_skewed_posteriors_are_named(known: World) -> None:
     members = [replace(m, contraction={"a": 0.02, "b": 0.9}) for m in known.model.members]
     likelihood = replace(members[0].likelihood, misfit=0.2)
     members[0] = replace(members[0], likelihood=likelihood)
-    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]))
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
     words = warnings_of(replace(known.model, members=tuple(members)), [fine] * 6, 0.2)
     assert sum("say nothing of a" in word for word in words) == 6
     assert any("not well described" in word and "strip_0" in word for word in words)

@@ -178,6 +178,7 @@ def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
                     **dict(zip(QUANTILES, own, strict=True)),
                     **{f"shrunken_{q}": v for q, v in zip(QUANTILES, pulled, strict=True)},
                     "shrinkage": each.shrinkage[k],
+                    "tail_probability": each.tail_probability[k],
                     "effective_draws": each.effective_draws,
                     "k_hat": each.k_hat,
                     "misfit": member.likelihood.misfit,

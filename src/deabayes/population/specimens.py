@@ -11,12 +11,14 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.power_scaling import UNRELIABLE_K_HAT
+from deabayes.power_scaling import EVEN, UNRELIABLE_K_HAT
 
 FEWEST_EFFECTIVE = 100.0
 LARGEST_MISFIT = 0.05
 SILENT = 0.1
 """Contraction below which a specimen's records say nothing of a parameter."""
+OUTLYING = 0.005
+TAIL_DRAWS = 200
 MOST_TRIES = 200
 LARGEST_OUTSIDE = 0.01
 
@@ -32,12 +34,14 @@ class Shrunken:
     k_hat : Pareto shape of the weights.
     shrinkage : (d,) share by which the population replaces the specimen's own records: 0 where
         these decide alone, 1 where they are silent.
+    tail_probability : (d,) two-sided, of its own estimate in what the others lead to expect.
     """
 
     weights: FloatArray
     effective_draws: float
     k_hat: float
     shrinkage: FloatArray
+    tail_probability: FloatArray
 
     @property
     def reliable(self) -> bool:
@@ -78,7 +82,26 @@ def shrink(
         kish * min(member.independent / len(weights), 1.0),
         k_hat,
         np.mean(variances / (variances + spreads**2), axis=0),
+        tail_probability(member.phi, centres, spreads, evidence),
     )
+
+
+def tail_probability(
+    phi: FloatArray, centres: FloatArray, spreads: FloatArray, evidence: FloatArray
+) -> FloatArray:
+    r"""How far out a specimen lies among the others, (d,): 2 min(P, 1 - P).
+
+    P = E[Phi((phi_i - m) / s)] over its own posterior and p(m, s | y without i) ~ p(m, s | y) /
+    p(y_i | m, s), by Pareto-smoothed weights of the draws (T, d) of m and s. Its own uncertainty
+    is in it, which keeps a badly known specimen from standing out.
+    """
+    from scipy.special import ndtr
+
+    weights, _ = _smoothed(-evidence) if np.ptp(evidence) > EVEN else (np.ones(len(evidence)), 0.0)
+    some = phi[np.linspace(0, len(phi) - 1, min(TAIL_DRAWS, len(phi))).astype(int)]
+    below = ndtr((some[None] - centres[:, None]) / spreads[:, None]).mean(axis=1)
+    share = np.average(below, axis=0, weights=weights)
+    return np.asarray(2.0 * np.minimum(share, 1.0 - share))
 
 
 def new_specimens(
@@ -122,7 +145,14 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
             found.append(
                 f"{member.study}: few of its own draws agree with the population "
                 f"({each.effective_draws:.0f} effective draws, k-hat {each.k_hat:.2f}), so its "
-                "shrunken estimate is not to be trusted; does it belong to this population?"
+                "shrunken estimate is not to be trusted"
+            )
+        pairs = zip(model.coordinate.names, each.tail_probability, strict=True)
+        out = [f"{name} ({p:.1g})" for name, p in pairs if p < OUTLYING]
+        if out:
+            found.append(
+                f"{member.study}: it lies outside of what the other specimens lead to expect, in "
+                f"{', '.join(out)} (tail probability); does it belong to this population?"
             )
         if member.likelihood.misfit > LARGEST_MISFIT:
             found.append(
@@ -153,7 +183,7 @@ def _smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
         with np.errstate(all="ignore"):
             log_weights, shape = array_stats.psislw(-log_weights, r_eff=1.0)
         k_hat = float(np.nan_to_num(float(shape), nan=np.inf))
-    except ValueError:
+    except (ValueError, IndexError):  # too few draws for a tail, or a tail of equal ones
         k_hat = float("inf")
     weights = np.exp(log_weights - np.max(log_weights))
     return np.asarray(weights / weights.sum()), k_hat

@@ -59,6 +59,7 @@ def specimens(results: PopulationResults) -> Iterator[dict[str, Any]]:
             "own": _interval(row, unit.factor),
             "shrunken": _interval(row, unit.factor, "shrunken_"),
             "shrinkage": f"{100 * row['shrinkage']:.0f} %",
+            "tail": f"{row['tail_probability']:.2g}",
             "k_hat": short(row["k_hat"], 2),
             "effective": f"{row['effective_draws']:.0f}",
             "sound": bool(row["reliable"] and row["converged"]),
