@@ -9,6 +9,7 @@ MEMBRANES ?= 100
 TUBES ?= 100
 STRUCTURES ?= 100
 ORDERS ?= 50
+POPULATIONS ?= 100
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -85,6 +86,8 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 		$(BIN)/python -m tests.validation.order_selection $$case --replicates $(ORDERS) --processes $(CORES) || exit 1; \
 	done
 	@$(BIN)/python -m tests.validation.nested --case A
+	@$(BIN)/python -m tests.validation.population --replicates $(POPULATIONS) --processes $(CORES)
+	@$(BIN)/python -m tests.validation.population --noise
 	@$(BIN)/python -m tests.validation.nist --processes $(CORES)
 	@$(BIN)/python -m tests.validation.nist_reference
 	@$(BIN)/python -m benchmarks.membrane_recipes --full

@@ -20,6 +20,7 @@ include: "workflow/rules/identify.smk"
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/predict.smk"
 include: "workflow/rules/analyse.smk"
+include: "workflow/rules/population.smk"
 include: "workflow/rules/report.smk"
 
 
@@ -27,6 +28,7 @@ localrules:
     all,
     study,
     code,
+    population_settings,
 
 
 rule all:

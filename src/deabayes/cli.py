@@ -8,24 +8,9 @@ from pathlib import Path
 
 import click
 
+from deabayes.command_options import CONFIG, EXISTING, RESULTS, TARGET
 from deabayes.faults import UserError
-
-EXISTING = click.Path(exists=True, path_type=Path)
-TARGET = click.Path(path_type=Path)
-CONFIG = click.option(
-    "--config",
-    type=TARGET,
-    default=Path("config.yaml"),
-    show_default=True,
-    help="Where studies given by name are described, and systems of one's own named.",
-)
-RESULTS = click.option(
-    "--results",
-    type=TARGET,
-    default=Path("results"),
-    show_default=True,
-    help="Where the results of studies given by name are.",
-)
+from deabayes.population_command import population
 
 
 @click.group(
@@ -284,6 +269,9 @@ def data(studies: Sequence[str], config: Path) -> None:
 
     for line in download(studies, config):
         click.echo(line)
+
+
+cli.add_command(population)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

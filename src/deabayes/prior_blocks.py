@@ -6,6 +6,7 @@ Each block owns some columns of z and of theta, and maps one to the other.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -281,6 +282,20 @@ class PosteriorBlock:
             ) from None
         block = cls(names, mean, cholesky, 0.0)
         return replace(block, misfit=largest_ks_distance(block.whiten(z)))
+
+    def of(self, names: Sequence[str]) -> PosteriorBlock | None:
+        """The marginal normal of those of its parameters that are named; None if none is."""
+        kept = [k for k, name in enumerate(self.names) if name in names]
+        if not kept:
+            return None
+        covariance = (self.cholesky @ self.cholesky.T)[np.ix_(kept, kept)]
+        cholesky = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        return replace(
+            self,
+            names=tuple(self.names[k] for k in kept),
+            mean=self.mean[kept],
+            cholesky=cholesky,
+        )
 
     def colour(self, z: FloatArray) -> FloatArray:
         """Default coordinate (W, k) of the standard normal z (W, k)."""

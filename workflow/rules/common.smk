@@ -8,6 +8,9 @@ from pathlib import Path
 import deabayes
 import yaml
 from deabayes.faults import Faults, UserError
+from deabayes.population.checks import check_population
+from deabayes.population.settings import load_populations
+from deabayes.population.settings import to_settings as population_to_settings
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
 from deabayes.study import load_studies, to_settings
@@ -27,13 +30,15 @@ shell.prefix(
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 
+def settings_given():
+    """What the configuration says to the library, without what it says to Snakemake."""
+    return {key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS}
+
+
 def read_studies():
     """The studies whose records are at hand, and a line on each folder that is left out."""
-    settings = {
-        key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS
-    }
     at_hand, left_out = {}, {}
-    for study in load_studies(settings, CONFIG_FILES):
+    for study in load_studies(settings_given(), CONFIG_FILES):
         missing = missing_data(study.specimen, study.data_root)
         if missing:
             left_out.setdefault(missing, []).append(study.name)
@@ -42,23 +47,40 @@ def read_studies():
     return at_hand, [f"{few(names)} left out: {why}" for why, names in left_out.items()]
 
 
+def read_populations():
+    """The populations whose studies can all be run, and a line on each that is left out."""
+    at_hand, left_out = {}, []
+    for population in load_populations(settings_given(), CONFIG_FILES):
+        missing = [name for name in population.studies if name not in STUDIES]
+        if missing:
+            why = f"no records of {', '.join(missing)}"
+            left_out.append(f"population {population.name} left out: {why}")
+        else:
+            at_hand[population.name] = population
+    return at_hand, left_out
+
+
 def few(names):
     """One name, or the first and how many more."""
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} like it"
 
 
-def check(studies):
-    """Raise for every name in the studies that nothing has, before the first job."""
-    faults = [fault for study in studies for fault in check_names(study)]
+def check(studies, populations):
+    """Raise for every name in the configuration that nothing has, before the first job."""
+    faults = [fault for study in studies.values() for fault in check_names(study)]
+    for population in () if faults else populations.values():
+        faults += check_population(population, studies)
     if faults:
         raise Faults(list(dict.fromkeys(faults)))
 
 
 try:
     STUDIES, LEFT_OUT = read_studies()
+    POPULATIONS, left_out_too = read_populations()
+    LEFT_OUT += left_out_too
     # Jobs read the Snakefile again; what was checked once need not be.
     if workflow.is_main_process:
-        check(STUDIES.values())
+        check(STUDIES, POPULATIONS)
 except UserError as error:
     print(error, file=sys.stderr)
     sys.exit(1)
@@ -79,6 +101,7 @@ def any_of(names):
 
 wildcard_constraints:
     study=any_of(STUDIES),
+    population=any_of(POPULATIONS),
     candidate=any_of({name for study in STUDIES.values() for name in study.candidates}),
     ensemble=r"\d+",
 
@@ -98,6 +121,28 @@ def settings_of(wildcards):
     """One study's settings: a parameter of its job, so that editing one reruns only that one."""
     settings = to_settings(STUDIES[wildcards.study])
     return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+
+
+def settings_of_population(wildcards):
+    """One population's settings, for the same reason."""
+    settings = population_to_settings(POPULATIONS[wildcards.population])
+    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+
+
+def posteriors_of_members(wildcards):
+    """The posteriors that a population puts together."""
+    population = POPULATIONS[wildcards.population]
+    return expand(
+        "<results>/{study}/{candidate}/posterior.nc",
+        study=population.studies,
+        candidate=population.candidate,
+    )
+
+
+def prepared_of_members(wildcards):
+    """The prepared records of a population's specimens."""
+    studies = POPULATIONS[wildcards.population].studies
+    return expand("<results>/{study}/prepared", study=studies)
 
 
 def raw_files(wildcards):

@@ -17,7 +17,8 @@ rule figures:
 
 rule report:
     input:
-        figures=expand("<results>/{study}/figures", study=STUDIES),
+        figures=expand("<results>/{study}/figures", study=STUDIES)
+        + expand("<results>/populations/{population}/figures", population=POPULATIONS),
         modules=modules("report/*.*"),
     output:
         page=report(

@@ -1,10 +1,10 @@
 """Figures drawn from results files: one module per figure, one line of the registry.
 
-A figure module has `SCOPE` (candidate | study), `TITLE`, `CAPTION` and
+A figure module has `SCOPE` (candidate | study | population), `TITLE`, `CAPTION` and
 `draw(results)`, which returns a Figure or a list of them (one per sheet) from a
-`CandidateResults` or a `StudyResults`. One that draws an analysis names it in `ANALYSIS`,
-and returns no figure where it was not computed; one for some systems only names them in
-`SYSTEMS`.
+`CandidateResults`, a `StudyResults` or a `PopulationResults`. One that draws an analysis
+names it in `ANALYSIS`, and returns no figure where it was not computed; one for some systems
+only names them in `SYSTEMS`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ from deabayes.faults import UserError, nearest
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from deabayes.figures.population_results import PopulationResults
     from deabayes.figures.results import CandidateResults, StudyResults
+
+    Results = CandidateResults | StudyResults | PopulationResults
 
 REGISTRY: Mapping[str, str] = {
     "data_and_bands": "deabayes.figures.data_and_bands",
@@ -56,6 +59,8 @@ REGISTRY: Mapping[str, str] = {
     "structure_amplitude": "deabayes.figures.structure_amplitude",
     "amplitude_frequency": "deabayes.figures.amplitude_frequency",
     "pull_in": "deabayes.figures.pull_in",
+    "shrinkage": "deabayes.figures.shrinkage",
+    "new_specimen": "deabayes.figures.new_specimen",
 }
 """Figure -> its module, in the report's order."""
 
@@ -64,7 +69,7 @@ INDEX = "index.json"
 
 @dataclass(frozen=True)
 class SavedFigure:
-    """One sheet on disk; `candidate` is empty for a figure of the whole study.
+    """One sheet on disk; `candidate` is empty for a figure of a whole study or population.
 
     `analysis` is the one it draws, empty for none.
     """
@@ -87,19 +92,19 @@ def module(name: str) -> ModuleType:
 
 
 def names(scope: str) -> list[str]:
-    """Registered figures of a scope (candidate | study) whose module is installed."""
+    """Registered figures of a scope (candidate | study | population) whose module is installed."""
     present = [name for name, path in REGISTRY.items() if find_spec(path)]
     return [name for name in present if getattr(module(name), "SCOPE", "study") == scope]
 
 
-def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
+def draw(name: str, results: Results) -> list[Figure]:
     """Draw a registered figure, with the marks that no figure may go without.
 
-    Simulated data are said to be simulated, and the figure of a candidate that
-    did not converge is watermarked, whatever the figure's own module does.
+    Simulated data are said to be simulated, and the figure of a candidate or a population
+    that did not converge is watermarked, whatever the figure's own module does.
     """
     from deabayes.figures import style
-    from deabayes.figures.results import CandidateResults
+    from deabayes.figures.results import StudyResults
 
     systems = getattr(module(name), "SYSTEMS", ())
     if systems and results.study.system not in systems:
@@ -112,7 +117,7 @@ def draw(name: str, results: CandidateResults | StudyResults) -> list[Figure]:
             style.header(figure, f"{results.study.name}{candidate}")
             if results.provenance == "simulated":
                 style.mark_simulated(figure)
-            if isinstance(results, CandidateResults) and not results.converged:
+            if not isinstance(results, StudyResults) and not results.converged:
                 style.watermark_unconverged(figure)
     return figures
 
@@ -121,14 +126,16 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     """Draw every registered figure of a study and its candidates as SVG and PNG (200 dpi).
 
     Files are `{figure}[_{sheet}].svg` for the study and
-    `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them.
+    `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. The folder
+    may be a population's (`results/populations/NAME`), which has figures of its own.
     """
-    from deabayes.figures.results import StudyResults
+    from deabayes.figures.population_results import PopulationResults, results_of
 
-    study, out = StudyResults(Path(study_folder)), Path(out)
+    whole, out = results_of(Path(study_folder)), Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    saved = [figure for name in names("study") for figure in _save(name, study, out)]
-    for candidate in study.candidates:
+    scope = "population" if isinstance(whole, PopulationResults) else "study"
+    saved = [figure for name in names(scope) for figure in _save(name, whole, out)]
+    for candidate in () if isinstance(whole, PopulationResults) else whole.candidates:
         for name in names("candidate"):
             saved += _save(name, candidate, out)
     entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
@@ -138,19 +145,19 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
 
 def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     """What `save_all` wrote into `out`; None if it never did, or the results are newer."""
-    from deabayes.figures.results import StudyResults
+    from deabayes.figures.population_results import results_of
 
     index = out / INDEX
     if not index.is_file():
         return None
     drawn = index.stat().st_mtime
-    if any(path.stat().st_mtime >= drawn for path in StudyResults(study_folder).inputs):
+    if any(path.stat().st_mtime >= drawn for path in results_of(study_folder).inputs):
         return None
     entries = json.loads(index.read_text(encoding="utf-8"))
     return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
 
 
-def _save(name: str, results: CandidateResults | StudyResults, out: Path) -> list[SavedFigure]:
+def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
     from deabayes.figures import style
 
     source = module(name)

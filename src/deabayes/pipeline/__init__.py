@@ -7,6 +7,7 @@ the layers below and writes files, nothing else.
 from deabayes.pipeline.analyse import analyse_study
 from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
 from deabayes.pipeline.judge import compare_candidates, predict_candidate, score_candidate
+from deabayes.pipeline.population import fit_population
 from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
 from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
 
@@ -18,6 +19,7 @@ __all__ = [
     "draw_figures",
     "export_posterior",
     "fit_ensemble",
+    "fit_population",
     "pool_candidate",
     "predict_candidate",
     "prepare_study",

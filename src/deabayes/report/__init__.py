@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from deabayes.figures import SavedFigure
+    from deabayes.figures.population_results import PopulationResults
     from deabayes.figures.results import StudyResults
 
 LARGEST_PAGE = 14_000_000
@@ -24,7 +25,8 @@ def build(
 
     Parameters
     ----------
-    study_folders : `results/{study}` of every study to report, in the page's order.
+    study_folders : `results/{study}` of every study to report, in the page's order, and
+        `results/populations/{population}` of every population.
         Figures that `deabayes.figures.save_all` left in `{study}/figures` are used
         if they are newer than the results; else they are drawn there first.
     output : the page, one HTML file that refers to nothing outside itself.
@@ -41,17 +43,22 @@ def build(
     UserError
         If a folder holds no fitted candidate.
     """
+    from deabayes.figures.population_results import PopulationResults, results_of
     from deabayes.figures.results import StudyResults
     from deabayes.files import write_text_atomically
+    from deabayes.report import populations as report_of_populations
     from deabayes.report.images import QUALITIES
     from deabayes.report.page import render
     from deabayes.report.tables import write_csv
 
-    studies: list[StudyResults] = [StudyResults(Path(folder)) for folder in study_folders]
+    found = [results_of(Path(folder)) for folder in study_folders]
+    studies = [each for each in found if isinstance(each, StudyResults)]
+    populations = [each for each in found if isinstance(each, PopulationResults)]
     write_csv(studies, Path(tables_folder))
-    figures = {study.name: _figures(study) for study in studies}
+    report_of_populations.write_csv(populations, Path(tables_folder))
+    figures = {each.folder: _figures(each) for each in found}
     for quality in QUALITIES:
-        page = render(studies, figures, left_out, quality)
+        page = render(studies, figures, left_out, quality, populations)
         if len(page.encode()) <= LARGEST_PAGE:
             break
     output = Path(output)
@@ -59,7 +66,7 @@ def build(
     return output
 
 
-def _figures(study: StudyResults) -> list[SavedFigure]:
+def _figures(study: StudyResults | PopulationResults) -> list[SavedFigure]:
     from deabayes.figures import save_all, saved_figures
 
     existing = saved_figures(study.folder, study.folder / "figures")

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from deabayes.figures import SavedFigure
+from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.report import analyses, notices, tables
+from deabayes.report import analyses, notices, populations, tables
 from deabayes.report.images import Image, embed
 
 PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
@@ -30,11 +32,12 @@ Quality = tuple[int, int]
 
 def render(
     studies: Sequence[StudyResults],
-    figures: Mapping[str, Figures],
+    figures: Mapping[Path, Figures],
     left_out: Sequence[str],
     quality: Quality,
+    populations_: Sequence[PopulationResults] = (),
 ) -> str:
-    """The page as HTML."""
+    """The page as HTML; `figures` are those of every results folder."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -43,9 +46,15 @@ def render(
     folder = files("deabayes.report")
     template = environment.from_string((folder / "template.html").read_text(encoding="utf-8"))
     found = [notice for study in studies for notice in notices.of_study(study)]
+    found += [notice for each in populations_ for notice in populations.notices(each)]
     return template.render(
         css=(folder / "style.css").read_text(encoding="utf-8"),
-        studies=[_study(s, figures[s.name], quality) for s in studies],
+        studies=[_study(s, figures[s.folder], quality) for s in studies],
+        populations=[
+            populations.section(each)
+            | {"figures": _embedded(figures[each.folder], populations.FIGURES, quality)}
+            for each in populations_
+        ],
         serious=[n for n in found if n.serious],
         notes=[n for n in found if not n.serious],
         left_out=list(left_out),

@@ -1,0 +1,135 @@
+"""From the posteriors of several specimens to the population they are of."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.files import write_atomically
+from deabayes.pipeline.identify import build_target
+from deabayes.pipeline.judge import predict_candidate
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from deabayes.experiment import FloatArray
+    from deabayes.population.files import PopulationContent
+    from deabayes.population.model import PopulationModel
+    from deabayes.population.settings import Population
+    from deabayes.population.specimens import Shrunken
+    from deabayes.prior import Prior
+    from deabayes.sampling import PooledResult
+
+WEIGHING_DRAWS = 1000
+"""Of mean and spread, for the weights of a specimen's draws."""
+
+
+def fit_population(population: Population, results: Path, output: Path, progress: bool) -> str:
+    """Put the specimens' posteriors together: posterior.nc, summary.csv, shrinkage.csv.
+
+    And a new specimen's response to the records of the first member: predictions/, errors.csv.
+
+    Parameters
+    ----------
+    results : of the studies, `{results}/{study}/{candidate}/posterior.nc` and `prepared`.
+    output : folder of the population.
+
+    Returns
+    -------
+    str
+        A sentence on convergence, and what a reader must know.
+    """
+    from deabayes.population.files import population_tree, shrinkage_table, summary_table
+    from deabayes.population.member import read_members
+    from deabayes.population.model import PopulationModel, sample
+    from deabayes.storage import read_tree, write_tree
+
+    folders = [results / study for study in population.studies]
+    trees = [read_tree(folder / population.candidate / "posterior.nc") for folder in folders]
+    priors = [
+        prior_of(tree, folder / "prepared") for tree, folder in zip(trees, folders, strict=True)
+    ]
+    coordinate, members = read_members(population.studies, trees, priors, population.parameters)
+    model = PopulationModel.of(coordinate, members, population.spread)
+    seed = np.random.SeedSequence([population.sampling.seed, zlib.crc32(population.name.encode())])
+    sampling_seed, later = seed.spawn(2)
+    pooled = sample(model, population.sampling, sampling_seed, progress)
+    content = content_of(population, model, pooled, trees[0], np.random.default_rng(later))
+    summary, shrinkage = summary_table(content), shrinkage_table(content)
+    write_tree(population_tree(content), output / "posterior.nc")
+    write_atomically(lambda path: summary.to_csv(path), output / "summary.csv")
+    write_atomically(lambda path: shrinkage.to_csv(path, index=False), output / "shrinkage.csv")
+    failures = predict_candidate(
+        output / "posterior.nc",
+        folders[0] / "prepared",
+        output / "predictions",
+        output / "errors.csv",
+    )
+    return _said(content, output, failures)
+
+
+def prior_of(tree: xr.DataTree, prepared: Path) -> Prior:
+    """The prior of all parameters of a fitted candidate, as its study gives it."""
+    from deabayes.own_models import restore
+    from deabayes.study import from_settings
+
+    restore(tree.attrs)
+    study = from_settings(json.loads(tree.attrs["study"]))
+    return build_target(study, tree.attrs["candidate"], prepared).prior
+
+
+def content_of(
+    population: Population,
+    model: PopulationModel,
+    pooled: PooledResult,
+    first: xr.DataTree,
+    rng: np.random.Generator,
+) -> PopulationContent:
+    """All that follows from the draws of mean and spread."""
+    from deabayes.population.files import PopulationContent, thinned
+    from deabayes.population.specimens import new_specimens, warnings_of
+
+    z, log_posterior = thinned(pooled)
+    shape = z.shape[:2]
+    theta = model.prior.to_parameters(z.reshape(-1, z.shape[2]))
+    centres, spreads = model.split(theta)
+    new, outside = new_specimens(model, centres, spreads, rng)
+    shrunken = _shrunken(model, centres, spreads, rng)
+    rows = rng.choice(len(model.members[0].phi), len(theta), p=shrunken[0].weights)
+    return PopulationContent(
+        population,
+        model,
+        pooled,
+        theta.reshape(*shape, -1),
+        log_posterior,
+        new.reshape(*shape, -1),
+        shrunken,
+        warnings_of(model, shrunken, outside),
+        first,
+        rows,
+    )
+
+
+def _shrunken(
+    model: PopulationModel, centres: FloatArray, spreads: FloatArray, rng: np.random.Generator
+) -> list[Shrunken]:
+    from deabayes.population.specimens import shrink
+
+    picked = rng.choice(len(centres), min(WEIGHING_DRAWS, len(centres)), replace=False)
+    return [
+        shrink(model, index, centres[picked], spreads[picked])
+        for index in range(len(model.members))
+    ]
+
+
+def _said(content: PopulationContent, output: Path, failures: Sequence[str]) -> str:
+    convergence = content.convergence
+    verdict = "converged" if convergence["converged"] else "NOT converged"
+    reasons = convergence["reasons"]
+    lines = [*reasons, *content.warnings, *failures] if isinstance(reasons, list) else []
+    return "\n".join([f"{output / 'posterior.nc'}: {verdict}", *(f"  - {line}" for line in lines)])

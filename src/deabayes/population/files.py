@@ -1,0 +1,199 @@
+"""What is written of a population: posterior file, summary and shrinkage tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+import deabayes
+from deabayes.diagnostics import summarise
+from deabayes.experiment import FloatArray
+from deabayes.population.model import PopulationModel
+from deabayes.population.settings import Population, to_settings
+from deabayes.population.specimens import Shrunken
+from deabayes.posterior_content import STORED_DRAWS, convergence_summary
+from deabayes.sampling import PooledResult
+
+HANDED_ON = ("study", "specimen", "noise", "experiments", "system", "order")
+"""Attributes of the first member's file: a new specimen is predicted as one like it."""
+QUANTILES = {"median": 0.5, "q05": 0.05, "q95": 0.95}
+REFERENCE = "reference"
+"""Kind of the first member's own parameters, which no other study takes over as a prior."""
+
+
+@dataclass(frozen=True)
+class PopulationContent:
+    """Draws of a population, and what is said of them.
+
+    `theta` (E, S, 2 d) are means and spreads, `new` (E, S, d) a new specimen's parameters;
+    `rows` (E S,) the draws of the first member that complete the new specimen's.
+    """
+
+    population: Population
+    model: PopulationModel
+    pooled: PooledResult
+    theta: FloatArray
+    log_posterior: FloatArray
+    new: FloatArray
+    shrunken: Sequence[Shrunken]
+    warnings: Sequence[str]
+    first: xr.DataTree
+    rows: NDArray[np.intp]
+
+    @property
+    def convergence(self) -> dict[str, object]:
+        """As of a candidate; a member that did not converge makes the population one too."""
+        found = convergence_summary(self.pooled)
+        lost = [member.study for member in self.model.members if not member.converged]
+        reasons = [f"{name}: its own posterior has not converged" for name in lost]
+        reasons += [f"population, {reason}" for reason in self.pooled.convergence.reasons]
+        return found | {"converged": not reasons, "reasons": reasons}
+
+
+def thinned(pooled: PooledResult) -> tuple[FloatArray, FloatArray]:
+    """z (E, S, d) and log-posterior (E, S), at most `STORED_DRAWS` per ensemble."""
+    ensembles, steps, walkers, dimension = pooled.chain.shape
+    picked = np.linspace(0, steps * walkers - 1, min(STORED_DRAWS, steps * walkers)).astype(int)
+    z = pooled.chain.reshape(ensembles, -1, dimension)[:, picked]
+    return z, pooled.log_posterior.reshape(ensembles, -1)[:, picked]
+
+
+def population_tree(content: PopulationContent) -> xr.DataTree:
+    """The DataTree of a population: a posterior file of a new specimen.
+
+    Group `posterior` holds a new specimen's parameters, the population's means and spreads
+    (kind `population`), and all that predictions need beside them, from the first member (kind
+    `reference`).
+    """
+    summary = summary_table(content)
+    model, chains = content.model, content.theta.shape[:2]
+    dimensions = ("chain", "draw")
+    group = content.first["posterior"]
+    names = model.coordinate.names
+    variables = {
+        name: (dimensions, content.new[..., k], _new_label(group[name].attrs, content))
+        for k, name in enumerate(names)
+    }
+    for k, p in enumerate(model.prior.parameters):
+        label = {"symbol": p.symbol, "unit": p.unit, "description": p.description,
+                 "prior": model.prior.describe(p.name), "kind": "population"}  # fmt: skip
+        variables[p.name] = (dimensions, content.theta[..., k], label)
+    for name, variable in group.data_vars.items():
+        if name not in names and variable.attrs["kind"] != "derived":
+            values = variable.values.reshape(-1)[content.rows].reshape(chains)
+            variables[str(name)] = (dimensions, values, variable.attrs | {"kind": REFERENCE})
+    coordinates = {"chain": np.arange(chains[0]), "draw": np.arange(chains[1])}
+    tree = xr.DataTree.from_dict(
+        {
+            "posterior": xr.Dataset(variables, coords=coordinates),
+            "sample_stats": xr.Dataset({"lp": (dimensions, content.log_posterior)}),
+            "summary": xr.Dataset(
+                {name: ("quantity", summary[name].to_numpy()) for name in summary.columns},
+                coords={"quantity": list(summary.index)},
+            ),
+            "specimens": _specimens(content),
+        }
+    )
+    tree.attrs.update(_attributes(content))
+    return tree
+
+
+def _new_label(attributes: Mapping[str, str], content: PopulationContent) -> dict[str, str]:
+    own = {key: str(attributes[key]) for key in ("symbol", "unit", "kind")}
+    size = len(content.model.members)
+    return own | {
+        "description": f"{attributes['description']}, of a new specimen",
+        "prior": f"population of {size} specimens ({content.population.name})",
+    }
+
+
+def _specimens(content: PopulationContent) -> xr.Dataset:
+    """Draws of every member with the population for a prior, in SI."""
+    model, rng = content.model, np.random.default_rng(content.population.sampling.seed)
+    drawn = np.stack(
+        [
+            model.coordinate.inverse(member.phi[rng.choice(len(member.phi), 1000, p=each.weights)])
+            for member, each in zip(model.members, content.shrunken, strict=True)
+        ]
+    )
+    return xr.Dataset(
+        {
+            name: (("specimen", "sample"), drawn[..., k], {"unit": p.unit, "symbol": p.symbol})
+            for k, (name, p) in enumerate(
+                zip(model.coordinate.names, model.coordinate.parameters, strict=True)
+            )
+        },
+        coords={"specimen": [member.study for member in model.members]},
+    )
+
+
+def _attributes(content: PopulationContent) -> dict[str, str]:
+    first, members = content.first.attrs, content.model.members
+    simulated = any(member.provenance == "simulated" for member in members)
+    handed_on = {key: first[key] for key in first if key in HANDED_ON or key.startswith("model")}
+    return handed_on | {
+        "population": json.dumps(to_settings(content.population)),
+        "study_name": content.population.name,
+        "candidate": content.population.candidate,
+        "provenance": "simulated" if simulated else members[0].provenance,
+        "convergence": json.dumps(content.convergence),
+        "warnings": json.dumps(list(content.warnings)),
+        "deabayes_version": deabayes.__version__,
+    }
+
+
+def summary_table(content: PopulationContent) -> pd.DataFrame:
+    """summary.csv, indexed by quantity: a new specimen's parameters, then means and spreads."""
+    model = content.model
+    new = {name: content.new[..., k, None] for k, name in enumerate(model.coordinate.names)}
+    parameters = [*model.coordinate.parameters, *model.prior.parameters]
+    table = pd.concat([summarise(new), content.pooled.convergence.table])
+    table.insert(0, "unit", [p.unit for p in parameters])
+    table.insert(0, "symbol", [p.symbol for p in parameters])
+    table["converged"] = bool(content.convergence["converged"])
+    return table.rename_axis("parameter")
+
+
+def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
+    """shrinkage.csv: every specimen's estimate by itself, and with the population, in SI."""
+    rows = []
+    coordinate = content.model.coordinate
+    for member, each in zip(content.model.members, content.shrunken, strict=True):
+        theta = coordinate.inverse(member.phi)
+        for k, p in enumerate(coordinate.parameters):
+            own = np.quantile(theta[:, k], list(QUANTILES.values()))
+            pulled = weighted_quantiles(theta[:, k], each.weights, list(QUANTILES.values()))
+            rows.append(
+                {
+                    "study": member.study,
+                    "parameter": p.name,
+                    "symbol": p.symbol,
+                    "unit": p.unit,
+                    **dict(zip(QUANTILES, own, strict=True)),
+                    **{f"shrunken_{q}": v for q, v in zip(QUANTILES, pulled, strict=True)},
+                    "shrinkage": each.shrinkage[k],
+                    "tail_probability": each.tail_probability[k],
+                    "effective_draws": each.effective_draws,
+                    "k_hat": each.k_hat,
+                    "misfit": member.likelihood.misfit,
+                    "reliable": each.reliable,
+                    "converged": member.converged,
+                    "provenance": member.provenance,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def weighted_quantiles(
+    values: FloatArray, weights: FloatArray, probabilities: Sequence[float]
+) -> FloatArray:
+    """Quantiles of draws (K,) with weights that sum to one."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return np.asarray(np.interp(probabilities, cumulative, values[order]))

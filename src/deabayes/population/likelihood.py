@@ -1,0 +1,147 @@
+"""What one specimen's records say of its parameters, as a mixture of normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+
+MOST_COMPONENTS = 4
+SPLIT_GAIN = 6.0
+"""Of the BIC: strong evidence (Kass and Raftery 1995)."""
+LARGEST_SHARE = 0.999
+"""Of a component's variance in the prior's: equal ones say that the records are silent, and
+noise of the draws must not make them say less than nothing."""
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    r"""p(y | phi) = sum_j v_j N(phi; a_j, B_j), up to a constant.
+
+    Attributes
+    ----------
+    log_weights, means, covariances : (J,), (J, d), (J, d, d): log v_j, a_j, B_j.
+    effective_draws : independent draws that the posterior's are worth once the prior is
+        taken out.
+    misfit : largest distance of distribution functions, over the parameters, between the draws
+        and the mixture.
+    """
+
+    log_weights: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+    effective_draws: float
+    misfit: float
+
+    @property
+    def variances(self) -> FloatArray:
+        """Of every parameter, (d,)."""
+        weights = np.exp(self.log_weights - self.log_weights.max())
+        weights /= weights.sum()
+        centre = weights @ self.means
+        within = np.diagonal(self.covariances, axis1=1, axis2=2)
+        return np.asarray(weights @ (within + (self.means - centre) ** 2))
+
+
+def fit(
+    phi: FloatArray,
+    log_prior: FloatArray,
+    prior_phi: FloatArray,
+    independent: float,
+    rng: np.random.Generator,
+) -> Likelihood:
+    r"""Divide a posterior by its prior.
+
+    The prior is written as a normal times a rest, pi = N(p, P) r. The posterior's draws are
+    weighted by 1 / r and a Gaussian mixture is fitted to them; each of its components N(mu_j,
+    C_j), divided by N(p, P), is a normal again with B_j^{-1} = C_j^{-1} - P^{-1} and a_j =
+    B_j (C_j^{-1} mu_j - P^{-1} p). Of normal and log-normal priors r is 1 and the division
+    exact; where records are silent B_j grows without bound, instead of 1 / pi as a weight.
+
+    Parameters
+    ----------
+    phi, log_prior : (K, d) and (K,), draws and their prior's log density as one of phi.
+    prior_phi : (N, d) draws of the prior.
+    independent : how many independent draws the K are worth.
+    """
+    from scipy.linalg import solve_triangular
+
+    centre = prior_phi.mean(axis=0)
+    factor = np.linalg.cholesky(np.atleast_2d(np.cov(prior_phi, rowvar=False)))
+    white = solve_triangular(factor, (phi - centre).T, lower=True).T
+    log_rest = log_prior + 0.5 * np.sum(white**2, axis=1)
+    weights = np.exp(-(log_rest - log_rest.min()))
+    weights /= weights.sum()
+    effective = independent / (len(phi) * np.sum(weights**2))
+    even = white[_resampled(weights, rng)]
+    shares, means, covariances = _mixture(even, effective, rng)
+    misfit = _misfit(even, shares, means, covariances)
+    log_v, a, b = _divided(shares, means, covariances)
+    return Likelihood(log_v, centre + a @ factor.T, factor @ b @ factor.T, effective, misfit)
+
+
+def _divided(
+    shares: FloatArray, means: FloatArray, covariances: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """log v_j, a_j and B_j of a mixture over N(0, I)."""
+    values, vectors = np.linalg.eigh(covariances)
+    values = np.minimum(values, LARGEST_SHARE)
+    wide = values / (1.0 - values)
+    turned = np.einsum("jkl,jk->jl", vectors, means)
+    found = turned / (1.0 - values)
+    log_v = np.log(shares) + 0.5 * np.sum(
+        np.log(wide / values) - turned**2 / values + found**2 / wide, axis=1
+    )
+    back = np.einsum("jkl,jl->jk", vectors, found)
+    return log_v, back, np.einsum("jkl,jl,jml->jkm", vectors, wide, vectors)
+
+
+def _mixture(
+    white: FloatArray, effective: float, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Shares, means and covariances of as many components as the draws clearly show.
+
+    Judged on as many draws as they are worth: correlated ones would show too many.
+    """
+    import warnings
+
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.mixture import GaussianMixture
+
+    worth = rng.permutation(white)[: max(int(effective), 10 * white.shape[1])]
+    best, lowest = None, np.inf
+    for components in range(1, MOST_COMPONENTS + 1):
+        seed = int(rng.integers(2**31))
+        model = GaussianMixture(
+            components, n_init=1 + (components > 1), max_iter=200, random_state=seed
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            model.fit(worth)
+            if model.bic(worth) > lowest - SPLIT_GAIN:
+                break
+            best, lowest = model.fit(white), model.bic(worth)
+    assert best is not None
+    return best.weights_, best.means_, best.covariances_
+
+
+def _resampled(weights: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Systematic resampling: indices (K,) that repeat each draw as its weight says."""
+    size = len(weights)
+    places = (rng.random() + np.arange(size)) / size
+    return np.minimum(np.searchsorted(np.cumsum(weights), places), size - 1)
+
+
+def _misfit(
+    draws: FloatArray, shares: FloatArray, means: FloatArray, covariances: FloatArray
+) -> float:
+    """Largest distance of a column's empirical distribution from the mixture's."""
+    from scipy.special import ndtr
+
+    ordered = np.sort(draws, axis=0)[:, None]
+    sd = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    probability = np.einsum("j,kjd->kd", shares, ndtr((ordered - means) / sd))
+    above = np.arange(1, len(draws) + 1)[:, None] / len(draws)
+    return float(np.max(np.abs(above - probability)))

@@ -1,0 +1,163 @@
+"""Mean and spread of a population, from the posteriors of its specimens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from deabayes.distribution_settings import from_settings
+from deabayes.distributions import Distribution, HalfNormal, LogNormal, Normal
+from deabayes.experiment import FloatArray
+from deabayes.parameter import Parameter
+from deabayes.population.coordinate import Coordinate
+from deabayes.population.kernel import log_marginals
+from deabayes.population.member import Member
+from deabayes.prior import Prior
+from deabayes.sampling import PooledResult, pool, run_ensemble
+from deabayes.study import Sampling, Settings
+
+RELATIVE_SPREAD = 0.5
+"""Scale of the default half-normal prior of a logarithm's sd: from alike to a factor apart."""
+SPREAD_OF_PRIOR = 0.5
+"""The same for a parameter that changes its sign, in sds of the members' own prior."""
+MEAN, SPREAD = "mean_", "spread_"
+
+
+@dataclass(frozen=True)
+class PopulationModel:
+    r"""p(m, s | y_1..S) of specimens that scatter as phi_i ~ N(m, diag(s^2)).
+
+    Every specimen was fitted alone, under a prior pi_i of its own. Put in the population's
+    place, its records say of m and s
+
+    p(y_i | m, s) ~ int N(phi; m, s^2) p(phi | y_i) / pi_i(phi) dphi,
+
+    without running a forward model again: the first stage's posteriors, divided by their
+    priors, are the second stage's likelihoods (Lunn, Barrett, Sweeting and Thompson 2013,
+    J. R. Stat. Soc. C 62, 551). With that ratio as a mixture of normals (see `likelihood.fit`)
+    the integral is sum_j v_j N(m; a_j, B_j + diag(s^2)), exact and smooth down to s = 0, where
+    averages over draws rest on the few within s of m.
+
+    Parameters that are not the population's keep their prior, which is taken to be independent
+    of the population's parameters.
+    """
+
+    coordinate: Coordinate
+    members: tuple[Member, ...]
+    prior: Prior
+
+    @classmethod
+    def of(
+        cls,
+        coordinate: Coordinate,
+        members: Sequence[Member],
+        spread: Mapping[str, Settings] | None = None,
+    ) -> PopulationModel:
+        """With the members' own prior, on average, for the means, and `spread` for the sds."""
+        mean = np.mean([member.prior_mean for member in members], axis=0)
+        sd = np.sqrt(np.mean([member.prior_sd**2 for member in members], axis=0))
+        centres = [
+            _mean_parameter(p, logarithmic, float(m), float(s))
+            for p, logarithmic, m, s in zip(
+                coordinate.parameters, coordinate.logarithmic, mean, sd, strict=True
+            )
+        ]
+        spreads = [
+            _spread_parameter(p, unit, logarithmic, float(s), (spread or {}).get(p.name))
+            for p, unit, logarithmic, s in zip(
+                coordinate.parameters,
+                coordinate.spread_units,
+                coordinate.logarithmic,
+                sd,
+                strict=True,
+            )
+        ]
+        return cls(coordinate, tuple(members), Prior([*centres, *spreads]))
+
+    @property
+    def dimension(self) -> int:
+        return len(self.prior.names)
+
+    def split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """m and s, each (W, d), of theta (W, 2 d), whose means are those of `inverse(m)`."""
+        half = len(self.coordinate.names)
+        return self.coordinate.forward(theta[:, :half]), np.ascontiguousarray(theta[:, half:])
+
+    def log_likelihood(self, centres: FloatArray, spreads: FloatArray) -> FloatArray:
+        """log p(y_i | m, s) of every member, (W, members), up to a constant each."""
+        return log_marginals(
+            np.ascontiguousarray(centres), spreads, *self._components, len(self.members)
+        )
+
+    def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
+        """Their sum, (W,), at the standard-normal coordinate z (W, 2 d)."""
+        return self.log_likelihood(*self.split(self.prior.to_parameters(z))).sum(axis=1)
+
+    @cached_property
+    def _components(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        each = [member.likelihood for member in self.members]
+        counts = [len(likelihood.log_weights) for likelihood in each]
+        return (
+            np.concatenate([likelihood.log_weights for likelihood in each]),
+            np.concatenate([likelihood.means for likelihood in each]),
+            np.concatenate([likelihood.covariances for likelihood in each]),
+            np.repeat(np.arange(len(each)), counts),
+        )
+
+
+def sample(
+    model: PopulationModel,
+    settings: Sampling,
+    seed: np.random.SeedSequence,
+    progress: bool = False,
+) -> PooledResult:
+    """Sample mean and spread as a candidate's parameters are: ensembles, pooled, gates."""
+    *streams, pooling = seed.spawn(settings.ensembles + 1)
+    density = model.log_likelihood_of_normal
+    ensembles = [
+        run_ensemble(density, model.dimension, settings, stream, progress=progress)
+        for stream in streams
+    ]
+    return pool(
+        density,
+        ensembles,
+        settings,
+        pooling,
+        progress=progress,
+        quantities=lambda z: dict(
+            zip(model.prior.names, model.prior.to_parameters(z).T, strict=True)
+        ),
+    )
+
+
+def _mean_parameter(p: Parameter, logarithmic: bool, mean: float, sd: float) -> Parameter:
+    prior = LogNormal(float(np.exp(mean)), sd) if logarithmic else Normal(mean, sd)
+    return Parameter(
+        MEAN + p.name,
+        rf"\mathrm{{mean}}\,{p.symbol}",
+        p.unit,
+        f"{p.description}: {'geometric mean' if logarithmic else 'mean'} of the population",
+        prior,
+        "the members' priors",
+    )
+
+
+def _spread_parameter(
+    p: Parameter, unit: str, logarithmic: bool, prior_sd: float, settings: Settings | None
+) -> Parameter:
+    scale = RELATIVE_SPREAD if logarithmic else SPREAD_OF_PRIOR * prior_sd
+    prior: Distribution = HalfNormal(scale)
+    if settings is not None:
+        prior = from_settings(settings, unit, f"spread.{p.name}")
+    what = "of the logarithm, about a relative one" if logarithmic else "between specimens"
+    return Parameter(
+        SPREAD + p.name,
+        rf"\mathrm{{spread}}\,{p.symbol}",
+        unit,
+        f"{p.description}: standard deviation {what}",
+        prior,
+        "default" if settings is None else "config",
+    )

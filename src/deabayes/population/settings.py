@@ -1,0 +1,144 @@
+"""Which studies make a population: the entries of `populations:` in config.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.study import Sampling, Settings, Study, load_studies
+
+FOLDER = "populations"
+"""Of the results, beside those of the studies."""
+SETTINGS = "population.yaml"
+"""File by which a population's folder is known."""
+
+
+@dataclass(frozen=True)
+class Population:
+    """One entry of `populations:`, with the sampling settings it is run under.
+
+    Attributes
+    ----------
+    studies : names of the members' studies, `split_by` resolved; predictions of a new specimen
+        are of the first one's records.
+    candidate : whose posteriors are put together.
+    parameters : those that scatter between specimens.
+    spread : priors of the standard deviation between specimens, by parameter.
+    """
+
+    name: str
+    studies: tuple[str, ...]
+    candidate: str
+    parameters: tuple[str, ...]
+    spread: Mapping[str, Settings] = field(default_factory=dict)
+    sampling: Sampling = field(default_factory=Sampling)
+
+
+def load_populations(
+    config: Path | Mapping[str, Any], where: str | None = None
+) -> tuple[Population, ...]:
+    """Every population of a config, in order; none where it has no `populations:`.
+
+    Parameters
+    ----------
+    config, where : as for `deabayes.study.load_studies`.
+
+    Raises
+    ------
+    Faults : every violation of the schema, and every study that the config does not have.
+    """
+    from deabayes.reading.yaml_file import read_yaml
+
+    studies = load_studies(config, where)
+    content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
+    place = where or ("config" if isinstance(config, Mapping) else str(config))
+    entries = content.get("populations") or {}
+    faults = []
+    if entries and any(study.name.lower() == FOLDER for study in studies):
+        faults.append(f"{place}: the results of populations are in {FOLDER}/; rename the study")
+    found = []
+    for name, settings in entries.items():
+        try:
+            members = _members(settings["studies"], content["studies"], studies)
+        except UserError as error:
+            faults += [f"{place}, populations.{name}: {fault}" for fault in str(error).splitlines()]
+            continue
+        sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
+        given = {**settings, "name": name, "studies": members, "sampling": sampling}
+        found.append(from_settings(given))
+    if faults:
+        raise Faults(faults)
+    return tuple(found)
+
+
+def load_population(path: Path) -> Population:
+    """A population by its own file (`results/populations/NAME/population.yaml`).
+
+    Raises
+    ------
+    Faults : violations of the schema.
+    """
+    from deabayes.reading.schema import violations
+    from deabayes.reading.yaml_file import read_yaml
+
+    content = read_yaml(Path(path))
+    name = str(content.pop("name", None) or Path(path).parent.name)
+    study = {"specimen": "any", "candidates": ["any"]}
+    whole = {"studies": {"any": study}, "populations": {name: content}}
+    faults = violations(whole, "config", str(path))
+    if faults:
+        raise Faults(faults)
+    return from_settings({"name": name, **content})
+
+
+def from_settings(settings: Mapping[str, Any]) -> Population:
+    """The population that `to_settings` gave, or a config entry with its `name` put in."""
+    given = {key: value for key, value in settings.items() if value is not None}
+    for key in ("studies", "parameters"):
+        given[key] = tuple(given[key])
+    given["sampling"] = Sampling(**(given.get("sampling") or {}))
+    return Population(**given)
+
+
+def to_settings(population: Population) -> dict[str, Any]:
+    """The population as plain lists, mappings, texts and numbers, ready for YAML or JSON."""
+    settings = asdict(population)
+    return settings | {key: list(settings[key]) for key in ("studies", "parameters")}
+
+
+def write_population(population: Population, path: Path) -> None:
+    """Write a population.yaml; one that says the same already is left alone, time stamp and all."""
+    import yaml
+
+    from deabayes.files import write_text_atomically
+
+    text = yaml.safe_dump(to_settings(population), sort_keys=False, allow_unicode=True)
+    if not (path.is_file() and path.read_text(encoding="utf-8") == text):
+        write_text_atomically(text, path)
+
+
+def _members(
+    names: Sequence[str], entries: Mapping[str, Any], studies: Sequence[Study]
+) -> list[str]:
+    """The studies named, one with `split_by` replaced by its parts."""
+    known = {study.name: study for study in studies}
+    found: list[str] = []
+    unknown = []
+    for name in names:
+        column = (entries.get(name) or {}).get("split_by")
+        if column is not None:
+            found += [
+                study.name
+                for study in studies
+                if column in study.select and study.name.startswith(f"{name}_")
+            ]
+        elif name in known:
+            found.append(name)
+        else:
+            unknown.append(f"studies: there is no study {name!r}{nearest(name, known)}")
+    if unknown:
+        raise Faults(unknown)
+    return list(dict.fromkeys(found))

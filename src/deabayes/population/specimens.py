@@ -1,0 +1,189 @@
+"""What a population says of its specimens, and of a new one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
+from deabayes.population.member import Member
+from deabayes.population.model import PopulationModel
+from deabayes.power_scaling import EVEN, UNRELIABLE_K_HAT
+
+FEWEST_EFFECTIVE = 100.0
+LARGEST_MISFIT = 0.05
+SILENT = 0.1
+"""Contraction below which a specimen's records say nothing of a parameter."""
+OUTLYING = 0.005
+TAIL_DRAWS = 200
+MOST_TRIES = 200
+LARGEST_OUTSIDE = 0.01
+
+
+@dataclass(frozen=True)
+class Shrunken:
+    """One specimen's posterior with the population for a prior.
+
+    Attributes
+    ----------
+    weights : (K,) of its own draws, summing to one.
+    effective_draws : independent draws that the weighted ones are worth.
+    k_hat : Pareto shape of the weights.
+    shrinkage : (d,) share by which the population replaces the specimen's own records: 0 where
+        these decide alone, 1 where they are silent.
+    tail_probability : (d,) two-sided, of its own estimate in what the others lead to expect.
+    """
+
+    weights: FloatArray
+    effective_draws: float
+    k_hat: float
+    shrinkage: FloatArray
+    tail_probability: FloatArray
+
+    @property
+    def reliable(self) -> bool:
+        return self.k_hat <= UNRELIABLE_K_HAT and self.effective_draws >= FEWEST_EFFECTIVE
+
+
+def shrink(
+    model: PopulationModel, index: int, centres: FloatArray, spreads: FloatArray
+) -> Shrunken:
+    r"""Weigh a member's draws by what the population says of them.
+
+    p(phi_i | y) = p(phi_i | y_i) / pi_i(phi_i) E_{m, s | y} [N(phi_i; m, s^2) / p(y_i | m, s)],
+
+    so that draw k of the member's own posterior has the weight
+
+    w_k ~ sum_t N(phi_k; m_t, s_t^2) / (pi_i(phi_k) p(y_i | m_t, s_t)),
+
+    Pareto-smoothed (Vehtari, Simpson, Gelman, Yao and Gabry 2024, JMLR 25(72)). For a normal
+    likelihood of variance b the posterior mean is lambda m + (1 - lambda) y with the shrinkage
+    lambda = b / (b + s^2) (Gelman et al. 2013, Bayesian Data Analysis, eq. 5.17), averaged here.
+
+    Parameters
+    ----------
+    centres, spreads : (T, d) draws of m and s.
+    """
+    member = model.members[index]
+    evidence = model.log_likelihood(centres, spreads)[:, index]
+    log_mean = np.full(len(member.phi), -np.inf)
+    for m, s, log_y in zip(centres, spreads, evidence, strict=True):
+        scaled = (member.phi - m) / s
+        density = -0.5 * np.einsum("kd,kd->k", scaled, scaled) - np.log(s).sum() - log_y
+        log_mean = np.logaddexp(log_mean, density)
+    weights, k_hat = _smoothed(log_mean - member.log_prior)
+    kish = 1.0 / np.sum(weights**2)
+    variances = member.likelihood.variances
+    return Shrunken(
+        weights,
+        kish * min(member.independent / len(weights), 1.0),
+        k_hat,
+        np.mean(variances / (variances + spreads**2), axis=0),
+        tail_probability(member.phi, centres, spreads, evidence),
+    )
+
+
+def tail_probability(
+    phi: FloatArray, centres: FloatArray, spreads: FloatArray, evidence: FloatArray
+) -> FloatArray:
+    r"""How far out a specimen lies among the others, (d,): 2 min(P, 1 - P).
+
+    P = E[Phi((phi_i - m) / s)] over its own posterior and p(m, s | y without i) ~ p(m, s | y) /
+    p(y_i | m, s), by Pareto-smoothed weights of the draws (T, d) of m and s. Its own uncertainty
+    is in it, which keeps a badly known specimen from standing out.
+    """
+    from scipy.special import ndtr
+
+    weights, _ = _smoothed(-evidence) if np.ptp(evidence) > EVEN else (np.ones(len(evidence)), 0.0)
+    some = phi[np.linspace(0, len(phi) - 1, min(TAIL_DRAWS, len(phi))).astype(int)]
+    below = ndtr((some[None] - centres[:, None]) / spreads[:, None]).mean(axis=1)
+    share = np.average(below, axis=0, weights=weights)
+    return np.asarray(2.0 * np.minimum(share, 1.0 - share))
+
+
+def new_specimens(
+    model: PopulationModel, centres: FloatArray, spreads: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, float]:
+    """theta (W, d) of one new specimen for every (m, s), and the share first drawn outside.
+
+    A draw that no member's prior allows (time constants out of order, beyond a bound) is drawn
+    again; where (m, s) leave hardly room for one, it is another draw's.
+
+    Raises
+    ------
+    UserError : most draws are not allowed.
+    """
+    theta = np.empty_like(centres)
+    left = np.arange(len(centres))
+    outside = 1.0
+    for attempt in range(MOST_TRIES):
+        phi = centres[left] + spreads[left] * rng.standard_normal((left.size, centres.shape[1]))
+        theta[left] = model.coordinate.inverse(phi)
+        left = left[~_allowed(model.members, theta[left])]
+        if attempt == 0:
+            outside = left.size / len(centres)
+        if not left.size:
+            return theta, outside
+    if left.size > 0.5 * len(centres):
+        raise UserError(
+            f"{left.size} of {len(centres)} draws of a new specimen lie outside of all members' "
+            "priors; give the spread a narrower prior, or widen the members'"
+        )
+    inside = np.setdiff1d(np.arange(len(centres)), left)
+    theta[left] = theta[rng.choice(inside, left.size)]
+    return theta, outside
+
+
+def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
+    """What a reader must know of the members and of the new specimen, in sentences."""
+    found = []
+    for member, each in zip(model.members, shrunken, strict=True):
+        if not each.reliable:
+            found.append(
+                f"{member.study}: few of its own draws agree with the population "
+                f"({each.effective_draws:.0f} effective draws, k-hat {each.k_hat:.2f}), so its "
+                "shrunken estimate is not to be trusted"
+            )
+        pairs = zip(model.coordinate.names, each.tail_probability, strict=True)
+        out = [f"{name} ({p:.1g})" for name, p in pairs if p < OUTLYING]
+        if out:
+            found.append(
+                f"{member.study}: it lies outside of what the other specimens lead to expect, in "
+                f"{', '.join(out)} (tail probability); does it belong to this population?"
+            )
+        if member.likelihood.misfit > LARGEST_MISFIT:
+            found.append(
+                f"{member.study}: its posterior is not well described by normals (largest "
+                f"distance {member.likelihood.misfit:.2f}); mean and spread are approximate"
+            )
+        silent = [name for name, c in member.contraction.items() if c < SILENT]
+        if silent:
+            found.append(f"{member.study}: its records say nothing of {', '.join(silent)}")
+    if outside > LARGEST_OUTSIDE:
+        found.append(
+            f"new specimen: {outside:.0%} of the draws lay outside of the members' priors (order "
+            "or bounds of parameters) and were drawn again; mean and spread do not know of that"
+        )
+    return found
+
+
+def _allowed(members: tuple[Member, ...], theta: FloatArray) -> NDArray[np.bool_]:
+    priors = {id(member.prior): member.prior for member in members}.values()
+    return np.any([np.isfinite(prior.log_density(theta)) for prior in priors], axis=0)
+
+
+def _smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
+    """Pareto-smoothed weights that sum to one, and the shape; infinite where no tail has one."""
+    from arviz_stats.base import array_stats
+
+    try:
+        with np.errstate(all="ignore"):
+            log_weights, shape = array_stats.psislw(-log_weights, r_eff=1.0)
+        k_hat = float(np.nan_to_num(float(shape), nan=np.inf))
+    except (ValueError, IndexError):  # too few draws for a tail, or a tail of equal ones
+        k_hat = float("inf")
+    weights = np.exp(log_weights - np.max(log_weights))
+    return np.asarray(weights / weights.sum()), k_hat

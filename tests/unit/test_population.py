@@ -1,0 +1,252 @@
+"""Populations: their likelihood, shrinkage and new specimens, against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from tests.unit.populations import MEDIANS, SIGMAS, World, parameter, prior_of_two, world
+
+from deabayes.distributions import LogNormal, LogUniform, Normal, Uniform
+from deabayes.faults import UserError
+from deabayes.population.checks import marginal
+from deabayes.population.coordinate import Coordinate
+from deabayes.population.files import weighted_quantiles
+from deabayes.population.likelihood import fit
+from deabayes.population.member import Member
+from deabayes.population.model import PopulationModel
+from deabayes.population.specimens import (
+    Shrunken,
+    new_specimens,
+    shrink,
+    tail_probability,
+    warnings_of,
+)
+from deabayes.prior import Prior
+
+MEAN, SPREAD = np.log([2e4, 3.0]), np.array([0.1, 0.3])
+
+
+@pytest.fixture(scope="module")
+def known() -> World:
+    rng = np.random.default_rng(1)
+    sd = rng.uniform(0.05, 0.6, (6, 2))
+    return world(MEAN, SPREAD, sd, rng)
+
+
+def test_likelihood_of_mean_and_spread_is_the_conjugate_one(known: World) -> None:
+    """Also at a spread of nothing, and where the prior is as narrow as the data."""
+    rng = np.random.default_rng(2)
+    centres = MEAN + 0.3 * rng.standard_normal((200, 2))
+    spreads = np.abs(rng.standard_normal((200, 2))) * [[0.3, 0.3]]
+    spreads[:50] = 1e-9
+    found, exact = (
+        known.model.log_likelihood(centres, spreads),
+        known.log_likelihood(centres, spreads),
+    )
+    found, exact = found - found[0], exact - exact[0]
+    assert np.max(np.abs(found - exact)) < 0.03 * np.ptp(exact)
+    near = exact > exact.max(axis=0) - 3.0
+    assert np.max(np.abs(found - exact)[near]) < 0.2
+
+
+def test_shrinkage_of_a_normal_specimen(known: World) -> None:
+    """Posterior mean lambda m + (1 - lambda) y, lambda = sd^2 / (sd^2 + s^2)."""
+    centres, spreads = np.tile(MEAN, (3, 1)), np.tile(SPREAD, (3, 1))
+    for index, (y, sd) in enumerate(zip(known.y, known.sd, strict=True)):
+        found = shrink(known.model, index, centres, spreads)
+        share = sd**2 / (sd**2 + SPREAD**2)
+        assert found.weights.sum() == pytest.approx(1.0)
+        assert found.shrinkage == pytest.approx(share, abs=0.03)
+        after = np.sqrt(share) * SPREAD
+        phi = known.model.members[index].phi
+        error = np.abs(found.weights @ phi - (share * MEAN + (1 - share) * y)) / after
+        assert np.all(error < 5 / np.sqrt(found.effective_draws) + 0.02)
+        variance = found.weights @ (phi - found.weights @ phi) ** 2
+        assert np.sqrt(variance) == pytest.approx(after, rel=0.2)
+
+
+def test_draws_of_the_population_count_alike_in_shrinkage(known: World) -> None:
+    """Each (m, s) counts by its place in the population's posterior, not by the specimen again."""
+    centres = MEAN + np.array([[-0.4, 0.0], [0.4, 0.0]])
+    spreads = np.full((2, 2), 0.2)
+    index = int(np.argmax(known.sd[:, 0]))
+    found = shrink(known.model, index, centres, spreads)
+    y, sd = known.y[index], known.sd[index]
+    share = sd**2 / (sd**2 + 0.04)
+    expected = np.mean(share * centres + (1 - share) * y, axis=0)
+    after = found.weights @ known.model.members[index].phi
+    assert after == pytest.approx(expected, abs=0.06)
+
+
+def test_a_specimen_far_from_the_population_is_named(known: World) -> None:
+    centres = np.tile(MEAN, (3, 1))
+    centres[:, 0] += 3.0
+    spreads = np.full((3, 2), 0.02)
+    far = [shrink(known.model, index, centres, spreads) for index in range(6)]
+    assert not any(each.reliable for each in far)
+    words = warnings_of(known.model, far, 0.0)
+    assert all(any(f"strip_{k}" in w and "not to be trusted" in w for w in words) for k in range(6))
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
+    assert warnings_of(known.model, [fine] * 6, 0.0) == []
+
+
+def test_how_far_out_a_specimen_lies(known: World) -> None:
+    """With m and s known, phi_i ~ N(y', v) has P = Phi((y' - m) / sqrt(s^2 + v))."""
+    member = known.model.members[2]
+    centres, spreads = np.tile(MEAN, (5, 1)), np.tile(SPREAD, (5, 1))
+    found = tail_probability(member.phi, centres, spreads, np.zeros(5))
+    middle, variance = member.phi.mean(axis=0), member.phi.var(axis=0)
+    below = ndtr((middle - MEAN) / np.sqrt(SPREAD**2 + variance))
+    assert found == pytest.approx(2 * np.minimum(below, 1 - below), abs=0.08)
+
+
+def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
+    """Judged by the others: draws of (m, s) that only it asks for count for nothing."""
+    rng = np.random.default_rng(12)
+    centres = MEAN + 0.05 * rng.standard_normal((400, 2))
+    spreads = np.abs(SPREAD * rng.uniform(0.5, 1.5, (400, 2)))
+    spreads[200:] = 3.0  # as wide as the odd one would have it
+    evidence = np.where(np.arange(400) < 200, -30.0, 0.0)
+    odd = MEAN + [1.5, 0.0] + 0.02 * rng.standard_normal((4000, 2))
+    found = tail_probability(odd, centres, spreads, evidence)
+    assert found[0] < 0.005 < found[1]
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), found)
+    words = warnings_of(known.model, [fine] * 6, 0.0)
+    assert all("does it belong to this population" in w and "a (" in w for w in words)
+    assert len(words) == 6
+
+
+def test_silent_records_and_skewed_posteriors_are_named(known: World) -> None:
+    members = [replace(m, contraction={"a": 0.02, "b": 0.9}) for m in known.model.members]
+    likelihood = replace(members[0].likelihood, misfit=0.2)
+    members[0] = replace(members[0], likelihood=likelihood)
+    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
+    words = warnings_of(replace(known.model, members=tuple(members)), [fine] * 6, 0.2)
+    assert sum("say nothing of a" in word for word in words) == 6
+    assert any("not well described" in word and "strip_0" in word for word in words)
+    assert any("drawn again" in word for word in words)
+
+
+def test_new_specimens_scatter_about_the_mean(known: World) -> None:
+    rng = np.random.default_rng(3)
+    theta, outside = new_specimens(
+        known.model, np.tile(MEAN, (40000, 1)), np.tile(SPREAD, (40000, 1)), rng
+    )
+    phi = np.log(theta)
+    assert outside == 0.0
+    assert phi.mean(axis=0) == pytest.approx(MEAN, abs=0.01)
+    assert phi.std(axis=0) == pytest.approx(SPREAD, rel=0.02)
+
+
+@pytest.mark.parametrize("prior", [LogNormal(1e4, 0.2), LogUniform(1.1e4, 3.6e4)])
+def test_the_prior_is_divided_out_whatever_its_law(prior: LogNormal | LogUniform) -> None:
+    """Log theta read as log 2e4 +- 0.2: the first prior is as narrow, the second not normal."""
+    rng = np.random.default_rng(4)
+    joint = Prior([parameter("a", prior)])
+    coordinate = Coordinate.of(joint.parameters)
+    low, high = (2e3, 8e4) if isinstance(prior, LogNormal) else (1.101e4, 3.599e4)
+    grid = np.log(np.geomspace(low, high, 20001))
+    theta = np.exp(grid)[:, None]
+    density = joint.log_density(theta) + grid - 0.5 * ((grid - np.log(2e4)) / 0.2) ** 2
+    weights = np.exp(density - density.max())
+    phi = rng.choice(grid, 8000, p=weights / weights.sum())[:, None]
+    found = Member.of("one", np.exp(phi), joint, coordinate, 8000.0).likelihood
+    assert found.means[0, 0] == pytest.approx(np.log(2e4), abs=0.03)
+    assert np.sqrt(found.covariances[0, 0, 0]) == pytest.approx(0.2, rel=0.06)
+
+
+def test_a_silent_specimen_leaves_the_population_alone() -> None:
+    """Its posterior is its prior: the likelihood is flat where any draw is."""
+    rng = np.random.default_rng(5)
+    prior = prior_of_two()
+    coordinate = Coordinate.of(prior.parameters)
+    silent = Member.of("silent", prior.sample(rng, 8000), prior, coordinate, 8000.0)
+    model = PopulationModel.of(coordinate, [silent])
+    centres = np.log(MEDIANS) + np.linspace(-1.0, 1.0, 21)[:, None] * SIGMAS
+    found = model.log_likelihood(centres, np.full((21, 2), 0.1))
+    assert np.ptp(found) < 0.2
+
+
+def test_two_peaks_keep_their_shares() -> None:
+    """0.75 N(-1, 0.1^2) + 0.25 N(1.5, 0.4^2) under the prior N(0, 1)."""
+    rng = np.random.default_rng(6)
+    x = np.linspace(-4, 4, 40001)
+    peaks = 0.75 * np.exp(-0.5 * ((x + 1) / 0.1) ** 2) / 0.1
+    likelihood = peaks + 0.25 * np.exp(-0.5 * ((x - 1.5) / 0.4) ** 2) / 0.4
+    posterior = likelihood * np.exp(-0.5 * x**2)
+    phi = rng.choice(x, 8000, p=posterior / posterior.sum())[:, None]
+    found = fit(phi, -0.5 * phi[:, 0] ** 2, rng.standard_normal((20000, 1)), 8000.0, rng)
+    assert len(found.log_weights) == 2
+    shares = np.exp(found.log_weights) / np.exp(found.log_weights).sum()
+    order = np.argsort(found.means[:, 0])
+    assert shares[order] == pytest.approx([0.75, 0.25], abs=0.03)
+    assert found.means[order, 0] == pytest.approx([-1.0, 1.5], abs=0.05)
+    assert found.misfit < 0.03
+
+
+def test_marginal_prior_of_an_inherited_one() -> None:
+    """Correlated log-normal parameters: the marginal of one is log-normal."""
+    rng = np.random.default_rng(7)
+    prior = Prior([parameter(n, LogNormal(1.0, 2.0)) for n in "abc"])
+    covariance = np.array([[1.0, 0.8, 0.1], [0.8, 1.0, 0.3], [0.1, 0.3, 1.0]]) * 0.09
+    draws = np.exp(rng.multivariate_normal([0.5, 1.0, -1.0], covariance, 50000))
+    part = marginal(prior.inherit(("a", "b", "c"), draws), ["c", "a"])
+    assert part.names == ("a", "c")
+    theta = draws[:100, [0, 2]]
+    phi, kept = np.log(theta) - [0.5, -1.0], covariance[np.ix_([0, 2], [0, 2])]
+    exact = -0.5 * np.einsum("ki,ij,kj->k", phi, np.linalg.inv(kept), phi)
+    exact -= 0.5 * np.linalg.slogdet(2 * np.pi * kept)[1] + np.log(theta).sum(axis=1)
+    assert part.log_density(theta) == pytest.approx(exact, abs=0.15)
+
+
+def test_marginal_prior_of_an_ordered_group() -> None:
+    rng = np.random.default_rng(8)
+    times = [parameter(f"tau_{k}", LogUniform(0.1, 1e3), "s", ordered="tau") for k in (1, 2)]
+    prior = Prior([parameter("a", LogNormal(2.0, 1.0)), *times])
+    theta = prior.sample(rng, 50)
+    rest = LogNormal(2.0, 1.0).log_density(theta[:, 0])
+    found = marginal(prior, ["tau_1", "tau_2"]).log_density(theta[:, 1:])
+    assert found + rest == pytest.approx(prior.log_density(theta))
+    with pytest.raises(UserError, match="tau_2 shares one joint prior"):
+        marginal(prior, ["a", "tau_1"])
+
+
+def test_new_specimens_keep_the_order_and_the_bounds() -> None:
+    rng = np.random.default_rng(9)
+    times = [parameter(f"tau_{k}", LogUniform(0.1, 1e3), "s", ordered="tau") for k in (1, 2)]
+    prior = Prior(times)
+    coordinate = Coordinate.of(times)
+    model = PopulationModel.of(
+        coordinate, [Member.of("one", prior.sample(rng, 4000), prior, coordinate, 4000.0)]
+    )
+    centres, spreads = np.tile(np.log([3.0, 9.0]), (2000, 1)), np.full((2000, 2), 0.5)
+    theta, outside = new_specimens(model, centres, spreads, rng)
+    assert 0.1 < outside < 0.6
+    assert np.all(theta[:, 1] >= 2.0 * theta[:, 0])
+    with pytest.raises(UserError, match="outside of all members' priors"):
+        new_specimens(model, centres + 50.0, spreads, rng)
+
+
+def test_coordinate_of_parameters_of_either_sign() -> None:
+    parameters = [
+        parameter("mu_1", LogNormal(1e4, 1.0), half_product_with="alpha_1"),
+        parameter("alpha_1", Normal(0.0, 3.0), "1"),
+        parameter("x", Uniform(0.0, 1.0), "m"),
+    ]
+    coordinate = Coordinate.of(parameters)
+    assert coordinate.logarithmic == (False, False, True)
+    assert coordinate.spread_units == ("Pa", "1", "1")
+    theta = np.array([[-3.0, -2.0, 0.5]])
+    assert coordinate.inverse(coordinate.forward(theta)) == pytest.approx(theta)
+    assert coordinate.log_derivative(theta) == pytest.approx(np.log([0.5]))
+
+
+def test_weighted_quantiles() -> None:
+    rng = np.random.default_rng(10)
+    values = rng.standard_normal(20000)
+    weights = np.exp(values)  # tilts N(0, 1) to N(1, 1)
+    found = weighted_quantiles(values, weights / weights.sum(), [0.05, 0.5, 0.95])
+    assert found == pytest.approx([1 - 1.645, 1.0, 1 + 1.645], abs=0.1)

@@ -1,0 +1,145 @@
+"""`populations:` of a config: what is understood, and what is said of mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.unit.study_folders import make_folder
+
+from deabayes.cli import main
+from deabayes.faults import UserError
+from deabayes.population.checks import check_population
+from deabayes.population.settings import (
+    Population,
+    load_population,
+    load_populations,
+    write_population,
+)
+from deabayes.study import load_studies
+
+CANDIDATES = ["kv_gm_1", "kv_gm_2"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four strips, one of them with records of two batches."""
+    parent = tmp_path_factory.mktemp("strips")
+    for name in "abcd":
+        (parent / name).mkdir()
+        strip = make_folder(parent / name)
+        table = strip / "experiments.csv"
+        head, *rows = table.read_text().splitlines()
+        batches = [f"{row},{batch}" for row, batch in zip(rows, ("old", "new"), strict=True)]
+        table.write_text("\n".join([f"{head},batch", *batches]).replace("validate", "calibrate"))
+    return parent
+
+
+def config(folder: Path, **population: object) -> Path:
+    studies = {f"strip_{n}": {"specimen": f"{n}/strip", "candidates": CANDIDATES} for n in "abcd"}
+    studies["strip_d"]["split_by"] = "batch"
+    studies["again"] = {"specimen": "a/strip", "candidates": CANDIDATES}
+    entry = {
+        "studies": ["strip_a", "strip_b", "strip_c"],
+        "candidate": "kv_gm_2",
+        "parameters": ["mu_alpha", "tau_beta_1", "tau_beta_2"],
+    } | population
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump({"studies": studies, "populations": {"strips": entry}}))
+    return path
+
+
+def faults(path: Path) -> str:
+    try:
+        (population,) = load_populations(path)
+        return "\n".join(
+            check_population(population, {study.name: study for study in load_studies(path)})
+        )
+    except UserError as error:
+        return str(error)
+
+
+def test_a_sound_entry_is_read_and_written(folder: Path, tmp_path: Path) -> None:
+    spread = {"mu_alpha": {"distribution": "halfnormal", "sd": 0.1}}
+    path = config(folder, spread=spread, sampling={"ensembles": 2})
+    assert faults(path) == ""
+    (population,) = load_populations(path)
+    assert population.studies == ("strip_a", "strip_b", "strip_c")
+    assert population.sampling.ensembles == 2
+    write_population(population, tmp_path / "population.yaml")
+    assert load_population(tmp_path / "population.yaml") == population
+    written = (tmp_path / "population.yaml").stat().st_mtime_ns
+    write_population(population, tmp_path / "population.yaml")
+    assert (tmp_path / "population.yaml").stat().st_mtime_ns == written
+
+
+def test_a_split_study_stands_for_its_parts(folder: Path) -> None:
+    (population,) = load_populations(config(folder, studies=["strip_a", "strip_d"]))
+    assert population.studies == ("strip_a", "strip_d_old", "strip_d_new")
+    assert faults(folder / "config.yaml") == ""
+
+
+def test_a_config_without_populations_has_none(folder: Path) -> None:
+    path = folder / "plain.yaml"
+    path.write_text("studies: {a: {specimen: a/strip, candidates: [kv_gm_1]}}")
+    assert load_populations(path) == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"studies": ["strip_a", "strip_b", "stripc"]}, "did you mean 'strip_c'"),
+        ({"studies": ["strip_a", "strip_b"]}, "2 specimens do not tell how specimens scatter"),
+        ({"studies": ["strip_a", "strip_b", "again"]}, "strip_a and again are of one specimen"),
+        ({"candidate": "kv_gm_3"}, "strip_a, strip_b, strip_c: there is no 'kv_gm_3'"),
+        ({"parameters": ["mu_alfa"]}, "did you mean 'mu_alpha'"),
+        ({"parameters": ["mu_alpha", "relaxation.sigma_ou"]}, "noise belongs to a record"),
+        ({"parameters": ["mu_alpha", "tau_beta_1"]}, "tau_beta_2 shares one joint prior"),
+        ({"parameters": []}, "parameters: must be a list of at least 1"),
+        ({"candidates": ["kv_gm_2"]}, "unknown key 'candidates'; did you mean 'candidate'"),
+        ({"spread": {"mu": {"distribution": "halfnormal", "sd": 1}}}, "not among the parameters"),
+        (
+            {"spread": {"mu_alpha": {"distribution": "normal", "mean": 0, "sd": 1}}},
+            "a spread is not negative",
+        ),
+        (
+            {"spread": {"mu_alpha": {"distribution": "halfnormal", "sd": "5 kPa"}}},
+            "spread.mu_alpha",
+        ),
+    ],
+)
+def test_a_mistake_is_one_sentence(folder: Path, changed: dict[str, object], said: str) -> None:
+    found = faults(config(folder, **changed))
+    assert said in found
+    assert "populations.strips" in found
+    assert len(found.splitlines()) == 1
+
+
+def test_a_study_may_not_take_the_populations_folder(folder: Path) -> None:
+    path = config(folder)
+    path.write_text(path.read_text().replace("  again:", "  Populations:"))
+    assert "rename the study" in faults(path)
+
+
+def test_a_member_may_not_have_the_population_for_its_prior(folder: Path) -> None:
+    path = config(folder)
+    content = yaml.safe_load(path.read_text())
+    content["studies"]["strip_b"]["prior_from"] = "results/populations/strips/posterior.nc"
+    path.write_text(yaml.safe_dump(content))
+    assert "count its records twice" in faults(path)
+
+
+def test_settings_by_hand_are_checked(tmp_path: Path) -> None:
+    path = tmp_path / "population.yaml"
+    path.write_text("{name: x, studies: [a], candidate: kv_gm_1}")
+    with pytest.raises(UserError, match="'parameters' is missing"):
+        load_population(path)
+    assert Population("x", ("a",), "kv_gm_1", ("mu_alpha",)).spread == {}
+
+
+def test_the_command_says_a_misspelt_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["population", "stripes", "--config", str(config(folder))])
+    assert ended.value.code == 1
+    assert "did you mean 'strips'" in capsys.readouterr().err

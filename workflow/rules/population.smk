@@ -1,0 +1,58 @@
+rule population_settings:
+    output:
+        "<results>/populations/{population}/population.yaml",
+    log:
+        "<results>/populations/{population}/logs/settings.log",
+    params:
+        settings=settings_of_population,
+    shell:
+        "printf '%s\n' {params.settings:q} > {output} 2> {log}"
+
+
+rule population:
+    input:
+        population="<results>/populations/{population}/population.yaml",
+        posteriors=posteriors_of_members,
+        prepared=prepared_of_members,
+        modules=modules(
+            "population/*.py",
+            "pipeline/population.py",
+            "prior*.py",
+            "posterior_content.py",
+            "prediction.py",
+            "noise_origin.py",
+            "fitted.py",
+            "errors*.py",
+        ),
+    output:
+        posterior="<results>/populations/{population}/posterior.nc",
+        summary="<results>/populations/{population}/summary.csv",
+        shrinkage="<results>/populations/{population}/shrinkage.csv",
+        predictions=directory("<results>/populations/{population}/predictions"),
+        errors="<results>/populations/{population}/errors.csv",
+    log:
+        "<results>/populations/{population}/logs/population.log",
+    threads: 1
+    params:
+        folder=subpath(output.posterior, parent=True),
+        results=subpath(output.posterior, ancestor=3),
+    shell:
+        "logged {log} deabayes population {input.population} --results {params.results}"
+        " -o {params.folder}"
+
+
+rule population_figures:
+    input:
+        posterior="<results>/populations/{population}/posterior.nc",
+        shrinkage="<results>/populations/{population}/shrinkage.csv",
+        predictions="<results>/populations/{population}/predictions",
+        modules=modules("figures/*.py"),
+    output:
+        directory("<results>/populations/{population}/figures"),
+    log:
+        "<results>/populations/{population}/logs/figures.log",
+    threads: 1
+    params:
+        results=subpath(output[0], parent=True),
+    shell:
+        "logged {log} deabayes figures {params.results} -o {output}"
