@@ -18,6 +18,8 @@ from deabayes.planned import Planned
 
 IN_THE_RUNNING = 3.0
 """Nats of log evidence below the best, odds of 20 to 1, within which a candidate counts."""
+FIRST = "^chosen: |smallest adequate|^nothing to compare"
+"""In the verdict of the candidate that the comparison shows."""
 SHARE_FOR_DENSITY = 2.0 / 3.0
 COLUMNS = (
     "experiment", "what", "held_out", "candidates",
@@ -50,7 +52,7 @@ def contenders(comparison: pd.DataFrame) -> list[str]:
         return []
     least = ranked["log_evidence"][~passed_over].max() - IN_THE_RUNNING
     kept = ranked[~passed_over | (ranked["log_evidence"] > least)]
-    chosen = kept["verdict"].astype(str).str.contains("chosen: |smallest adequate|only candidate")
+    chosen = kept["verdict"].astype(str).str.contains(FIRST)
     ordered = kept.assign(later=~chosen).sort_values(["later", "n_parameters"], kind="stable")
     return [str(name) for name in ordered["candidate"]]
 

@@ -13,6 +13,8 @@ from deabayes.study import Settings
 
 HELD = ("creep", "step", "relaxation")
 """Protocols that end with a held excitation, which can be held longer."""
+SHOWN = ("deformation", "load_g", "voltage", "bias_kV")
+"""Conditions that say what is done, in their column's unit (voltage: V)."""
 TIMELESS = ("quasi_static", "frequency_response")
 
 
@@ -93,11 +95,11 @@ def described(experiment: Experiment) -> str:
     driven = experiment.excitation
     unit = "" if driven.unit == "1" else f" {driven.unit}"
     low, high = driven.values.min(), driven.values.max()
-    held = "".join(f", {name} {value}" for name, value in driven.conditions.items())
-    text = f"{experiment.protocol}, {driven.name} {low:.4g} to {high:.4g}{unit}{held}"
+    held = "".join(f", {n} {driven.conditions[n]}" for n in SHOWN if driven.conditions.get(n))
+    text = f"{experiment.protocol}, {driven.name} {low:.3g} to {high:.3g}{unit}{held}"
     if experiment.coordinate_name != "time":
         return text
-    return f"{text}, {np.ptp(experiment.coordinate):.4g} s"
+    return f"{text}, {np.ptp(experiment.coordinate):.3g} s"
 
 
 def _altered_row(name: str, records: Sequence[Experiment], settings: Settings) -> Planned:
