@@ -26,7 +26,7 @@ def sentence(study: StudyResults) -> str:
         safe["information_candidate_nats"] > 2.0 * safe["information_candidate_error_nats"]
     ]
     if telling.empty:
-        text = f"None of the {len(table)} experiments considered would be expected to {question}"
+        text = f"{_none_of(table)} be expected to {question}"
         return text + (", save some that the specimen may not survive." if _lost(table) else ".")
     best = telling.iloc[0]
     probability = f"{best['probability_right']:.2f}"
@@ -34,7 +34,7 @@ def sentence(study: StudyResults) -> str:
     caution = f" It is an extrapolation ({outside})." if isinstance(outside, str) else ""
     if best["probability_right"] < SURE:
         return (
-            f"None of the {len(table)} experiments considered would surely {question}; the best, "
+            f"{_none_of(table)} surely {question}; the best, "
             f"{_said(best)}, would decide rightly with probability {probability} "
             f"({1.0 / len(names):.2f} is guessing).{caution}"
         )
@@ -67,6 +67,11 @@ def rows(study: StudyResults) -> list[dict[str, Any]]:
     ]
 
 
+def _none_of(table: pd.DataFrame) -> str:
+    several = f"None of the {len(table)} experiments considered would"
+    return several if len(table) > 1 else "The only experiment considered would not"
+
+
 def _lost(table: pd.DataFrame) -> bool:
     risky = table[table["failed_share"] > MAY_FAIL]
     errors = risky["information_candidate_error_nats"]
@@ -76,7 +81,7 @@ def _lost(table: pd.DataFrame) -> bool:
 def _cautions(row: pd.Series) -> list[str]:
     found = [row["extrapolation"]] if isinstance(row["extrapolation"], str) else []
     if row["failed_share"] > 0.0:
-        percent = f"{100 * row['failed_share']:.2g} %"
+        percent = f"{100 * row['failed_share']:.3g} %"
         found.append(
             f"{percent} of the draws have no response ({row['failure']}): the specimen may not "
             "survive it"
