@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.information import Reading
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.outcomes import Reading
 from deabayes.own_models import restore
 from deabayes.prediction import Calibrated, Samples, sample_response
 from deabayes.record_noise import noise_coordinate

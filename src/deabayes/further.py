@@ -9,11 +9,8 @@ import numpy as np
 import pandas as pd
 
 from deabayes.fitted import Fitted
-from deabayes.information import (
-    Predictive,
-    candidate_information,
-    parameter_information,
-)
+from deabayes.information import candidate_information, parameter_information
+from deabayes.outcomes import Predictive
 from deabayes.planned import Planned
 
 IN_THE_RUNNING = 3.0

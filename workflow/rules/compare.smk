@@ -52,7 +52,13 @@ rule further_experiments:
         comparison="<results>/{study}/comparison.csv",
         posteriors=posteriors_of,
         prepared="<results>/{study}/prepared",
-        modules=modules("further.py", "planned.py", "information.py", "fitted.py"),
+        modules=modules(
+            "further.py",
+            "planned.py",
+            "information.py",
+            "outcomes.py",
+            "fitted.py",
+        ),
     output:
         report(
             "<results>/{study}/further_experiments.csv",
