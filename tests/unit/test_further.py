@@ -12,7 +12,7 @@ from tests.unit.membranes import PLAIN, membrane, step
 
 from deabayes.faults import Faults
 from deabayes.fitted import Fitted
-from deabayes.further import contenders, further_table
+from deabayes.further import contenders, further_table, outlook
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.noise_origin import CalibratedRecord
 from deabayes.planned import altered, faults, plan
@@ -77,6 +77,22 @@ def test_a_specimen_that_would_not_survive_is_said(weighed):
     assert row["information_candidate_nats"] == 0.0 and row["probability_right"] == 0.5
     assert np.isnan(row["information_kv_gm_1_nats"])
     assert (weighed.drop("destroyed")["failed_share"] == 0.0).all()
+
+
+def test_draws_that_fail_are_counted_and_left_out():
+    whole = fitted("kv_gm_1", 1)
+    soft = np.arange(150) < 30
+    draws = {
+        name: np.where(soft, 0.01 * values, values) if name[:2] in ("mu", "ze") else values
+        for name, values in whole.draws.items()
+    }
+    (planned,) = plan([record()], {"again": {"like": "step_2kV"}})
+    found = outlook(planned, replace(whole, draws=draws))
+    assert found.predictive.failed == (30, 150) and found.failure.startswith("30 × ")
+    assert np.isfinite(found.predictive.known[0].curves).all()
+    sizes = [len(part[0].curves) for part in (found.predictive.known, found.predictive.others)]
+    assert sizes == [80, 40]
+    assert outlook(planned, whole).predictive.failed == (0, 150)
 
 
 def test_extrapolation_is_flagged(weighed):

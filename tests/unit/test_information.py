@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -131,6 +133,30 @@ def test_a_failure_is_an_outcome_and_tells_too():
     exact = np.log(2) - 0.75 * (np.log(3) - 2 / 3 * np.log(2))
     assert found.nats == pytest.approx(exact, abs=0.02)
     assert found.probability_right == pytest.approx(0.75, abs=0.02)
+
+
+def test_how_often_each_fails_counts():
+    """Curves alike; a half and a quarter of the draws fail: a failure has odds of 2 to 1."""
+    shares = (500, 1000), (250, 1000)
+    curves = [linear(LINE, 0.0, 0.5, seed) for seed in (1, 2)]
+    made = [predictive(c, failed=f) for c, f in zip(curves, shares, strict=True)]
+    found = candidate_information(made, np.random.default_rng(8))
+    joint = np.array([[0.5, 0.25], [0.5, 0.75]]) / 2
+    odds = joint / joint.sum(axis=1, keepdims=True)
+    assert found.nats == pytest.approx(np.sum(joint * np.log(2 * odds)), abs=0.01)
+    assert found.probability_right == pytest.approx(joint.max(axis=1).sum(), abs=0.015)
+
+
+def test_density_of_one_draw_is_its_noise_about_its_curve():
+    """With residuals in proportion to something of each draw's own."""
+    curves = linear(LINE, 0.0, 0.5, 1, size=3)
+    scales = np.array([0.5, 1.0, 2.0])
+    made = replace(reading(curves), scales=scales)
+    exact = [
+        multivariate_normal(curve, (scale * SIGMA) ** 2 * np.eye(12)).logpdf(TIME)
+        for curve, scale in zip(curves, scales, strict=True)
+    ]
+    np.testing.assert_allclose(made.log_density(TIME), exact, rtol=1e-10)
 
 
 def test_where_every_draw_of_one_candidate_fails():
