@@ -93,7 +93,7 @@ def parameter_information(predictive: Predictive) -> tuple[float, float]:
 
     E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] over draws of the noise C (Lindley 1956,
     10.1214/aoms/1177728069, for a linear model with normal noise; Chaloner & Verdinelli 1995,
-    10.1214/ss/1177009939, eq. 4). Exact for curves linear in the parameters; of all laws with
+    10.1214/ss/1177009939). Exact for curves linear in the parameters; of all laws with
     the curves' covariance the normal one gives most. Information about the noise is left out.
     """
     values = np.array([each.information for each in predictive.normals])

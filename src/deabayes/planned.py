@@ -95,11 +95,12 @@ def described(experiment: Experiment) -> str:
     driven = experiment.excitation
     unit = "" if driven.unit == "1" else f" {driven.unit}"
     low, high = driven.values.min(), driven.values.max()
+    low, high = (0.0 if abs(end) < 1e-3 * (high - low) else end for end in (low, high))
     held = "".join(f", {n} {driven.conditions[n]}" for n in SHOWN if driven.conditions.get(n))
-    text = f"{experiment.protocol}, {driven.name} {low:.3g} to {high:.3g}{unit}{held}"
+    text = f"{experiment.protocol}, {driven.name} {low:.4g} to {high:.4g}{unit}{held}"
     if experiment.coordinate_name != "time":
         return text
-    return f"{text}, {np.ptp(experiment.coordinate):.3g} s"
+    return f"{text}, {np.ptp(experiment.coordinate):.4g} s"
 
 
 def _altered_row(name: str, records: Sequence[Experiment], settings: Settings) -> Planned:
