@@ -53,6 +53,15 @@ def test_an_experiment_that_may_destroy_the_specimen_is_not_proposed(study: Path
     assert text.startswith("None of the 2 experiments") and "may not survive" in text
 
 
+def test_of_equals_the_one_already_measured_or_in_range_is_proposed(study: Path) -> None:
+    far = entry("5 kV", 0.692, 1.0, extrapolation="voltage is higher")
+    near, measured = entry("3 kV", 0.690, 1.0), entry("sine", 0.680, 0.99, held_out=True)
+    assert said(study, far, near).startswith("3 kV")
+    text = said(study, far, near, measured)
+    assert text.startswith("The held-out record sine")
+    assert said(study, far, near | {"information_candidate_nats": 0.6}).startswith("5 kV")
+
+
 def test_where_nothing_is_sure_or_nothing_tells(study: Path) -> None:
     text = said(study, entry("sine", 0.2, 0.75, held_out=True))
     assert text.startswith("The only experiment considered would not surely tell")
@@ -75,13 +84,14 @@ def test_page_and_figure(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table = pd.read_csv(study / "comparison.csv")
     table["log_evidence_nested"] = np.where(table["candidate"] == "kv_gm_1", 12.3, NAN)
     table["log_evidence_nested_error"] = 0.2
+    table.loc[0, "verdict"] = "chosen: x; bridge and nested sampling differ by -3.0"
     table.to_csv(study / "comparison.csv", index=False)
     name = "further_experiments"
     monkeypatch.setattr(figures, "REGISTRY", {name: figures.REGISTRY[name]})
     page = build([study], study.parent / "index.html", study.parent / "tables").read_text()
     assert "3 kV (step 3 kV) would be expected to tell kv_gm_1 from kv_gm_2" in page
     assert "100 % of the draws have no response" in page
-    assert "12.3 ± 0.2" in page and "by nested" in page
+    assert "12.3 ± 0.2" in page and "by nested" in page and "Evidence uncertain" in page
     assert (study.parent / "tables" / f"{study.name}_{name}.csv").is_file()
     (figure,) = figures.draw(name, StudyResults(study))
     assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["3 kV", "5 kV ▲"]

@@ -43,6 +43,8 @@ def test_version_and_help() -> None:
         "check",
         "fit",
         "compare",
+        "nested",
+        "further",
         "predict",
         "analyse",
         "report",

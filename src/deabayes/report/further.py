@@ -12,6 +12,8 @@ from deabayes.figures.results import StudyResults
 SURE, MAY_FAIL = 0.9, 0.01
 """Probability of deciding rightly that is called telling, and share of draws without a response
 from which an experiment is not proposed."""
+ROUNDING = 0.005
+"""Nats that make no difference."""
 
 
 def sentence(study: StudyResults) -> str:
@@ -28,7 +30,7 @@ def sentence(study: StudyResults) -> str:
     if telling.empty:
         text = f"{_none_of(table)} be expected to {question}"
         return text + (", save some that the specimen may not survive." if _lost(table) else ".")
-    best = telling.iloc[0]
+    best = _preferred(telling)
     probability = f"{best['probability_right']:.2f}"
     outside = best["extrapolation"]
     caution = f" It is an extrapolation ({outside})." if isinstance(outside, str) else ""
@@ -39,8 +41,8 @@ def sentence(study: StudyResults) -> str:
             f"({1.0 / len(names):.2f} is guessing).{caution}"
         )
     return (
-        f"{_said(best)} would be expected to {question}, deciding rightly with probability "
-        f"{probability}.{caution}"
+        f"{_sentence_case(_said(best))} would be expected to {question}, deciding rightly with "
+        f"probability {probability}.{caution}"
     )
 
 
@@ -65,6 +67,16 @@ def rows(study: StudyResults) -> list[dict[str, Any]]:
         }
         for _, row in table.iterrows()
     ]
+
+
+def _preferred(telling: pd.DataFrame) -> pd.Series:
+    """Of those as telling as the best, within errors: one already measured, one in range."""
+    nats, error = telling["information_candidate_nats"], telling["information_candidate_error_nats"]
+    margin = np.maximum(2.0 * np.hypot(error, error.iloc[0]), ROUNDING)
+    equal = telling[nats >= nats.iloc[0] - margin]
+    outside = equal["extrapolation"].map(lambda flag: isinstance(flag, str) and bool(flag))
+    order = equal.assign(new=~equal["held_out"].astype(bool), outside=outside)
+    return equal.loc[order.sort_values(["new", "outside"], kind="stable").index[0]]
 
 
 def _none_of(table: pd.DataFrame) -> str:
@@ -92,6 +104,10 @@ def _cautions(row: pd.Series) -> list[str]:
 def _said(row: pd.Series) -> str:
     kind = "the held-out record " if row["held_out"] else ""
     return f"{kind}{row['experiment']} ({row['what']})"
+
+
+def _sentence_case(text: str) -> str:
+    return text.replace("the held-out", "The held-out", 1)
 
 
 def _either(names: list[str]) -> str:
