@@ -120,6 +120,15 @@ def test_new_study_is_reported_as_unfinished(tmp_path: Path) -> None:
     assert "Traceback" not in checked.stderr
 
 
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [("[a", ("--asked", "is no YAML")), ("{a: {excitation: 2}}", ("'like' is missing",)),
+     ("[a]", ("further_experiments",))],
+)  # fmt: skip
+def test_experiments_asked_for_wrongly(tmp_path: Path, asked: str, words: tuple[str, ...]) -> None:
+    assert_one_message(deabayes("further", tmp_path, "--asked", asked), 1, *words)
+
+
 def test_simulate_follows_the_excitation(tmp_path: Path) -> None:
     drive = tmp_path / "drive.csv"
     drive.write_text("time [ms],voltage [kV]\n0,1\n100,1\n200,1\n")
