@@ -144,34 +144,15 @@ def weigh_experiments(results: Path, config: Path, asked: str | None, output: Pa
     ----------
     asked : `further_experiments` as YAML; by default those of the study that `results` is of.
     """
-    from deabayes.pipeline import further_experiments
+    from deabayes.pipeline import entries_of, further_experiments
 
     if asked is None:
         entries = find_study(results.resolve().name, config).further_experiments
     else:
-        entries = _entries(asked)
+        entries = entries_of(asked)
     output = output or results / "further_experiments.csv"
     further_experiments(results, entries, output)
     return output.read_text()
-
-
-def _entries(asked: str) -> dict[str, Any]:
-    """`further_experiments` from YAML, held against the schema of a config."""
-    import yaml
-
-    from deabayes.reading.schema import violations
-
-    try:
-        entries = yaml.safe_load(asked) or {}
-    except yaml.YAMLError:
-        raise UserError(
-            f"--asked {asked!r} is no YAML; write such as '{{longer: {{like: NAME, duration: 2}}}}'"
-        ) from None
-    study = {"specimen": "any", "candidates": ["any"], "further_experiments": entries}
-    faults = violations({"studies": {"asked": study}}, "config", "--asked")
-    if faults:
-        raise Faults(faults)
-    return dict(entries)
 
 
 def predict_posteriors(

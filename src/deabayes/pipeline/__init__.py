@@ -5,7 +5,7 @@ the layers below and writes files, nothing else.
 """
 
 from deabayes.pipeline.analyse import analyse_study
-from deabayes.pipeline.design import further_experiments
+from deabayes.pipeline.design import entries_of, further_experiments
 from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
 from deabayes.pipeline.judge import (
     check_evidence,
@@ -23,6 +23,7 @@ __all__ = [
     "check_evidence",
     "compare_candidates",
     "draw_figures",
+    "entries_of",
     "export_posterior",
     "fit_ensemble",
     "further_experiments",

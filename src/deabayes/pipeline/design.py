@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.faults import UserError
+from deabayes.faults import Faults, UserError
 from deabayes.files import write_atomically
 from deabayes.pipeline.identify import seed_of
 from deabayes.pipeline.prepare import read_experiments
@@ -48,3 +48,22 @@ def further_experiments(results: Path, asked: Mapping[str, Settings], output: Pa
 
     table = further_table(planned if trees else [], fitted, seed)
     write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def entries_of(asked: str) -> dict[str, Settings]:
+    """`further_experiments` from YAML, held against the schema of a config."""
+    import yaml
+
+    from deabayes.reading.schema import violations
+
+    try:
+        entries = yaml.safe_load(asked) or {}
+    except yaml.YAMLError:
+        raise UserError(
+            f"--asked {asked!r} is no YAML; write such as '{{longer: {{like: NAME, duration: 2}}}}'"
+        ) from None
+    study = {"specimen": "any", "candidates": ["any"], "further_experiments": entries}
+    faults = violations({"studies": {"asked": study}}, "config", "--asked")
+    if faults:
+        raise Faults(faults)
+    return dict(entries)
