@@ -88,6 +88,7 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 	@$(BIN)/python -m tests.validation.nested --case A
 	@$(BIN)/python -m tests.validation.population --replicates $(POPULATIONS) --processes $(CORES)
 	@$(BIN)/python -m tests.validation.population --noise
+	@$(BIN)/python -m tests.validation.candidate_information
 	@$(BIN)/python -m tests.validation.nist --processes $(CORES)
 	@$(BIN)/python -m tests.validation.nist_reference
 	@$(BIN)/python -m benchmarks.membrane_recipes --full

@@ -137,6 +137,24 @@ def compare_posteriors(
     return output.read_text()
 
 
+def weigh_experiments(results: Path, config: Path, asked: str | None, output: Path | None) -> str:
+    """Weigh experiments that could be done next; the table as text.
+
+    Parameters
+    ----------
+    asked : `further_experiments` as YAML; by default those of the study that `results` is of.
+    """
+    from deabayes.pipeline import entries_of, further_experiments
+
+    if asked is None:
+        entries = find_study(results.resolve().name, config).further_experiments
+    else:
+        entries = entries_of(asked)
+    output = output or results / "further_experiments.csv"
+    further_experiments(results, entries, output)
+    return output.read_text()
+
+
 def predict_posteriors(
     source: str, results: Path, prepared: Path | None, output: Path | None, errors: Path | None
 ) -> str:

@@ -147,6 +147,17 @@ def score(posterior: Path, prepared: Path, output: Path) -> None:
 
 
 @cli.command()
+@click.argument("posterior", type=EXISTING)
+@click.option("--prepared", type=EXISTING, required=True)
+@click.option("-o", "--output", type=TARGET, required=True, help="nested.json")
+def nested(posterior: Path, prepared: Path, output: Path) -> None:
+    """Evidence by nested sampling, to check that of `score`; needs the package dynesty."""
+    from deabayes.pipeline import check_evidence
+
+    check_evidence(posterior, prepared, output)
+
+
+@cli.command()
 @click.argument("posteriors", nargs=-1, required=True)
 @RESULTS
 @click.option("--prepared", type=EXISTING, help="Default: prepared/ of the posteriors' study.")
@@ -161,6 +172,23 @@ def compare(
     from deabayes.by_hand import compare_posteriors
 
     click.echo(compare_posteriors(posteriors, results, prepared, output))
+
+
+@cli.command()
+@click.argument("results", type=EXISTING)
+@CONFIG
+@click.option("--asked", help="further_experiments as YAML; default: those of the config's study.")
+@click.option("-o", "--output", type=TARGET, help="Default: further_experiments.csv in RESULTS.")
+def further(results: Path, config: Path, asked: str | None, output: Path | None) -> None:
+    """Weigh experiments that could be done next, from one study's results (results/NAME).
+
+    How surely would each tell the candidates apart that the records leave in the running, and
+    how much would it tell about their parameters? Considered are the held-out records and what
+    the study asks for under further_experiments.
+    """
+    from deabayes.by_hand import weigh_experiments
+
+    click.echo(weigh_experiments(results, config, asked, output), nl=False)
 
 
 @cli.command()

@@ -13,6 +13,8 @@ from deabayes.experiment import FloatArray
 SMALLEST_ELPD_GAIN = 4.0
 SMALLEST_EVIDENCE_GAIN = 1.0
 UNRELIABLE_K_HAT = 0.7
+LARGEST_EVIDENCE_DIFFERENCE = 0.5
+"""Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class Score:
     bic: float
     leave_one_experiment_out: float
     loo: BlockLoo | None
+    log_evidence_nested: float = float("nan")
+    log_evidence_nested_error: float = float("nan")
 
 
 def standard_error(terms: FloatArray) -> float:
@@ -181,3 +185,18 @@ def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
     if score.candidate in unresolved:
         return f"not resolved by these data: {figures}"
     return f"not chosen: {figures}"
+
+
+def evidence_conflict(score: Score) -> str:
+    """Say that bridge and nested sampling do not agree on the evidence; empty if they do.
+
+    They may differ by 0.5 nat and their two standard errors taken together.
+    """
+    difference = score.log_evidence - score.log_evidence_nested
+    error = float(np.hypot(score.log_evidence_mcse, score.log_evidence_nested_error))
+    if not abs(difference) > LARGEST_EVIDENCE_DIFFERENCE + error:
+        return ""
+    return (
+        f"bridge and nested sampling differ by {difference:+.1f} (standard error {error:.1f}) in "
+        "log evidence: rely on neither"
+    )

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.outcomes import Reading
 from deabayes.own_models import restore
 from deabayes.prediction import Calibrated, Samples, sample_response
 from deabayes.record_noise import noise_coordinate
@@ -105,18 +107,39 @@ class Fitted:
     def sample(self, experiment: Experiment, rng: np.random.Generator) -> Samples:
         """Sample the response to an experiment (see `sample_response`)."""
         origin = self.noise_of(experiment)
-        prefix = f"{origin.group}."
-        noise_draws = {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
         return sample_response(
             self.system_for(experiment),
             self.noise,
             self.draws,
-            noise_draws,
+            self._noise_draws(origin),
             experiment,
             origin,
             origin.stretch * noise_coordinate(self.noise_along, experiment),
             rng,
         )
+
+    def reading(self, experiment: Experiment) -> tuple[Reading, NDArray[np.bool_]]:
+        """What an experiment may read, and which draws have a response; rows of others are NaN."""
+        curves, origin = self.responses(experiment), self.noise_of(experiment)
+        finite = np.all(np.isfinite(curves), axis=1)
+        scales = origin.scales(curves)
+        if origin.proportional:
+            with np.errstate(all="ignore"):
+                curves = np.log(curves)
+        reading = Reading(
+            curves,
+            scales,
+            self.noise,
+            origin.draws(self._noise_draws(origin), scales),
+            origin.stretch * noise_coordinate(self.noise_along, experiment),
+            1.0 / experiment.samples_averaged,
+        )
+        return reading, finite & np.all(np.isfinite(curves), axis=1)
+
+    def _noise_draws(self, origin: NoiseOrigin) -> dict[str, FloatArray]:
+        """The noise parameters of an origin's group, without its prefix."""
+        prefix = f"{origin.group}."
+        return {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
 
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""

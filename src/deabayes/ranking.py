@@ -20,6 +20,7 @@ from deabayes.comparison import (
     block_terms,
     decide,
     elpd_difference,
+    evidence_conflict,
     leave_one_block_out,
 )
 from deabayes.experiment import FloatArray
@@ -100,6 +101,8 @@ def score_all(candidates: Sequence[Ranked]) -> list[Score]:
             bic=c.scores["bic"],
             leave_one_experiment_out=c.scores["elpd_leave_one_experiment_out"],
             loo=block_loo(c, edges) if c.converged else None,
+            log_evidence_nested=c.scores.get("log_evidence_nested", float("nan")),
+            log_evidence_nested_error=c.scores.get("log_evidence_nested_error", float("nan")),
         )
         for c in candidates
     ]
@@ -116,6 +119,8 @@ def comparison_table(candidates: Sequence[Ranked]) -> pd.DataFrame:
         _difference(c, candidates, decision) if c.candidate in decision.unresolved else ""
         for c in candidates
     ]
+    for column in ("log_evidence_nested", "log_evidence_nested_error"):
+        table[column] = [getattr(score, column) for score in scores]
     return table
 
 
@@ -127,6 +132,8 @@ def _row(score: Score, chosen: Score | None, decision: Decision) -> dict[str, ob
     k_hat = float(score.loo.k_hat.max()) if score.loo else float("nan")
     if k_hat > UNRELIABLE_K_HAT:
         verdict += f"; k-hat {k_hat:.2f} > {UNRELIABLE_K_HAT}: block-LOO unreliable for a block"
+    if conflict := evidence_conflict(score):
+        verdict += f"; {conflict}"
     return {
         "candidate": score.candidate,
         "order": score.order,

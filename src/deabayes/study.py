@@ -13,6 +13,8 @@ from deabayes.faults import Faults, UserError, nearest
 from deabayes.files import write_text_atomically
 
 Settings = Mapping[str, object]
+AFTER_THE_FIT = ("further_experiments", "evidence_check")
+"""Settings that no fit depends on: editing one samples nothing again."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,10 @@ class Study:
     """Protocol -> ending of the candidate that predicts its held-out records (`_inertia`)."""
     select: Mapping[str, str] = field(default_factory=dict)
     """Keep only the experiments whose metadata column equals the value (from `split_by`)."""
+    further_experiments: Mapping[str, Settings] = field(default_factory=dict)
+    """Experiments that could be done next, each like a record with some factors."""
+    evidence_check: Literal["nested"] | None = None
+    """A second estimate of the evidence, by nested sampling."""
     model: Path | None = None
     """File that defines the specimen's system, where that is the user's own."""
     data_root: Path | None = None
@@ -141,6 +147,11 @@ def to_settings(study: Study) -> dict[str, Any]:
     return settings
 
 
+def fit_settings(study: Study) -> dict[str, Any]:
+    """The settings without those that no fit depends on."""
+    return {key: v for key, v in to_settings(study).items() if key not in AFTER_THE_FIT}
+
+
 def from_settings(settings: Mapping[str, Any]) -> Study:
     """The study that `to_settings` gave, or a config entry with its `name` put in."""
     given = {k: v for k, v in settings.items() if v is not None and k != "split_by"}
@@ -199,6 +210,7 @@ def _split(study: Study, column: str | None) -> list[Study]:
     from deabayes.reading.table import read_table, values_of
 
     rows = read_table(study.specimen)
+    known = [row.name for row in rows]
     parts = []
     for value in values_of(study.specimen, column):
         names = [row.name for row in rows if str(row.metadata.get(column)) == value]
@@ -209,6 +221,11 @@ def _split(study: Study, column: str | None) -> list[Study]:
                 select={**study.select, column: value},
                 calibrate=_those_of(study.calibrate, names),
                 validate=_those_of(study.validate, names),
+                further_experiments={
+                    key: settings
+                    for key, settings in study.further_experiments.items()
+                    if settings["like"] in names or settings["like"] not in known
+                },
             )
         )
     return parts

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes import planned
 from deabayes.faults import UserError, nearest
 from deabayes.model_trial import try_models
 from deabayes.reading.checks import shorter_than_time_constant, too_few_points
@@ -34,6 +35,7 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
     if read is None or faults:
         return faults, []
     rows = _used_rows(study, read, faults)
+    faults += _further_faults(study, rows)
     if study.calibrate is not None or study.validate is not None:
         every = ((row, read.record(row)) for row in rows)
         faults += repeated_records(every, f"study {study.name}")
@@ -69,7 +71,7 @@ def check_names(study: Study) -> list[str]:
     except UserError as error:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = _unknown_names(study)
-    _used_rows(study, read, faults)
+    faults += _further_faults(study, _used_rows(study, read, faults))
     _systems(study, read.specimen, faults)
     return faults
 
@@ -203,6 +205,12 @@ def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Exper
                 "the role `calibrate` in experiments.csv"
             )
     return used
+
+
+def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
+    """Experiments to consider that name no record, or ask of one what cannot be done."""
+    found = planned.faults(study.further_experiments, {row.name: row.protocol for row in rows})
+    return [f"study {study.name}, further_experiments: {fault}" for fault in found]
 
 
 def _too_short_for(

@@ -12,7 +12,7 @@ from deabayes.checking import check_folder
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
 from deabayes.study import Study
-from deabayes.study_checks import check_study
+from deabayes.study_checks import check_names, check_study
 from deabayes.systems import REGISTRY
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -111,6 +111,16 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     faults, _ = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4")))
     assert len(faults) == 1
     assert "study s, kv_gm_4: 8 points cannot determine" in faults[0]
+
+
+def test_further_experiments_of_a_study_are_checked_before_a_job(tmp_path):
+    asked = {"longer": {"like": "relax", "duration": 2}, "slow": {"like": "pull", "duration": 2},
+             "other": {"like": "puls"}}  # fmt: skip
+    study = Study("s", make_folder(tmp_path), ("kv_gm_1",), further_experiments=asked)
+    slow, other = check_names(study)
+    assert "study s, further_experiments: slow: pull (load_unload) does not end with a" in slow
+    assert "other: like 'puls' is no record of it; did you mean 'pull'" in other
+    assert set(check_study(study)[0]) >= {slow, other}
 
 
 def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:

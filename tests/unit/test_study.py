@@ -13,6 +13,7 @@ from deabayes.faults import Faults, UserError
 from deabayes.study import (
     Sampling,
     Study,
+    fit_settings,
     from_settings,
     load_studies,
     load_study,
@@ -32,6 +33,8 @@ studies:
       relaxation: [{mask_before: {time: 0.1 s}}, {average: {points: 20}}]
       load_unload: [average]
     priors: {mu_alpha: {distribution: lognormal, median: 35 kPa, sigma: 0.5}}
+    further_experiments: {longer: {like: relax, duration: 2}}
+    evidence_check: nested
     sampling: {walkers: 64}
 sampling: {ensembles: 2, walkers: 32, seed: 7, r_hat: 1.02}
 data_root: ../public
@@ -67,6 +70,16 @@ def test_settings_go_round_through_json_and_yaml(config: Path, tmp_path: Path) -
     path = tmp_path / "results" / "vhb" / "study.yaml"
     write_study(study, path)
     assert load_study(path) == study
+
+
+def test_what_no_fit_depends_on_is_not_among_its_settings(config: Path) -> None:
+    (study,) = load_studies(config)
+    assert study.further_experiments == {"longer": {"like": "relax", "duration": 2}}
+    assert study.evidence_check == "nested"
+    left = {*to_settings(study)} - {*fit_settings(study)}
+    assert left == {"further_experiments", "evidence_check"}
+    asked_nothing = from_settings(fit_settings(study))
+    assert fit_settings(asked_nothing) == fit_settings(study)
 
 
 def test_json_written_by_hand_is_a_study_file(config: Path, tmp_path: Path) -> None:
@@ -107,8 +120,13 @@ def test_split_by_a_column(config: Path) -> None:
     replace_in(folder / "experiments.csv", "note,stretch_rate_per_s", "material,note")
     replace_in(folder / "experiments.csv", "force,first,", "force,Soft 00-30,")
     replace_in(folder / "experiments.csv", "force,,0.05", "force,Hard,")
-    config.write_text("studies: {s: {specimen: strip, candidates: [gent], split_by: material}}")
+    asked = "further_experiments: {again: {like: relax}, misspelt: {like: relaks}}"
+    config.write_text(
+        f"studies: {{s: {{specimen: strip, candidates: [gent], split_by: material, {asked}}}}}"
+    )
     soft, hard = load_studies(config)
+    assert set(soft.further_experiments) == {"again", "misspelt"}
+    assert set(hard.further_experiments) == {"misspelt"}, "its record is not of this part"
     assert (soft.name, soft.select) == ("s_Soft_00-30", {"material": "Soft 00-30"})
     assert (hard.name, hard.select) == ("s_Hard", {"material": "Hard"})
     config.write_text("studies: {s: {specimen: strip, candidates: [gent], split_by: materiel}}")
@@ -135,6 +153,10 @@ def test_split_by_a_column(config: Path) -> None:
         ("distribution: lognormal", "dist: lognormal", ["'distribution' is missing"]),
         ("validate: [pull]", "validate: [relax]", ["relax", "calibrate and under validate"]),
         ("  vhb:", "  v/b:", ["'v/b'"]),
+        ("duration: 2", "duration: 0.5", ["further_experiments.longer.duration", "> 1", "0.5"]),
+        ("duration: 2", "durations: 2", ["unknown key 'durations'", "'duration'?"]),
+        ("{like: relax, ", "{", ["further_experiments.longer", "'like' is missing"]),
+        ("evidence_check: nested", "evidence_check: nestd", ["evidence_check", "'nested'"]),
         ("data_root:", "data_rot:", ["unknown key 'data_rot'", "'data_root'?"]),
     ],
 )

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.validation import rows
-from tests.validation.batched import Batched
 from tests.validation.membrane_recovery import comparison
 from tests.validation.nested import parameter_rows
+
+from deabayes.batched import Batched
 
 TASKS = [{"order": 2, "replicate": index} for index in range(4)]
 

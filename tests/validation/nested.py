@@ -12,43 +12,23 @@ the differences in posterior standard deviations.
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from deabayes import scoring
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.nested import LIVE, nested
 from deabayes.study import Sampling
 from tests.validation import rows
-from tests.validation.batched import Batched
 from tests.validation.cases import RELAXATION_TIMES, case
 from tests.validation.sampled import Sampled, sample
 
 OUTPUT = Path("docs/validation")
 SEED = 20261125
-LIVE, CHAINS, REMAINING = 500, 32, 0.01
-"""Live points, chains that move at once, and the log evidence left when nested sampling ends."""
 SETTINGS = Sampling(walkers=64, particles=512)
 EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
-
-
-def nested(target: LogPosterior, live: int, seed: np.random.SeedSequence) -> tuple[Any, float]:
-    """dynesty's results in z, and the CPU seconds they took."""
-    from dynesty import NestedSampler
-
-    began = time.process_time()
-    batched = Batched(target.log_likelihood_of_normal, min(CHAINS, live // 4))
-    sampler = NestedSampler(
-        batched, ndtri, target.dimension, nlive=live, sample="rslice",
-        rstate=np.random.default_rng(seed), pool=batched, queue_size=batched.size,
-        use_pool={"prior_transform": False, "update_bound": False},
-    )  # fmt: skip
-    sampler.run_nested(dlogz=REMAINING, print_progress=False)
-    return sampler.results, time.process_time() - began
 
 
 def evidence_row(sampled: Sampled, results: Any, seed: np.random.SeedSequence) -> rows.Row:
@@ -98,7 +78,7 @@ def compare(name: str, live: int, settings: Sampling, output: Path) -> None:
     """Sample one case with both and append the rows of both tables."""
     target = case(name)
     emcee_seed, nested_seed, bridge_seed = np.random.SeedSequence([SEED, *name.encode()]).spawn(3)
-    results, cpu = nested(target, live, nested_seed)
+    results, cpu = nested(target.log_likelihood_of_normal, target.dimension, nested_seed, live)
     weights = results.importance_weights()
     size = 1.0 / float(np.sum(weights**2))
     theirs = target.prior.to_parameters(results.samples_equal(np.random.default_rng(nested_seed)))

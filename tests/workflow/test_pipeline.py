@@ -67,6 +67,8 @@ def results(tmp_path_factory):
         pipeline.predict_candidate(posterior, prepared, own / "predictions", own / "errors.csv")
     posteriors = [folder / candidate / "posterior.nc" for candidate in CANDIDATES]
     pipeline.compare_candidates(posteriors, prepared, folder / "comparison.csv")
+    asked = {"longer": {"like": "creep_2000V", "duration": 4}}
+    pipeline.further_experiments(folder, asked, folder / "further_experiments.csv")
     return folder
 
 
@@ -92,6 +94,14 @@ def test_tables_have_the_columns_of_the_contract(results):
         table = pd.read_csv(path)
         assert set(wanted) <= set(table.columns), path.name
         assert len(table) > 0
+
+
+def test_a_decided_order_leaves_one_candidate_to_learn_about(results):
+    table = pd.read_csv(results / "further_experiments.csv").set_index("experiment")
+    assert set(table.index) == {"creep_1500V", "longer"}
+    assert set(table["candidates"]) == {"voigt_kelvin_2"}
+    assert table["probability_right"].isna().all()
+    assert (table["information_voigt_kelvin_2_nats"] > 0.0).all()
 
 
 def test_posterior_finds_the_truth_that_creep_determines(post):

@@ -43,6 +43,8 @@ def test_version_and_help() -> None:
         "check",
         "fit",
         "compare",
+        "nested",
+        "further",
         "predict",
         "analyse",
         "report",
@@ -116,6 +118,15 @@ def test_new_study_is_reported_as_unfinished(tmp_path: Path) -> None:
     checked = deabayes("check", "data/mine", cwd=tmp_path)
     assert checked.returncode == 1
     assert "Traceback" not in checked.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [("[a", ("--asked", "is no YAML")), ("{a: {excitation: 2}}", ("'like' is missing",)),
+     ("[a]", ("further_experiments",))],
+)  # fmt: skip
+def test_experiments_asked_for_wrongly(tmp_path: Path, asked: str, words: tuple[str, ...]) -> None:
+    assert_one_message(deabayes("further", tmp_path, "--asked", asked), 1, *words)
 
 
 def test_simulate_follows_the_excitation(tmp_path: Path) -> None:

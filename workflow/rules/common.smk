@@ -1,5 +1,6 @@
 """Configuration, the studies that can run, and the named input functions of the rules."""
 
+import json
 import os
 import re
 import sys
@@ -13,7 +14,7 @@ from deabayes.population.settings import load_populations
 from deabayes.population.settings import to_settings as population_to_settings
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
-from deabayes.study import load_studies, to_settings
+from deabayes.study import fit_settings, load_studies
 from deabayes.study_checks import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
@@ -119,7 +120,7 @@ def modules(*patterns):
 
 def settings_of(wildcards):
     """One study's settings: a parameter of its job, so that editing one reruns only that one."""
-    settings = to_settings(STUDIES[wildcards.study])
+    settings = fit_settings(STUDIES[wildcards.study])
     return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
 
 
@@ -194,6 +195,18 @@ def posteriors_of(wildcards):
 def scores_of(wildcards):
     """The scores of all candidates of a study."""
     return per_candidate(wildcards.study, "scores.json")
+
+
+def checks_of(wildcards):
+    """Evidence by nested sampling of all candidates of a study that asks for it."""
+    asked = STUDIES[wildcards.study].evidence_check == "nested"
+    return per_candidate(wildcards.study, "nested.json") if asked else []
+
+
+def further_experiments_of(wildcards):
+    """The experiments a study asks for, as YAML on one line."""
+    entries = STUDIES[wildcards.study].further_experiments
+    return json.dumps({name: dict(settings) for name, settings in entries.items()})
 
 
 def errors_of(wildcards):

@@ -12,10 +12,26 @@ rule score:
         "logged {log} deabayes score {input.posterior} --prepared {input.prepared} -o {output}"
 
 
+# Only for studies with `evidence_check: nested`; takes minutes per candidate.
+rule nested:
+    input:
+        posterior="<results>/{study}/{candidate}/posterior.nc",
+        prepared="<results>/{study}/prepared",
+        modules=modules("nested.py", "batched.py"),
+    output:
+        "<results>/{study}/{candidate}/nested.json",
+    log:
+        "<results>/{study}/{candidate}/logs/nested.log",
+    threads: 1
+    shell:
+        "logged {log} deabayes nested {input.posterior} --prepared {input.prepared} -o {output}"
+
+
 rule compare:
     input:
         posteriors=posteriors_of,
         scores=scores_of,
+        checks=checks_of,
         prepared="<results>/{study}/prepared",
         modules=modules("comparison.py", "ranking.py"),
     output:
@@ -29,3 +45,31 @@ rule compare:
     threads: 1
     shell:
         "logged {log} deabayes compare {input.posteriors} --prepared {input.prepared} -o {output}"
+
+
+rule further_experiments:
+    input:
+        comparison="<results>/{study}/comparison.csv",
+        posteriors=posteriors_of,
+        prepared="<results>/{study}/prepared",
+        modules=modules(
+            "further.py",
+            "planned.py",
+            "information.py",
+            "outcomes.py",
+            "fitted.py",
+        ),
+    output:
+        report(
+            "<results>/{study}/further_experiments.csv",
+            caption="../report/further_experiments.rst",
+            category="Model order",
+        ),
+    log:
+        "<results>/{study}/logs/further_experiments.log",
+    threads: 1
+    params:
+        results=subpath(output[0], parent=True),
+        asked=further_experiments_of,
+    shell:
+        "logged {log} deabayes further {params.results} --asked {params.asked:q} -o {output}"

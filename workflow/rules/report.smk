@@ -1,6 +1,7 @@
 rule figures:
     input:
         comparison="<results>/{study}/comparison.csv",
+        further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
         modules=modules("figures/*.py", "power_scaling.py"),

@@ -43,6 +43,7 @@ REGISTRY: Mapping[str, str] = {
     "one_at_a_time_loops": "deabayes.figures.one_at_a_time_loops",
     "sobol_indices": "deabayes.figures.sobol_indices",
     "comparison": "deabayes.figures.comparison",
+    "further_experiments": "deabayes.figures.further_experiments",
     "errors": "deabayes.figures.errors",
     "preparation": "deabayes.figures.preparation",
     "frequency_response": "deabayes.figures.frequency_response",

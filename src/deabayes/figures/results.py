@@ -52,6 +52,12 @@ class StudyResults:
         return None if table is None else table.set_index("candidate")
 
     @cached_property
+    def further_experiments(self) -> pd.DataFrame | None:
+        """further_experiments.csv, the most telling first; None where none was considered."""
+        table = _table(self.folder / "further_experiments.csv")
+        return None if table is None or table.empty else table
+
+    @cached_property
     def recommended(self) -> CandidateResults:
         """The chosen candidate, else the smallest adequate, the first converged, the first."""
         by_name = {c.name: c for c in self.candidates}

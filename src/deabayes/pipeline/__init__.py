@@ -5,8 +5,14 @@ the layers below and writes files, nothing else.
 """
 
 from deabayes.pipeline.analyse import analyse_study
+from deabayes.pipeline.design import entries_of, further_experiments
 from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
-from deabayes.pipeline.judge import compare_candidates, predict_candidate, score_candidate
+from deabayes.pipeline.judge import (
+    check_evidence,
+    compare_candidates,
+    predict_candidate,
+    score_candidate,
+)
 from deabayes.pipeline.population import fit_population
 from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
 from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
@@ -15,11 +21,14 @@ __all__ = [
     "analyse_study",
     "build_report",
     "build_target",
+    "check_evidence",
     "compare_candidates",
     "draw_figures",
+    "entries_of",
     "export_posterior",
     "fit_ensemble",
     "fit_population",
+    "further_experiments",
     "pool_candidate",
     "predict_candidate",
     "prepare_study",

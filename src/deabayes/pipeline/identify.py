@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.pipeline.prepare import read_experiments
-from deabayes.study import Study, to_settings
+from deabayes.study import Study, fit_settings
 
 if TYPE_CHECKING:
     from deabayes.posterior import LogPosterior
@@ -119,7 +119,7 @@ def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) ->
     """
     package = Path(__file__).parents[1]
     digest = hashlib.sha256(candidate.encode())
-    settings = json.dumps(to_settings(study), sort_keys=True, default=str)
+    settings = json.dumps(fit_settings(study), sort_keys=True, default=str)
     digest.update(settings.encode())
     above = {"analyses", "figures", "report", "export"}
     for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:

@@ -53,6 +53,29 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     write_text_atomically(json.dumps(content, indent=1), output)
 
 
+def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
+    """Evidence of one candidate by nested sampling: nested.json."""
+    from deabayes.nested import nested
+    from deabayes.own_models import restore
+    from deabayes.storage import read_tree
+    from deabayes.study import from_settings
+
+    tree = read_tree(posterior)
+    restore(tree.attrs)
+    study = from_settings(json.loads(tree.attrs["study"]))
+    candidate = tree.attrs["candidate"]
+    target = build_target(study, candidate, prepared)
+    seed = seed_of(study, candidate, "nested sampling")
+    results, cpu = nested(target.log_likelihood_of_normal, target.dimension, seed)
+    content = {
+        "log_evidence_nested": float(results.logz[-1]),
+        "log_evidence_nested_error": float(results.logzerr[-1]),
+        "evaluations": int(np.sum(results.ncall)),
+        "cpu_seconds": round(cpu, 1),
+    }
+    write_text_atomically(json.dumps(content, indent=1), output)
+
+
 def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Path) -> list[str]:
     """Predict every record of the study; write predictions/{experiment}.nc and errors.csv.
 
@@ -102,6 +125,15 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
         study = from_settings(json.loads(tree.attrs["study"]))
         target = build_target(study, tree.attrs["candidate"], prepared)
         scores = json.loads(posterior.with_name("scores.json").read_text())
-        ranked.append(Ranked(tree, target, scores))
+        ranked.append(Ranked(tree, target, scores | _nested_of(posterior)))
     table = comparison_table(ranked)
     write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def _nested_of(posterior: Path) -> dict[str, float]:
+    """The evidence by nested sampling, where it was asked for since the posterior was made."""
+    found = posterior.with_name("nested.json")
+    if not found.is_file() or found.stat().st_mtime < posterior.stat().st_mtime:
+        return {}
+    content: dict[str, float] = json.loads(found.read_text())
+    return content

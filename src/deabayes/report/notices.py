@@ -28,6 +28,7 @@ def of_study(results: StudyResults) -> list[Notice]:
     """Notices of a study: every unconverged candidate, and all else of the one shown in full."""
     found = [n for c in results.candidates for n in unconverged(c)]
     found += unresolved(results)
+    found += evidence(results)
     found += of_candidate(results.recommended)
     found += data(results)
     return found
@@ -58,6 +59,17 @@ def unresolved(results: StudyResults) -> Iterator[Notice]:
         details.append(f"{name}: {row['verdict']}{extra}")
     if details:
         yield Notice(results.name, "", "Model order not resolved by these data", tuple(details))
+
+
+def evidence(results: StudyResults) -> Iterator[Notice]:
+    """Candidates on whose evidence bridge and nested sampling do not agree."""
+    table = results.comparison
+    if table is None:
+        return
+    verdicts = table["verdict"].astype(str)
+    details = [f"{n}: {v}" for n, v in verdicts.items() if "bridge and nested" in v]
+    if details:
+        yield Notice(results.name, "", "Evidence uncertain", tuple(details))
 
 
 def extrapolation(results: CandidateResults) -> Iterator[Notice]:

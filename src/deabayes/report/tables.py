@@ -31,9 +31,9 @@ KINDS = {
 
 
 def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
-    """`{study}_{errors,summary,comparison}.csv`: all candidates of a study, full precision, SI.
+    """`{study}_{errors,summary,comparison,further_experiments}.csv`, full precision, SI.
 
-    And `{study}_{table}.csv` for every table of the study's analyses.
+    All candidates of a study. And `{study}_{table}.csv` for every table of its analyses.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -45,6 +45,7 @@ def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
                  for c in study.candidates}
             ),
             "comparison": None if study.comparison is None else study.comparison.reset_index(),
+            "further_experiments": study.further_experiments,
         }  # fmt: skip
         for analysis in study.analyses:
             tables |= analysis.tables
@@ -187,6 +188,9 @@ def comparison(study: StudyResults) -> list[dict[str, Any]]:
             "shown": name == study.recommended.name,
             "n_parameters": int(row["n_parameters"]),
             "log_evidence": _with_error(row["log_evidence"], row["log_evidence_mcse"]),
+            "log_evidence_nested": _with_error(
+                row.get("log_evidence_nested", np.nan), row.get("log_evidence_nested_error", np.nan)
+            ),
             "bic": _fixed(row["bic"]),
             "elpd": _with_error(row["elpd_block_loo"], row["elpd_block_loo_se"]),
             "left_out": _fixed(row["elpd_leave_one_experiment_out"]),
@@ -196,6 +200,12 @@ def comparison(study: StudyResults) -> list[dict[str, Any]]:
         }
         for name, row in study.comparison.iterrows()
     ]
+
+
+def asked_for_nested(study: StudyResults) -> bool:
+    """Whether a candidate's evidence was checked by nested sampling."""
+    table = study.comparison
+    return table is not None and bool(table.get("log_evidence_nested", pd.Series()).notna().any())
 
 
 def _fixed(value: float, decimals: int = 1) -> str:

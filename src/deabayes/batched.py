@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from deabayes.cloud import LogDensity
 from deabayes.experiment import FloatArray
 
 
@@ -27,7 +26,7 @@ class Batched:
     size : chains that run at once.
     """
 
-    def __init__(self, log_likelihood: LogDensity, size: int) -> None:
+    def __init__(self, log_likelihood: Callable[[FloatArray], FloatArray], size: int) -> None:
         self.log_likelihood = log_likelihood
         self.size = size
         self.evaluations, self.batches = 0, 0

@@ -1,0 +1,98 @@
+"""Which further experiment would tell the candidates apart, and how much about each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deabayes.figures import style
+from deabayes.figures.results import StudyResults
+
+SCOPE = "study"
+TITLE = "Which further experiment"
+CAPTION = (
+    "What an experiment is expected to tell, from the posteriors, with two standard errors of the "
+    "Monte Carlo. Left: probability that its data name the right one of the candidates still in "
+    "the running (dotted: by guessing); middle: the same as information, at most the logarithm of "
+    "their number (dashed). Right: information about each candidate's parameters, its noise left "
+    "out. Filled: new experiments, open: held-out records. ✕ after a name: outside the calibrated "
+    "range; ▲: some draws have no response, so that the specimen may not survive it."
+)
+MOST_SHOWN = 24
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """A row per experiment, the most telling on top; nothing where none was considered."""
+    table = results.further_experiments
+    if table is None:
+        return []
+    table = table.head(MOST_SHOWN)
+    candidates = str(table["candidates"].iloc[0]).split(", ")
+    several = len(candidates) > 1
+    height = 0.2 * len(table) + 0.75 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(1, 3 if several else 1, sharey=True, squeeze=False)[0]
+    if several:
+        _told_apart(axes[0], axes[1], table, len(candidates))
+    _parameters(axes[-1], table, candidates)
+    axes[0].set_yticks(range(len(table)), [_name(row) for _, row in table.iterrows()])
+    axes[0].set_ylim(len(table) - 0.5, -0.5)
+    for ax in axes:
+        for row in range(0, len(table), 2):
+            ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
+    if several:
+        figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside lower right", ncols=4)
+    return [figure]
+
+
+def _told_apart(left: Axes, right: Axes, table: pd.DataFrame, count: int) -> None:
+    """Probability of naming the right candidate, and information about which it is."""
+    left.axvline(1.0 / count, color=style.GREY, linestyle=":", linewidth=0.8)
+    right.axvline(np.log(count), color=style.GREY, linestyle="--", linewidth=0.8)
+    colours = (style.BLUE, style.BLUE)
+    _dots(left, table, "probability_right", "probability_right_error", *colours)
+    _dots(right, table, "information_candidate_nats", "information_candidate_error_nats", *colours)
+    left.set_xlim(1.0 / count - 0.05, 1.02)
+    left.set_xlabel("probability of deciding rightly")
+    right.set_xlim(-0.03 * np.log(count), 1.05 * np.log(count))
+    right.set_xlabel("about the candidate (nats)")
+
+
+def _parameters(ax: Axes, table: pd.DataFrame, candidates: list[str]) -> None:
+    """Information about the parameters of each candidate."""
+    offsets = np.linspace(-0.2, 0.2, len(candidates)) if len(candidates) > 1 else [0.0]
+    for index, (candidate, offset) in enumerate(zip(candidates, offsets, strict=True)):
+        colour = style.SERIES[(index + 1) % len(style.SERIES)]
+        name = f"information_{candidate}"
+        _dots(ax, table, f"{name}_nats", f"{name}_error_nats", colour, colour, index + 1, offset)
+        ax.plot([], [], style.MARKERS[(index + 1) % len(style.MARKERS)], color=colour,
+                label=candidate)  # fmt: skip
+    ax.set_xlim(left=0.0)
+    owner = f"parameters of {candidates[0]}" if len(candidates) == 1 else "each one's parameters"
+    ax.set_xlabel(f"about {owner} (nats)")
+
+
+def _dots(
+    ax: Axes,
+    table: pd.DataFrame,
+    column: str,
+    error: str,
+    colour: str,
+    edge: str,
+    marker: int = 0,
+    offset: float = 0.0,
+) -> None:
+    for row, (_, values) in enumerate(table.iterrows()):
+        ax.errorbar(
+            values[column], row + offset, xerr=2.0 * values[error], color=colour, elinewidth=0.8,
+            fmt=style.MARKERS[marker % len(style.MARKERS)], markeredgecolor=edge,
+            markerfacecolor="white" if values["held_out"] else colour,
+        )  # fmt: skip
+
+
+def _name(row: pd.Series) -> str:
+    flag = row["extrapolation"]
+    outside = " ✕" if isinstance(flag, str) and flag else ""
+    return str(row["experiment"]) + outside + (" ▲" if row["failed_share"] > 0.0 else "")
