@@ -124,7 +124,7 @@ def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
     assert analyses.run_all(context(), study / "analyses") == []
     assert json.loads((study / "analyses" / "index.json").read_text()) == []
     assert StudyResults(study).analyses == ()
-    page = render([StudyResults(study)], {"fake_strip": []}, [], (1300, 96))
+    page = render([StudyResults(study)], {study: []}, [], (1300, 96))
     assert "What the paper reports" not in page
 
 
@@ -132,7 +132,7 @@ def test_the_report_shows_tables_and_keeps_them_whole(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
     analyses.run_all(context(), study / "analyses")
     results = StudyResults(study)
-    page = render([results], {"fake_strip": []}, [], (1300, 96))
+    page = render([results], {results.folder: []}, [], (1300, 96))
     text = page[page.index("What the paper reports") :]
     assert (
         text.index("Mean modulus") < text.index("<th>candidate</th>") < text.index("Of the draws")
