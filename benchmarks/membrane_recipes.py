@@ -27,17 +27,17 @@ import numpy as np
 from tests.validation import rows
 from tests.validation.cases import case
 
-from deabayes import chains
-from deabayes.checkpoint import Arrays, Store
 from deabayes.experiment import FloatArray
-from deabayes.moves import DifferentialEvolutionMove, initial_state, recipe
-from deabayes.pooling import pool
 from deabayes.posterior import LogPosterior
-from deabayes.proposal import Proposal
-from deabayes.run import DROPPED_SHARE
-from deabayes.sampling import run_ensemble
+from deabayes.sampling import chains
+from deabayes.sampling.checkpoint import Arrays, Store
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.moves import DifferentialEvolutionMove, initial_state, recipe
+from deabayes.sampling.pooling import pool
+from deabayes.sampling.proposal import Proposal
+from deabayes.sampling.run import DROPPED_SHARE
+from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling
-from deabayes.unit_hop import UnitHop
 
 OUTPUT = Path("docs/validation/membrane_recipes.csv")
 SEED = 20261126

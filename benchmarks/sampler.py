@@ -13,10 +13,10 @@ import time
 import emcee
 import numpy as np
 
-from deabayes import chains
-from deabayes.moves import DifferentialEvolutionMove, initial_state, recipe
-from deabayes.proposal import fit
-from deabayes.smc import from_prior, log_standard_normal
+from deabayes.sampling import chains
+from deabayes.sampling.moves import DifferentialEvolutionMove, initial_state, recipe
+from deabayes.sampling.proposal import fit
+from deabayes.sampling.smc import from_prior, log_standard_normal
 
 DIMENSION, WALKERS, STEPS = 16, 128, 4000
 

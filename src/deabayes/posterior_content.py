@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.pooling import PooledResult
 from deabayes.posterior import LogPosterior
 from deabayes.prior import Prior
+from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
 STORED_DRAWS = 2000

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.cloud import Schedule
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.smc import anneal
+from deabayes.sampling.cloud import Schedule
+from deabayes.sampling.smc import anneal
 
 LogDensity = Callable[[FloatArray], FloatArray]
 ON_THE_WAY = Schedule(final_rounds=(0, 0))
@@ -79,7 +79,7 @@ def bridge_evidence(
     """
     from scipy.special import logsumexp
 
-    from deabayes.proposal import fit
+    from deabayes.sampling.proposal import fit
 
     count, size, _ = ensembles.shape
     estimates = []

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deabayes.climb import bulk_missed, draws_of_peaks, find_peaks
-from deabayes.smc import Population
+from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
+from deabayes.sampling.smc import Population
 
 DIMENSION = 6
 MEAN = np.linspace(-1.0, 1.0, DIMENSION)

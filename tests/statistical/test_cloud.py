@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from deabayes.cloud import Cloud
-from deabayes.proposal import fit
-from deabayes.sampling import WARM_UP_SCHEDULE
-from deabayes.smc import from_prior, log_standard_normal
+from deabayes.sampling.cloud import Cloud
+from deabayes.sampling.first_pass import WARM_UP_SCHEDULE
+from deabayes.sampling.proposal import fit
+from deabayes.sampling.smc import from_prior, log_standard_normal
 
 TIMES = np.linspace(0.0, 320.0, 33)
 CENTRE = np.array([0.5, 1.5, -1.0, 0.01, 0.02])

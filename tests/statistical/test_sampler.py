@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
 
-from deabayes.checkpoint import Store
-from deabayes.diagnostics import assess
 from deabayes.distributions import LogNormal, LogUniform
-from deabayes.mixture import Mixture
-from deabayes.moves import (
+from deabayes.parameter import Parameter
+from deabayes.prior import Prior
+from deabayes.sampling.checkpoint import Store
+from deabayes.sampling.diagnostics import assess
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.moves import (
     DifferentialEvolutionMove,
     HopMove,
     IndependenceMove,
@@ -18,16 +21,14 @@ from deabayes.moves import (
     initial_state,
     recipe,
 )
-from deabayes.parameter import Parameter
-from deabayes.prior import Prior
-from deabayes.proposal import Part, Proposal
-from deabayes.run import Run, Target
-from deabayes.sampling import pool, run_ensemble
+from deabayes.sampling.pooling import pool
+from deabayes.sampling.proposal import Part, Proposal
+from deabayes.sampling.run import Run, Target
+from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
+from deabayes.sampling.unit_hop import UnitHop
+from deabayes.sampling.warp import fit_warp
 from deabayes.scoring import ON_THE_WAY
-from deabayes.smc import anneal, from_prior, log_standard_normal
 from deabayes.study import Sampling
-from deabayes.unit_hop import UnitHop
-from deabayes.warp import fit_warp
 
 
 def wide_proposal(dimension):

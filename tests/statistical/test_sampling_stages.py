@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deabayes.ensemble import Ensemble
-from deabayes.mixture import Mixture
-from deabayes.pooling import pool
-from deabayes.proposal import Part, Proposal, fit
-from deabayes.refit import better_proposals, divergence, leave_out
-from deabayes.sampling import run_ensemble
-from deabayes.smc import log_standard_normal
+from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.pooling import pool
+from deabayes.sampling.proposal import Part, Proposal, fit
+from deabayes.sampling.refit import better_proposals, divergence, leave_out
+from deabayes.sampling.smc import log_standard_normal
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(ensembles=2, walkers=32, particles=256, max_steps=4000)
@@ -100,7 +100,7 @@ def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
         tried.append(len(ensembles))
         return [each.proposal for each in ensembles]
 
-    monkeypatch.setattr("deabayes.pooling.better_proposals", their_own)
+    monkeypatch.setattr("deabayes.sampling.pooling.better_proposals", their_own)
     rng = np.random.default_rng(5)
     fair = fit(rng.standard_normal((4000, 2)), 1, rng)
     runs = [slow_run(rng, 32, 400, 2, fair) for _ in range(2)]

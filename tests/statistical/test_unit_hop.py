@@ -7,10 +7,10 @@ from scipy import stats
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior import Prior
-from deabayes.sampling import run_ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.unit_hop import UnitHop
 from deabayes.springs.ogden import Ogden
 from deabayes.study import Sampling
-from deabayes.unit_hop import UnitHop
 
 
 def chain_prior(units, own_prior=False):

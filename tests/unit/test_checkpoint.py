@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from deabayes.checkpoint import (
+from deabayes.sampling.checkpoint import (
     Store,
     random_state_arrays,
     random_state_from,
     read_arrays,
     write_arrays,
 )
-from deabayes.ensemble import Ensemble, align
-from deabayes.proposal import fit
+from deabayes.sampling.ensemble import Ensemble, align
+from deabayes.sampling.proposal import fit
 
 
 def test_arrays_come_back_and_no_partial_file_stays(tmp_path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deabayes import chains
-from deabayes.diagnostics import assess, mode_shares, stuck_walkers, summarise
+from deabayes.sampling import chains
+from deabayes.sampling.diagnostics import assess, mode_shares, stuck_walkers, summarise
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(walkers=16)

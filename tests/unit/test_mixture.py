@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deabayes.mixture import Mixture, fit
+from deabayes.sampling.mixture import Mixture, fit
 
 
 def two_clusters(n=2000, dimension=3, seed=0):

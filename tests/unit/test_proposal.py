@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deabayes.proposal import Part, Proposal, fit
-from deabayes.warp import fit_warp
+from deabayes.sampling.proposal import Part, Proposal, fit
+from deabayes.sampling.warp import fit_warp
 
 
 def ridge(n=4000, seed=0):

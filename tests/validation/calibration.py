@@ -25,9 +25,10 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.posterior import LogPosterior, build
-from deabayes.sampling import PooledResult, pool, run_ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.pooling import PooledResult, pool
+from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling, Settings, Study
-from deabayes.unit_hop import UnitHop
 
 OUTPUT = Path("docs/validation")
 RANKS = 99

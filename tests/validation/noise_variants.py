@@ -23,10 +23,10 @@ from deabayes.experiment import FloatArray
 from deabayes.pipeline.prepare import prepare_study
 from deabayes.posterior import LogPosterior, Record, build
 from deabayes.reading.specimen import read_specimen
-from deabayes.sampling import run_ensemble
-from deabayes.smc import anneal
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.smc import anneal
+from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling, load_study
-from deabayes.unit_hop import UnitHop
 
 OUTPUT = Path("docs/validation/noise_variants.csv")
 CANDIDATES = ("kv_gm_3", "ogden_1_units_3")

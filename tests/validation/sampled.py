@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.pooling import PooledResult, pool
 from deabayes.posterior import LogPosterior
 from deabayes.posterior_content import convergence_summary
 from deabayes.posterior_summary import quantities
-from deabayes.sampling import run_ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.pooling import PooledResult, pool
+from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling
-from deabayes.unit_hop import UnitHop
 from tests.validation.rows import Row
 
 SETTINGS = Sampling(ensembles=2, walkers=64, particles=512, max_steps=12000)

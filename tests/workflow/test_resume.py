@@ -15,7 +15,8 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from deabayes.sampling import pool, run_ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.pooling import pool
 from deabayes.study import Sampling
 
 def log_likelihood(z):
@@ -97,7 +98,7 @@ def test_killed_while_a_chunk_is_being_written(tmp_path, uninterrupted):
     last = sorted(chain.glob("chunk_*.npz"))[-2]
     (chain / f".{last.name}.123.tmp").write_bytes(last.read_bytes()[:200])
     last.write_bytes(last.read_bytes()[:1000])
-    (tmp_path / "pool" / "refit_1" / "refitted_0.npz").unlink()
+    (tmp_path / "pool" / "refit_1" / "refitted.npz").unlink()
     assert start(tmp_path).wait() == 0
     assert digest(tmp_path) == digest(reference)
     assert files(tmp_path) == files(reference)

@@ -14,26 +14,9 @@ MODEL = modules(
     "own_model*.py",
     "noise/*.py",
 )
-SAMPLING = modules(
-    "sampling.py",
-    "smc.py",
-    "cloud.py",
-    "climb.py",
-    "mixture.py",
-    "warp*.py",
-    "unit_hop.py",
-    "proposal.py",
-    "moves.py",
-    "run.py",
-    "ensemble.py",
-    "chains.py",
-    "checkpoint.py",
-    "diagnostics.py",
-)
-POOLING = modules(
-    "pooling.py",
-    "refit.py",
-    "diagnostics.py",
+POOLED = modules("sampling/pooling.py", "sampling/refit.py")
+SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
+POOLING = POOLED + modules(
     "power_scaling.py",
     "posterior_*.py",
     "storage.py",

@@ -30,8 +30,8 @@ def fit_ensemble(
     study: Study, candidate: str, prepared: Path, ensemble: int, output: Path, progress: bool
 ) -> None:
     """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
-    from deabayes.sampling import run_ensemble
-    from deabayes.unit_hop import UnitHop
+    from deabayes.sampling.first_pass import run_ensemble
+    from deabayes.sampling.unit_hop import UnitHop
 
     target = build_target(study, candidate, prepared)
     result = run_ensemble(
@@ -60,18 +60,18 @@ def pool_candidate(
 
     The checkpoints are removed once both files are written.
     """
-    from deabayes import sampling
-    from deabayes.ensemble import Ensemble
     from deabayes.files import write_atomically
     from deabayes.posterior import further_prior
     from deabayes.posterior_content import PosteriorContent
     from deabayes.posterior_file import posterior_tree
     from deabayes.posterior_summary import quantities
+    from deabayes.sampling.ensemble import Ensemble
+    from deabayes.sampling.pooling import pool
+    from deabayes.sampling.unit_hop import UnitHop
     from deabayes.storage import write_tree
-    from deabayes.unit_hop import UnitHop
 
     target = build_target(study, candidate, prepared)
-    pooled = sampling.pool(
+    pooled = pool(
         target.log_likelihood_of_normal,
         [Ensemble.read(path) for path in ensembles],
         study.sampling,

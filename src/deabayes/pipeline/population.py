@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from deabayes.population.settings import Population
     from deabayes.population.specimens import Shrunken
     from deabayes.prior import Prior
-    from deabayes.sampling import PooledResult
+    from deabayes.sampling.pooling import PooledResult
 
 WEIGHING_DRAWS = 1000
 """Of mean and spread, for the weights of a specimen's draws."""

@@ -12,13 +12,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import deabayes
-from deabayes.diagnostics import summarise
 from deabayes.experiment import FloatArray
 from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
 from deabayes.posterior_content import STORED_DRAWS, convergence_summary
-from deabayes.sampling import PooledResult
+from deabayes.sampling.diagnostics import summarise
+from deabayes.sampling.pooling import PooledResult
 
 HANDED_ON = ("study", "specimen", "noise", "experiments", "system", "order")
 """Attributes of the first member's file: a new specimen is predicted as one like it."""

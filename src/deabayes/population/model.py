@@ -16,7 +16,8 @@ from deabayes.population.coordinate import Coordinate
 from deabayes.population.kernel import log_marginals
 from deabayes.population.member import Member
 from deabayes.prior import Prior
-from deabayes.sampling import PooledResult, pool, run_ensemble
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.pooling import PooledResult, pool
 from deabayes.study import Sampling, Settings
 
 RELATIVE_SPREAD = 0.5

@@ -1,4 +1,4 @@
-"""Sampling a posterior with independent ensembles of walkers, resumable after a kill.
+"""The first pass: one ensemble of walkers from the prior on, resumable after a kill.
 
 All in z, where the prior is N(0, I). One run: tempered sequential Monte Carlo, a proposal
 fitted and frozen, then emcee in chunks. Every stage has a random stream of its own
@@ -13,20 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.chains import ess_bulk
-from deabayes.checkpoint import Arrays, Store
-from deabayes.climb import bulk_missed, draws_of_peaks, find_peaks
-from deabayes.cloud import Hop, LogDensity, Schedule
-from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.pooling import PooledResult, continue_ensemble, judge, pool
-from deabayes.proposal import Proposal, fit
-from deabayes.run import DROPPED_SHARE, Run, Target, stage_seed
-from deabayes.smc import Population, from_prior, settle
+from deabayes.sampling.chains import ess_bulk
+from deabayes.sampling.checkpoint import Arrays, Store
+from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
+from deabayes.sampling.cloud import Hop, LogDensity, Schedule
+from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.proposal import Proposal, fit
+from deabayes.sampling.run import DROPPED_SHARE, Run, Target, stage_seed
+from deabayes.sampling.smc import Population, from_prior, settle
 from deabayes.study import Sampling
-
-__all__ = ["Ensemble", "PooledResult", "continue_ensemble", "judge", "pool", "run_ensemble"]
 
 WARM_UP, START, SAMPLING = range(3)
 COMPONENTS, SETTLED_COMPONENTS = 4, 8
@@ -149,7 +146,7 @@ def _start(
     proposal is fitted badly, however many there are.
     Rounds grow where it stands still but a round is too short. All their draws are dropped.
     """
-    from deabayes.moves import build_sampler, initial_state
+    from deabayes.sampling.moves import build_sampler, initial_state
 
     rng = np.random.default_rng(stage_seed(seed, START, 0))
     walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
@@ -221,7 +218,7 @@ def _first_walkers(
 
     Those that are stuck after a few steps are replaced, and counted.
     """
-    from deabayes.moves import build_sampler, initial_state
+    from deabayes.sampling.moves import build_sampler, initial_state
 
     order = rng.permutation(len(warm["particles"]))
     walkers = warm["particles"][order[: settings.walkers]].copy()

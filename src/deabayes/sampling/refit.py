@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
-from deabayes.proposal import Proposal, fit
+from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.proposal import Proposal, fit
 
 COMPONENTS = 16
 SAMPLE, TRIAL_SAMPLE, JUDGED_SAMPLE = 20000, 8000, 2000

@@ -11,7 +11,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.files import write_atomically
-from deabayes.proposal import Proposal
+from deabayes.sampling.proposal import Proposal
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.checkpoint import Arrays, Store
-from deabayes.cloud import Hop, LogDensity
-from deabayes.diagnostics import Convergence, assess
-from deabayes.ensemble import Ensemble, align
 from deabayes.experiment import FloatArray
-from deabayes.proposal import Proposal
-from deabayes.refit import better_proposals, leave_out
-from deabayes.run import MINIMUM_STEPS, Run, Target, stage_seed
+from deabayes.sampling.checkpoint import Arrays, Store
+from deabayes.sampling.cloud import Hop, LogDensity
+from deabayes.sampling.diagnostics import Convergence, assess
+from deabayes.sampling.ensemble import Ensemble, align
+from deabayes.sampling.proposal import Proposal
+from deabayes.sampling.refit import better_proposals, leave_out
+from deabayes.sampling.run import MINIMUM_STEPS, Run, Target, stage_seed
 from deabayes.study import Sampling
 
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes import chains
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture, fit
+from deabayes.sampling import chains
+from deabayes.sampling.mixture import Mixture, fit
 from deabayes.study import Sampling
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from math import log, pi
 
 import numpy as np
 
-from deabayes.cloud import Cloud, Hop, LogDensity, Schedule
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.proposal import fit
+from deabayes.sampling.cloud import Cloud, Hop, LogDensity, Schedule
+from deabayes.sampling.proposal import fit
 
 Report = Callable[[float, int], None]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.cloud import LogDensity
 from deabayes.experiment import FloatArray
-from deabayes.mixture import Mixture, covariance_factor
-from deabayes.smc import Population
+from deabayes.sampling.cloud import LogDensity
+from deabayes.sampling.mixture import Mixture, covariance_factor
+from deabayes.sampling.smc import Population
 
 STARTS = 10
 """Half of them from half way through the schedule."""

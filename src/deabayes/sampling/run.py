@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from deabayes import chains
-from deabayes.checkpoint import Arrays, Store, random_state_arrays, random_state_from
-from deabayes.cloud import Hop, LogDensity
-from deabayes.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
-from deabayes.ensemble import Ensemble
 from deabayes.experiment import FloatArray
-from deabayes.proposal import Proposal
-from deabayes.smc import log_standard_normal
+from deabayes.sampling import chains
+from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
+from deabayes.sampling.cloud import Hop, LogDensity
+from deabayes.sampling.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
+from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.proposal import Proposal
+from deabayes.sampling.smc import log_standard_normal
 from deabayes.study import Sampling
 
 MOST_STORED_STEPS = 4000
@@ -86,7 +86,7 @@ class Run:
         """Sample to `limit` steps, or until the gates of a single run pass."""
         from tqdm import tqdm
 
-        from deabayes.moves import build_sampler
+        from deabayes.sampling.moves import build_sampler
 
         sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.hop)
         goal = max(limit // self.thin, 1)
@@ -110,7 +110,7 @@ class Run:
         return bool(chunks and chunks[-1]["enough"])
 
     def _chunk(self, sampler: Any, length: int, bar: Any) -> Arrays:
-        from deabayes.moves import initial_state
+        from deabayes.sampling.moves import initial_state
 
         chunks = self.store.chunks()
         if chunks:

@@ -14,10 +14,10 @@ from emcee import EnsembleSampler
 from emcee.moves import DEMove, MHMove
 from emcee.state import State
 
-from deabayes.cloud import SHORT_STEP, Hop, LogDensity
 from deabayes.experiment import FloatArray
-from deabayes.proposal import Proposal
-from deabayes.warp import Warp
+from deabayes.sampling.cloud import SHORT_STEP, Hop, LogDensity
+from deabayes.sampling.proposal import Proposal
+from deabayes.sampling.warp import Warp
 
 
 class IndependenceMove(MHMove):

@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.warp_kernels import KNOTS, RATES, SCALE_LIMIT, SHIFT_LIMIT, polynomials, solve
+from deabayes.sampling.warp_kernels import (
+    KNOTS,
+    RATES,
+    SCALE_LIMIT,
+    SHIFT_LIMIT,
+    polynomials,
+    solve,
+)
 
 SHIFT_PENALTY, SCALE_PENALTY = 1e-6, 1e-3
 DRAWS_PER_TERM = 4

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import RandomSource
 from deabayes.prior import Prior
+from deabayes.sampling.mixture import RandomSource
 
 Columns = NDArray[np.intp]
 

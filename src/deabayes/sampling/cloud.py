@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.mixture import RandomSource
-from deabayes.proposal import Proposal, fit
-from deabayes.warp import Warp
+from deabayes.sampling.mixture import RandomSource
+from deabayes.sampling.proposal import Proposal, fit
+from deabayes.sampling.warp import Warp
 
 LogDensity = Callable[[FloatArray], FloatArray]
 Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
