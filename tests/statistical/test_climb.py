@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
+from deabayes.sampling.climb import _triangular, bulk_missed, draws_of_peaks, find_peaks
 from deabayes.sampling.smc import Population
 
 DIMENSION = 6
@@ -76,3 +76,11 @@ def test_a_failing_half_space_does_not_stop_the_climb():
 
     peaks = find_peaks(half, far_particles(half), np.random.default_rng(7))
     assert max(peak.log_density for peak in peaks) == pytest.approx(7.0, abs=0.01)
+
+
+def test_a_direction_a_billion_times_thinner_than_another_has_a_factor():
+    directions = np.linalg.qr(np.random.default_rng(8).standard_normal((3, 3)))[0]
+    factor = _triangular(directions * np.array([1.0, 1e-5, 1e-10]))
+    assert np.array_equal(factor, np.tril(factor))
+    assert (np.diag(factor) > 0.0).all()
+    assert np.prod(np.diag(factor)) == pytest.approx(1e-15, rel=1e-4)

@@ -134,8 +134,14 @@ def _laplace_factor(target: LogDensity, peak: FloatArray, factor: FloatArray) ->
     inverse = np.linalg.inv(steps)
     curvature = -inverse.T @ hessian @ inverse
     eigenvalues, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
-    spread = vectors / np.sqrt(np.maximum(eigenvalues, 1.0))
-    return np.asarray(np.linalg.cholesky(spread @ spread.T), dtype=np.float64)
+    return _triangular(vectors / np.sqrt(np.maximum(eigenvalues, 1.0)))
+
+
+def _triangular(root: FloatArray) -> FloatArray:
+    """The Cholesky factor of root root', also where that product loses a thin direction."""
+    upper = np.linalg.qr(root.T, mode="r")
+    signs = np.where(np.diag(upper) < 0.0, -1.0, 1.0)
+    return np.asarray((signs[:, None] * upper).T, dtype=np.float64)
 
 
 def _unit_drop_scales(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
