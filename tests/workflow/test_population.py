@@ -153,8 +153,10 @@ def planned(folder: Path, **population: object) -> Path:
     for name in RECORDS:
         if not (folder / name).is_dir():
             shutil.copytree(ROOT / "data" / "tubular", folder / name)
+    one = tiny["studies"]["tiny"]
+    one.pop("further_experiments", None)
     tiny["studies"] = {
-        name: tiny["studies"]["tiny"] | {"specimen": name, "calibrate": [record], "validate": []}
+        name: one | {"specimen": name, "calibrate": [record], "validate": []}
         for name, record in RECORDS.items()
     }
     entry = {"studies": list(RECORDS), "candidate": "voigt_kelvin_1", "parameters": ["E_0"]}

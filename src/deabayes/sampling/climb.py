@@ -17,9 +17,11 @@ from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.mixture import Mixture, covariance_factor
 from deabayes.sampling.smc import Population
 
-STARTS = 10
-"""Half of them from half way through the schedule."""
-ITERATIONS = 300
+LATE, EARLY, PROMISING = 5, 30, 5
+"""Climbs from the end; short ones from the first two thirds of the schedule, where particles
+are still everywhere (on NIST's Gauss2 one of twenty finds the best of dozens of peaks); and how
+many of these are finished."""
+ITERATIONS, SHORT = 300, 60
 STEP = 1e-3
 CURVATURE_STEP = 0.03
 WIDEST_PEAKS = 10.0
@@ -48,7 +50,7 @@ def bulk_missed(log_posterior: FloatArray, peak: float, dimension: int) -> bool:
 
 
 def find_peaks(target: LogDensity, population: Population, rng: np.random.Generator) -> list[Peak]:
-    """Climb from some particles of a population, and of half way to it; the peaks near the best.
+    """Climb from some particles of a population, and of the way to it; the peaks near the best.
 
     Particles that tempering has gathered at one of several modes all climb that one.
     """
@@ -57,9 +59,11 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
         covariance_factor(np.cov(population.particles, rowvar=False)),
     )
     best_first = np.argsort(-(population.log_base + population.log_increment))
-    late = [best_first[0], *rng.choice(len(particles), STARTS // 2 - 1, replace=False)]
-    early = rng.choice(len(particles), STARTS - len(late), replace=False)
-    starts = np.concatenate([particles[late], population.early[early]])
+    late = [best_first[0], *rng.choice(len(particles), LATE - 1, replace=False)]
+    early = rng.choice(len(population.early), EARLY, replace=False)
+    begun = [_climb(target, start, factor, SHORT) for start in population.early[early]]
+    begun.sort(key=lambda reached: -reached[1])
+    starts = [*particles[late], *(z for z, _ in begun[:PROMISING])]
     found = [_climb(target, start, factor) for start in starts]
     best = max(value for _, value in found)
     near = [(z, value) for z, value in found if value > best - WIDEST_PEAKS]
@@ -88,7 +92,9 @@ def draws_of_peaks(
     return z[chosen]
 
 
-def _climb(target: LogDensity, start: FloatArray, factor: FloatArray) -> tuple[FloatArray, float]:
+def _climb(
+    target: LogDensity, start: FloatArray, factor: FloatArray, iterations: int = ITERATIONS
+) -> tuple[FloatArray, float]:
     """Maximise over start + factor u by L-BFGS, gradients by central differences in one batch."""
     from scipy.optimize import minimize
 
@@ -105,7 +111,7 @@ def _climb(target: LogDensity, start: FloatArray, factor: FloatArray) -> tuple[F
 
     found = minimize(
         objective, np.zeros(dimension), jac=True, method="L-BFGS-B",
-        options={"maxiter": ITERATIONS, "maxcor": 30},
+        options={"maxiter": iterations, "maxcor": 30},
     )  # fmt: skip
     return start + factor @ found.x, -float(found.fun)
 

@@ -29,8 +29,8 @@ class Population:
     Attributes
     ----------
     particles : (P, d); `broad` (P, d) are those of the last step before, which are
-        over-dispersed with respect to the final density, and `early` (P, d) those half
-        way through the schedule.
+        over-dispersed with respect to the final density, and `early` (P, d) some of the
+        first two thirds of the schedule.
     log_base, log_increment : (P,) at `particles`.
     log_evidence : estimate of the log of the ratio of normalising constants.
     betas : the schedule, from 0 to 1.
@@ -115,7 +115,8 @@ def anneal(
         rounds += cloud.forget(betas[-1], schedule, proposal)
         if report is not None:
             report(betas[-1], rounds)
-    broad, early = passed[-1], passed[len(passed) // 2]
+    broad = passed[-1]
+    early = rng.permutation(np.concatenate(passed[: -(-2 * len(passed) // 3)]))[: len(broad)]
     return Population(
         cloud.z, broad, early, cloud.base, cloud.increment, float(ratio), tuple(betas), rounds
     )
