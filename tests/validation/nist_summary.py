@@ -115,6 +115,8 @@ def draw(rows: pd.DataFrame, path: Path) -> None:
             )  # fmt: skip
             for good, face, told in ((1, style.BLUE, "sampled"), (0, "white", "not converged")):
                 at = (rows["converged"] == good).to_numpy()
+                if not at.any():  # an empty line without clipping makes the layout collapse
+                    continue
                 shown = rows[column].clip(*ends)
                 axis.plot(
                     places[at],
