@@ -10,6 +10,7 @@ from tests.unit.noise_oracle import GAUSSIAN, covariance
 
 from deabayes.faults import UserError
 from deabayes.noise import REGISTRY
+from deabayes.noise.default_priors import CORRELATION_LENGTHS
 from deabayes.noise.kalman import distances, matern32_transition
 from deabayes.noise.kalman_lanes import LANES
 
@@ -319,3 +320,14 @@ def test_correlated_share():
     model = REGISTRY["ornstein_uhlenbeck"]()
     assert model.correlated_share(draws)[0] == pytest.approx(0.8)
     assert model.correlated_share(draws, np.full(5, 0.25))[0] == pytest.approx(4.0 / 4.25)
+
+
+def test_every_correlation_length_is_known_by_name():
+    """Blocks of the leave-one-out score and the report's notice find them so."""
+    declared = {
+        parameter.name
+        for model in REGISTRY.values()
+        for parameter in model().parameters("1", 1.0, 100.0)
+        if parameter.unit == "s"
+    }
+    assert declared == set(CORRELATION_LENGTHS)

@@ -13,6 +13,7 @@ from tests.unit.fake_results import Fake, write_study
 from deabayes import figures
 from deabayes.figures.results import StudyResults
 from deabayes.report import build, notices
+from deabayes.report.notices import noise_at_its_bound
 from deabayes.report.page import verdict
 from deabayes.report.tables import parameters
 
@@ -206,3 +207,13 @@ def test_candidates_that_were_not_compared_are_not_called_one(tmp_path: Path) ->
     study = write_study(tmp_path)
     (study / "comparison.csv").unlink()
     assert verdict(StudyResults(study)).startswith("3 candidates were fitted and not compared")
+
+
+def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",))
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    assert not list(noise_at_its_bound(results))
+    results.prior["relaxation.tau_ou"].values[:] *= 0.1
+    (notice,) = noise_at_its_bound(results)
+    assert notice.serious
+    assert notice.details[0].startswith("relaxation.tau_ou: 30")

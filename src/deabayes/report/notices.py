@@ -6,11 +6,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.noise.default_priors import CORRELATION_LENGTHS
 
 FAILED_SHARE = 0.001
 NARROW_COVERAGE = 0.7
+NEAR_THE_BOUND = 0.95
+"""Quantile of a correlation length's prior that its posterior median must not pass."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +102,24 @@ def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
             details.append(f"{name}: correlated noise stands for {size} of the record's variance")
     if details:
         yield _notice(results, "The noise model takes what the physics lacks", details)
+
+
+def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
+    """Correlated noise that would last longer than its prior lets it."""
+    details = []
+    for name in results.names("noise"):
+        if not name.endswith(CORRELATION_LENGTHS) or name not in results.prior:
+            continue
+        prior, found = results.prior[name].values, results.posterior[name].values
+        if np.median(found) > np.quantile(prior, NEAR_THE_BOUND):
+            unit = results.label(name)["unit"]
+            details.append(
+                f"{name}: {np.median(found):.3g} {unit}, at the longest that its prior allows; "
+                "what the model leaves lasts longer, so a process is missing and bands are too "
+                "narrow"
+            )
+    if details:
+        yield _notice(results, "The noise is cut short by its prior", details)
 
 
 def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
@@ -207,6 +230,7 @@ def _listed(names: list[str], most: int = 6) -> str:
 CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
     extrapolation,
     noise_took_physics,
+    noise_at_its_bound,
     noise_diagnostic_only,
     set_by_prior,
     moved_by_both,
