@@ -106,7 +106,8 @@ def _climb(
         values = target(start + (u + shifts) @ factor.T)
         if not np.isfinite(values[0]):
             return 1e300, np.zeros(dimension)
-        gradient = (values[1 : dimension + 1] - values[dimension + 1 :]) / (2 * STEP)
+        with np.errstate(invalid="ignore"):
+            gradient = (values[1 : dimension + 1] - values[dimension + 1 :]) / (2 * STEP)
         return -float(values[0]), -np.where(np.isfinite(gradient), gradient, 0.0)
 
     found = minimize(
