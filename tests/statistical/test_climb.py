@@ -84,3 +84,9 @@ def test_a_direction_a_billion_times_thinner_than_another_has_a_factor():
     assert np.array_equal(factor, np.tril(factor))
     assert (np.diag(factor) > 0.0).all()
     assert np.prod(np.diag(factor)) == pytest.approx(1e-15, rel=1e-4)
+
+
+def test_a_handful_of_particles_is_climbed_from_too():
+    rng = np.random.default_rng(9)
+    few = population(MEAN + 0.01 * rng.standard_normal((3, DIMENSION)), thin_normal)
+    assert max(peak.log_density for peak in find_peaks(thin_normal, few, rng)) > 6.9

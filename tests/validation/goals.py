@@ -63,7 +63,7 @@ def by_tests(*names: str) -> Callable[[Path], Iterator[Found]]:
 
     def find(folder: Path) -> Iterator[Found]:
         for name in names:
-            yield name, "asserted by `make test`", "yes"
+            yield name, "asserted at every change", "by make test"
 
     return find
 

@@ -16,6 +16,8 @@ from deabayes.pipeline.prepare import read_experiments
 from deabayes.study import Study, fit_settings
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from deabayes.posterior import LogPosterior
     from deabayes.prior import PriorFromPosterior
 
@@ -103,6 +105,16 @@ def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
 
     specimen = read_specimen(study.specimen)
     return build(study, candidate, specimen, read_experiments(prepared), inherited_prior(study))
+
+
+def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
+    """The study that a posterior file is of, and the log-posterior that its draws are of."""
+    from deabayes.own_models import restore
+    from deabayes.study import from_settings
+
+    restore(tree.attrs)
+    study = from_settings(json.loads(tree.attrs["study"]))
+    return study, build_target(study, tree.attrs["candidate"], prepared)
 
 
 def inherited_prior(study: Study) -> PriorFromPosterior | None:

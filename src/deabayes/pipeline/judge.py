@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.files import write_atomically, write_text_atomically
-from deabayes.pipeline.identify import build_target, seed_of
+from deabayes.pipeline.identify import seed_of, stored_target
 from deabayes.pipeline.prepare import read_experiments
 
 PREDICTION_DRAWS = 1000
@@ -19,15 +19,11 @@ ANNEALED_DRAWS = 512
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
     from deabayes import scoring
-    from deabayes.own_models import restore
     from deabayes.storage import read_tree
-    from deabayes.study import from_settings
 
     tree = read_tree(posterior)
-    restore(tree.attrs)
-    study = from_settings(json.loads(tree.attrs["study"]))
+    study, target = stored_target(tree, prepared)
     candidate = tree.attrs["candidate"]
-    target = build_target(study, candidate, prepared)
     z = tree["unconstrained_posterior"]["z"].values
     ess = float(tree["summary"]["ess_bulk"].min()) / z.shape[0]
     evidence = scoring.bridge_evidence(
@@ -56,16 +52,11 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
 def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence of one candidate by nested sampling: nested.json."""
     from deabayes.nested import nested
-    from deabayes.own_models import restore
     from deabayes.storage import read_tree
-    from deabayes.study import from_settings
 
     tree = read_tree(posterior)
-    restore(tree.attrs)
-    study = from_settings(json.loads(tree.attrs["study"]))
-    candidate = tree.attrs["candidate"]
-    target = build_target(study, candidate, prepared)
-    seed = seed_of(study, candidate, "nested sampling")
+    study, target = stored_target(tree, prepared)
+    seed = seed_of(study, tree.attrs["candidate"], "nested sampling")
     results, cpu = nested(target.log_likelihood_of_normal, target.dimension, seed)
     content = {
         "log_evidence_nested": float(results.logz[-1]),
@@ -113,17 +104,13 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
 def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path) -> None:
     """Rank the candidates of a study: comparison.csv."""
-    from deabayes.own_models import restore
     from deabayes.ranking import Ranked, comparison_table
     from deabayes.storage import read_tree
-    from deabayes.study import from_settings
 
     ranked = []
     for posterior in posteriors:
         tree = read_tree(posterior)
-        restore(tree.attrs)
-        study = from_settings(json.loads(tree.attrs["study"]))
-        target = build_target(study, tree.attrs["candidate"], prepared)
+        _, target = stored_target(tree, prepared)
         scores = json.loads(posterior.with_name("scores.json").read_text())
         ranked.append(Ranked(tree, target, scores | _nested_of(posterior)))
     table = comparison_table(ranked)

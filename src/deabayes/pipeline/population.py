@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.files import write_atomically
-from deabayes.pipeline.identify import build_target
+from deabayes.pipeline.identify import stored_target
 from deabayes.pipeline.judge import predict_candidate
 
 if TYPE_CHECKING:
@@ -75,12 +74,7 @@ def fit_population(population: Population, results: Path, output: Path, progress
 
 def prior_of(tree: xr.DataTree, prepared: Path) -> Prior:
     """The prior of all parameters of a fitted candidate, as its study gives it."""
-    from deabayes.own_models import restore
-    from deabayes.study import from_settings
-
-    restore(tree.attrs)
-    study = from_settings(json.loads(tree.attrs["study"]))
-    return build_target(study, tree.attrs["candidate"], prepared).prior
+    return stored_target(tree, prepared)[1].prior
 
 
 def content_of(

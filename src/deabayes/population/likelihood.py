@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.sampling.cloud import systematic
 
 MOST_COMPONENTS = 4
 SPLIT_GAIN = 6.0
@@ -75,7 +76,7 @@ def fit(
     weights = np.exp(-(log_rest - log_rest.min()))
     weights /= weights.sum()
     effective = independent / (len(phi) * np.sum(weights**2))
-    even = white[_resampled(weights, rng)]
+    even = white[systematic(weights, rng)]
     shares, means, covariances = _mixture(even, effective, rng)
     misfit = _misfit(even, shares, means, covariances)
     log_v, a, b = _divided(shares, means, covariances)
@@ -125,13 +126,6 @@ def _mixture(
             best, lowest = model.fit(white), model.bic(worth)
     assert best is not None
     return best.weights_, best.means_, best.covariances_
-
-
-def _resampled(weights: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Systematic resampling: indices (K,) that repeat each draw as its weight says."""
-    size = len(weights)
-    places = (rng.random() + np.arange(size)) / size
-    return np.minimum(np.searchsorted(np.cumsum(weights), places), size - 1)
 
 
 def _misfit(

@@ -59,9 +59,9 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
         covariance_factor(np.cov(population.particles, rowvar=False)),
     )
     best_first = np.argsort(-(population.log_base + population.log_increment))
-    late = [best_first[0], *rng.choice(len(particles), LATE - 1, replace=False)]
-    early = rng.choice(len(population.early), EARLY, replace=False)
-    begun = [_climb(target, start, factor, SHORT) for start in population.early[early]]
+    late = [best_first[0], *rng.permutation(len(particles))[: LATE - 1]]
+    early = population.early[rng.permutation(len(population.early))[:EARLY]]
+    begun = [_climb(target, start, factor, SHORT) for start in early]
     begun.sort(key=lambda reached: -reached[1])
     starts = [*particles[late], *(z for z, _ in begun[:PROMISING])]
     found = [_climb(target, start, factor) for start in starts]

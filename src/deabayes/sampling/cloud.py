@@ -69,7 +69,7 @@ class Cloud:
     def resample(self, step: float) -> None:
         usable = np.isfinite(self.increment)
         largest = self.increment[usable].max()
-        chosen = _systematic(np.exp(step * (self.increment - largest)), self.rng)
+        chosen = systematic(np.exp(step * (self.increment - largest)), self.rng)
         self.z, self.base = self.z[chosen], self.base[chosen]
         self.increment = self.increment[chosen]
 
@@ -156,8 +156,8 @@ class Cloud:
         self._accept(np.arange(len(self.z)), proposed, factor, beta)
 
 
-def _systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Indices of systematic resampling."""
+def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Systematic resampling: indices (K,) that repeat each particle as its weight (K,) says."""
     points = (np.arange(len(weights)) + rng.random()) / len(weights)
     cumulative = np.cumsum(weights) / weights.sum()
     return np.minimum(np.searchsorted(cumulative, points, side="right"), len(weights) - 1)
