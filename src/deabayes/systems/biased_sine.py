@@ -121,9 +121,13 @@ def fundamental_pressure(
     if circuit is None:
         in_phase = 2.0 * per_square[:, None] * amplitude * bias
         return np.broadcast_to(in_phase, (per_square.size, np.shape(frequency)[-1])).astype(complex)
-    angular = 2.0 * np.pi * np.asarray(frequency)
-    a_1, a_2, _, a_4 = charge_coefficients(circuit, amplitude, bias, angular)
-    return np.asarray(2.0 * per_square[:, None] * a_4 * (a_1 - 1j * a_2))
+    # 2 k A_4 (A_1 - i A_2) = 2 k g^2 A B / (1 + i omega tau_e)
+    steady = 2.0 * per_square * circuit.gain**2 * amplitude * bias
+    lag = 2.0 * np.pi * np.asarray(frequency) * circuit.time_constant[:, None]
+    found = np.empty(lag.shape, dtype=complex)
+    found.real = steady[:, None] / (1.0 + lag**2)
+    found.imag = -lag * found.real
+    return found
 
 
 def _at(circuit: Circuit, sine: BiasedSine) -> list[FloatArray]:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.integrate.charged import charged_response
 from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.modal import modal_response
 from deabayes.integrate.state_space import StateSpace
 from deabayes.systems.base import Derived
 
@@ -86,7 +86,7 @@ class Circuit:
 
     def drive(self, space: StateSpace, voltage: Hold) -> FloatArray:
         """What v_C^2 does to linear systems, (W, N), from rest; exact, v_AMP held with power 1."""
-        return charged_response(space, self.gain, 1.0 / self.time_constant, voltage)
+        return modal_response(space, voltage, self.gain, 1.0 / self.time_constant)
 
     def current(self, amplifier: FloatArray, charged: FloatArray) -> FloatArray:
         """The amplifier's current (v_AMP - v_C) / R_S (W, N) [A]."""

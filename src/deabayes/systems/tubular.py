@@ -11,6 +11,7 @@ from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import Hold, hold, relaxation_response
+from deabayes.integrate.modal import modal_response
 from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
@@ -236,9 +237,9 @@ class Tubular(TubularBase):
         driven : the amplifier's voltage if there is a circuit, else the voltage squared.
         """
         space = self._space(chain, load, draws)
-        return (
-            self.circuit_of(draws).drive(space, driven) if self.circuit else space.response(driven)
-        )
+        if self.circuit:
+            return self.circuit_of(draws).drive(space, driven)
+        return modal_response(space, driven)
 
     def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
         """From pressure to strain, under a load [kg] if the candidate has mass."""

@@ -115,5 +115,6 @@ def phase(harmonic: ComplexArray, frequency: FloatArray, sensor_delay: float = 0
     Circuit and chain lag by up to 3/4 of a turn, so the argument is taken between
     -2 pi and 0; the sensor adds -omega times its delay [s] without end.
     """
-    lag = -np.mod(-np.angle(harmonic), 2.0 * np.pi)
+    argument = np.angle(harmonic)
+    lag = np.where(argument > 0.0, argument - 2.0 * np.pi, argument)
     return lag - 2.0 * np.pi * frequency * sensor_delay

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from deabayes.distributions import LogNormal, LogUniform
@@ -107,7 +108,10 @@ class Chain:
 
     def complex_compliance(self, rate: ComplexArray) -> ComplexArray:
         """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s as above."""
-        return self.instantaneous[:, None] + np.sum(self.unit_compliances(rate), axis=1)
+        rate = np.atleast_2d(np.asarray(rate, dtype=complex))
+        total = np.empty((self.instantaneous.size, rate.shape[1]), dtype=complex)
+        _fill_compliance(self.instantaneous, self.compliances, self.time_constants, rate, total)
+        return total
 
     def derived(self) -> dict[str, Derived]:
         """`compliance_*` at 10, 100 and 500 ms and in the end [1/Pa], `eta_n` [Pa s]."""
@@ -128,3 +132,18 @@ class Chain:
                 rf"\eta_{{{n}}}", "Pa*s", f"viscosity of Kelvin unit {n}", viscosity
             )
         return result
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_compliance(instantaneous, compliances, times, rates, total) -> None:  # type: ignore[no-untyped-def]
+    """Fill D*(s) (W, R) at the rates (W, R), or (1, R) for all draws."""
+    own = rates.shape[0] > 1
+    for w in range(total.shape[0]):
+        for r in range(total.shape[1]):
+            rate, real, imaginary = rates[w if own else 0, r], instantaneous[w], 0.0
+            for n in range(times.shape[1]):
+                x, y = 1.0 + times[w, n] * rate.real, times[w, n] * rate.imag
+                share = compliances[w, n] / (x * x + y * y)
+                real += share * x
+                imaginary -= share * y
+            total[w, r] = complex(real, imaginary)

@@ -54,8 +54,8 @@ class MovingChain:
 
     def transfer(self, rate: ComplexArray) -> ComplexArray:
         """Strain per pressure (W, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
-        stiffness = 1.0 / self.chain.complex_compliance(rate)
-        return 1.0 / (stiffness + self.inertia[:, None] * rate**2)
+        compliance = self.chain.complex_compliance(rate)
+        return compliance / (1.0 + self.inertia[:, None] * rate**2 * compliance)
 
     def states(self, rate: ComplexArray) -> ComplexArray:
         """States (W, n, R) per pressure while all grows as exp(s t), s as above but -1/tau_n."""
