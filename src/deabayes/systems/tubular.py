@@ -258,7 +258,4 @@ class Tubular(TubularBase):
         """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
         thickness = self.quantity("thickness", draws)
         thickness = np.where(thickness > 0.0, thickness, np.nan)
-        pressure = maxwell_pressure(
-            voltage, thickness, self.quantity("relative_permittivity", draws)
-        )
-        return np.broadcast_to(pressure, np.shape(draws["E_0"]))
+        return maxwell_pressure(voltage, thickness, self.quantity("relative_permittivity", draws))

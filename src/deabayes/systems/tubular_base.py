@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -83,6 +84,10 @@ class TubularBase(System):
             replace(self.specimen, quantities=self.stated()), symbols, units
         )
 
+    @cached_property
+    def _stated(self) -> Mapping[str, Quantity]:
+        return self.stated()
+
     def stated(self) -> Mapping[str, Quantity]:
         """The specimen's quantities and, of its masses, what moves without a load."""
         given = self.specimen.quantities
@@ -93,9 +98,9 @@ class TubularBase(System):
     def quantity(self, name: str, draws: Draws) -> FloatArray:
         """A quantity of the specimen (W,): its draws where it is a parameter, else its value."""
         given = draws.get(name)
-        if given is None:
-            given = np.asarray(self.stated()[name].value)
-        return np.broadcast_to(given, np.shape(next(iter(draws.values()), np.zeros(1))))
+        if given is not None:
+            return given
+        return np.full(np.shape(next(iter(draws.values()), np.zeros(1))), self._stated[name].value)
 
     def circuit_of(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""
