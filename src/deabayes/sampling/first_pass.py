@@ -20,6 +20,7 @@ from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
 from deabayes.sampling.cloud import Hop, LogDensity, Schedule
 from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal, fit
 from deabayes.sampling.run import DROPPED_SHARE, Run, Target, stage_seed
 from deabayes.sampling.smc import Population, from_prior, settle
@@ -104,10 +105,8 @@ def _warm_up(
     seed: np.random.SeedSequence,
     progress: bool,
 ) -> Arrays:
-    from tqdm import tqdm
-
     particles = max(settings.particles, settings.walkers)
-    with tqdm(total=100, desc="warm-up", unit="%", disable=not progress) as bar:
+    with progress_bar(progress, total=100, desc="warm-up", unit="%") as bar:
 
         def report(beta: float, rounds: int) -> None:
             bar.set_postfix_str(f"beta {beta:.2g}, {rounds} rounds", refresh=False)

@@ -14,6 +14,7 @@ from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, ran
 from deabayes.sampling.cloud import Hop, LogDensity
 from deabayes.sampling.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
 from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.smc import log_standard_normal
 from deabayes.study import Sampling
@@ -84,18 +85,16 @@ class Run:
 
     def advance(self, limit: int, stop_when_enough: bool, progress: bool) -> None:
         """Sample to `limit` steps, or until the gates of a single run pass."""
-        from tqdm import tqdm
-
         from deabayes.sampling.moves import build_sampler
 
         sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.hop)
         goal = max(limit // self.thin, 1)
-        with tqdm(
+        with progress_bar(
+            progress,
             total=goal * self.thin,
             initial=self.stored * self.thin,
             desc=self.label,
             unit="step",
-            disable=not progress,
         ) as bar:
             while (done := self.stored) < goal and not (stop_when_enough and self._enough()):
                 length = min(max(-(-100 // self.thin), int(0.15 * done)), goal - done)
@@ -103,7 +102,8 @@ class Run:
                 chunk |= self._check(chunk["chain"], goal)
                 self.store.append(chunk)
                 times, rank = float(chunk["times"]), float(chunk["r_hat"])
-                bar.set_postfix_str(f"{times:.0f} autocorrelation times, R-hat {rank:.3f}")
+                far = f"{times:.0f} autocorrelation times, R-hat {rank:.3f}"
+                bar.set_postfix_str(far, refresh=False)
 
     def _enough(self) -> bool:
         chunks = self.store.chunks()
