@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -210,29 +210,29 @@ def _split(study: Study, column: str | None) -> list[Study]:
     from deabayes.reading.table import read_table, values_of
 
     rows = read_table(study.specimen)
-    known = [row.name for row in rows]
     parts = []
     for value in values_of(study.specimen, column):
-        names = [row.name for row in rows if str(row.metadata.get(column)) == value]
+        # A name that no part knows stays in all, to be said.
+        others = {row.name for row in rows if str(row.metadata.get(column)) != value}
         parts.append(
             replace(
                 study,
                 name=f"{study.name}_{re.sub(r'[^A-Za-z0-9.-]+', '_', value).strip('_')}",
                 select={**study.select, column: value},
-                calibrate=_those_of(study.calibrate, names),
-                validate=_those_of(study.validate, names),
+                calibrate=_without(others, study.calibrate),
+                validate=_without(others, study.validate),
                 further_experiments={
                     key: settings
                     for key, settings in study.further_experiments.items()
-                    if settings["like"] in names or settings["like"] not in known
+                    if settings["like"] not in others
                 },
             )
         )
     return parts
 
 
-def _those_of(listed: tuple[str, ...] | None, names: Sequence[str]) -> tuple[str, ...] | None:
-    return tuple(name for name in listed or () if name in names) or None
+def _without(others: Set[str], listed: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    return None if listed is None else tuple(name for name in listed if name not in others)
 
 
 def _check_names(studies: Sequence[Study], where: str) -> None:

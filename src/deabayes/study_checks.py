@@ -200,9 +200,10 @@ def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Exper
         taken = {row.name for row in used}
         used += [replace(row, role=role) for row in chosen if row.name not in taken]
         if role == "calibrate" and not chosen and not unknown:
+            by_role = "give one the role `calibrate` in experiments.csv"
+            todo = by_role if names is None else "name one of its records under `calibrate`"
             faults.append(
-                f"study {study.name}: no record to calibrate on in {study.specimen}; give one "
-                "the role `calibrate` in experiments.csv"
+                f"study {study.name}: no record to calibrate on in {study.specimen}; {todo}"
             )
     return used
 

@@ -270,7 +270,7 @@ def test_a_fault_elsewhere_stays_a_traceback(place: Path, monkeypatch: pytest.Mo
         raise RuntimeError("ours")
 
     load_models(MODEL)
-    monkeypatch.setattr("deabayes.by_hand.check_by_name", broken)
+    monkeypatch.setattr("deabayes.commands.checks.check_by_name", broken)
     with pytest.raises(RuntimeError, match="ours"):
         main(("check", "stack"))
 

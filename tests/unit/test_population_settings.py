@@ -143,3 +143,29 @@ def test_the_command_says_a_misspelt_name(folder: Path, capsys: pytest.CaptureFi
         main(["population", "stripes", "--config", str(config(folder))])
     assert ended.value.code == 1
     assert "did you mean 'strips'" in capsys.readouterr().err
+
+
+def test_check_looks_at_a_population_and_all_its_studies(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = config(folder)
+    main(("check", "strips", "--config", str(path)))
+    said = capsys.readouterr().out
+    assert "population strips: 3 specimens by kv_gm_2, mu_alpha, tau_beta_1" in said
+    assert [said.count(f"in {folder / n / 'strip'}") for n in "abcd"] == [1, 1, 1, 0]
+
+
+def test_check_says_what_is_wrong_with_a_population_or_its_studies(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(("check", "strips", "--config", str(config(folder, parameters=["mu_alfa"]))))
+    assert "mu_alfa" in capsys.readouterr().err
+    path = config(folder)
+    text = path.read_text().replace("  strip_b:\n", "  strip_b:\n    calibrate: [relacks]\n")
+    path.write_text(text)
+    with pytest.raises(SystemExit):
+        main(("check", "strips", "--config", str(path)))
+    told = capsys.readouterr()
+    assert "strip_b" in told.err and "relacks" in told.err
+    assert f"in {folder / 'c' / 'strip'}" in told.out, "the others are still looked at"

@@ -120,13 +120,19 @@ def test_split_by_a_column(config: Path) -> None:
     replace_in(folder / "experiments.csv", "note,stretch_rate_per_s", "material,note")
     replace_in(folder / "experiments.csv", "force,first,", "force,Soft 00-30,")
     replace_in(folder / "experiments.csv", "force,,0.05", "force,Hard,")
-    asked = "further_experiments: {again: {like: relax}, misspelt: {like: relaks}}"
+    further = "further_experiments: {again: {like: relax}, misspelt: {like: relaks}}"
+    asked = f"calibrate: [relax, relacks], validate: [], {further}"
     config.write_text(
         f"studies: {{s: {{specimen: strip, candidates: [gent], split_by: material, {asked}}}}}"
     )
+    from deabayes.study_checks import check_names
+
     soft, hard = load_studies(config)
     assert set(soft.further_experiments) == {"again", "misspelt"}
     assert set(hard.further_experiments) == {"misspelt"}, "its record is not of this part"
+    assert (soft.calibrate, hard.calibrate) == (("relax", "relacks"), ("relacks",))
+    assert soft.validate == hard.validate == ()
+    assert "no experiment 'relacks'; did you mean 'relax'?" in " ".join(check_names(soft))
     assert (soft.name, soft.select) == ("s_Soft_00-30", {"material": "Soft 00-30"})
     assert (hard.name, hard.select) == ("s_Hard", {"material": "Hard"})
     config.write_text("studies: {s: {specimen: strip, candidates: [gent], split_by: materiel}}")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deabayes.by_hand import weigh_experiments
+from deabayes.commands.by_hand import weigh_experiments
 from deabayes.pipeline import compare_candidates
 from deabayes.storage import read_tree, write_tree
 

@@ -133,7 +133,7 @@ def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) ->
     digest = hashlib.sha256(candidate.encode())
     settings = json.dumps(fit_settings(study), sort_keys=True, default=str)
     digest.update(settings.encode())
-    above = {"analyses", "figures", "report", "export"}
+    above = {"analyses", "commands", "export", "figures", "report"}
     for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:
         if path.parent.name not in above:
             digest.update(path.read_bytes())

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from deabayes.command_options import CONFIG, RESULTS, TARGET
-from deabayes.faults import Faults, UserError, nearest
-
-if TYPE_CHECKING:
-    from deabayes.population.settings import Population
+from deabayes.commands.find import find_population
+from deabayes.commands.options import CONFIG, RESULTS, TARGET
 
 
 @click.command()
@@ -31,25 +27,9 @@ def population(population: str, config: Path, results: Path, output: Path | None
     if Path(population).suffix in (".yaml", ".yml"):
         found = load_population(Path(population))
     else:
-        found = _find(population, config)
+        found = find_population(population, config)
     folder = output or results / FOLDER / found.name
     said = fit_population(found, results, folder, progress=True)
     if Path(population) != folder / SETTINGS:
         write_population(found, folder / SETTINGS)
     click.echo(said)
-
-
-def _find(name: str, config: Path) -> Population:
-    """A population of a config by name, checked against its studies."""
-    from deabayes.population.checks import check_population
-    from deabayes.population.settings import load_populations
-    from deabayes.study import load_studies
-
-    populations = {each.name: each for each in load_populations(config)}
-    if name not in populations:
-        raise UserError(f"{config}: has no population {name!r}{nearest(name, populations)}")
-    studies = {study.name: study for study in load_studies(config)}
-    faults = check_population(populations[name], studies)
-    if faults:
-        raise Faults(faults)
-    return populations[name]

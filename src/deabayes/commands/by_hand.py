@@ -2,46 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.commands.checks import checked
+from deabayes.commands.find import find_study
+from deabayes.faults import UserError, nearest
 from deabayes.study import Study
 
 if TYPE_CHECKING:
     from deabayes.experiment import FloatArray
-
-
-def find_study(study: str, config: Path) -> Study:
-    """A study by its settings file (`results/NAME/study.yaml`) or by its name in `config`."""
-    from deabayes.study import load_studies, load_study
-
-    if Path(study).suffix in (".yaml", ".yml"):
-        return load_study(Path(study))
-    studies = {each.name: each for each in load_studies(config)}
-    if study not in studies:
-        raise UserError(f"{config}: has no study {study!r}{nearest(study, studies)}")
-    return studies[study]
-
-
-def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
-    """Check a study folder, or a study with its folder; faults are raised once all is said."""
-    from deabayes.checking import check_folder
-    from deabayes.model_files import load_for
-    from deabayes.reading.specimen import system_named
-
-    if Path(what).is_dir() or Path(what).name != what:
-        load_for(system_named(Path(what)), config)
-        report = check_folder(Path(what))
-        say(report.text(with_faults=False))
-        if report.faults:
-            raise Faults(report.faults)
-        return
-    study = find_study(what, config)
-    say(check_folder(study.specimen, study.data_root).text(with_faults=False))
-    for warning in _checked(study):
-        say(f"  - {warning}")
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
@@ -58,18 +29,8 @@ def prepare_by_name(study: str, config: Path, output: Path) -> None:
     from deabayes.pipeline import prepare_study
 
     found = find_study(study, config)
-    _checked(found)
+    checked(found)
     prepare_study(found, output)
-
-
-def _checked(study: Study) -> list[str]:
-    """The warnings on a study; its faults are raised."""
-    from deabayes.study_checks import check_study
-
-    faults, warnings = check_study(study)
-    if faults:
-        raise Faults(faults)
-    return warnings
 
 
 def fit_one(
@@ -106,7 +67,7 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
 
     found = find_study(study, config)
     _known(found, candidate)
-    _checked(found)
+    checked(found)
     prepared, folder = results / found.name / "prepared", results / found.name / candidate
     prepare_study(found, prepared)
     count = found.sampling.ensembles

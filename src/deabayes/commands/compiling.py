@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.by_hand import find_study
+from deabayes.commands.find import find_study
 
 if TYPE_CHECKING:
     from deabayes.experiment import Experiment

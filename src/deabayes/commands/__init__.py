@@ -1,0 +1,1 @@
+"""The subcommands of `deabayes`, each a thin layer over one function of the library."""

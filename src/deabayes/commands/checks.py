@@ -1,0 +1,76 @@
+"""What `deabayes check` says of a folder, a study or a population."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deabayes.commands.find import find_population, find_study
+from deabayes.faults import Faults, UserError
+
+if TYPE_CHECKING:
+    from deabayes.population.settings import Population
+    from deabayes.study import Study
+
+
+def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
+    """Check a study folder, a study with its folder, or a population and its studies.
+
+    Faults are raised once all is said.
+    """
+    from deabayes.population.settings import load_populations
+
+    if Path(what).is_dir() or Path(what).name != what:
+        _check_folder(Path(what), config, say)
+    elif any(each.name == what for each in load_populations(config)):
+        _check_population(find_population(what, config), config, say)
+    else:
+        _check_study(find_study(what, config), say)
+
+
+def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> None:
+    from deabayes.checking import check_folder
+    from deabayes.model_files import load_for
+    from deabayes.reading.specimen import system_named
+
+    load_for(system_named(folder), config)
+    report = check_folder(folder)
+    say(report.text(with_faults=False))
+    if report.faults:
+        raise Faults(report.faults)
+
+
+def _check_study(study: Study, say: Callable[[str], None]) -> None:
+    from deabayes.checking import check_folder
+
+    say(check_folder(study.specimen, study.data_root).text(with_faults=False))
+    for warning in checked(study):
+        say(f"  - {warning}")
+
+
+def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
+    """Its settings are sound by now; what is left are its members, all of them."""
+    say(
+        f"population {population.name}: {len(population.studies)} specimens by "
+        f"{population.candidate}, {', '.join(population.parameters)} scatter between them"
+    )
+    faults: list[str] = []
+    for name in population.studies:
+        say("")
+        try:
+            _check_study(find_study(name, config), say)
+        except UserError as error:
+            faults += str(error).splitlines()
+    if faults:
+        raise Faults(faults)
+
+
+def checked(study: Study) -> list[str]:
+    """The warnings on a study; its faults are raised."""
+    from deabayes.study_checks import check_study
+
+    faults, warnings = check_study(study)
+    if faults:
+        raise Faults(faults)
+    return warnings

@@ -1,0 +1,65 @@
+"""Commands that show what posteriors say: predictions, figures, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from deabayes.commands.options import EXISTING, RESULTS, TARGET
+
+
+@click.command()
+@click.argument("posterior")
+@RESULTS
+@click.option("--prepared", type=EXISTING, help="Default: prepared/ of the posterior's study.")
+@click.option("-o", "--output", type=TARGET, help="Folder; default: predictions/ beside it.")
+@click.option("--errors", type=TARGET, help="Default: errors.csv beside the posterior.")
+def predict(
+    posterior: str,
+    results: Path,
+    prepared: Path | None,
+    output: Path | None,
+    errors: Path | None,
+) -> None:
+    """Predict every record, with three bands, and score the predictions.
+
+    POSTERIOR is a file, or the name of a fitted study (all its candidates).
+    """
+    from deabayes.commands.by_hand import predict_posteriors
+
+    click.echo(predict_posteriors(posterior, results, prepared, output, errors))
+
+
+@click.command()
+@click.argument("results", type=EXISTING)
+@click.option("-o", "--output", type=TARGET, help="Folder; default: analyses/ in RESULTS.")
+def analyse(results: Path, output: Path | None) -> None:
+    """Compute what papers of the system report, from one study's results folder (results/NAME)."""
+    from deabayes.pipeline import analyse_study
+
+    analyse_study(results, output or results / "analyses")
+
+
+@click.command()
+@click.argument("results", type=EXISTING)
+@click.option("-o", "--output", type=TARGET, required=True)
+def figures(results: Path, output: Path) -> None:
+    """Draw every figure of one study's results folder (results/NAME)."""
+    from deabayes.pipeline import draw_figures
+
+    draw_figures(results, output)
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, type=EXISTING)
+@click.option("-o", "--output", type=TARGET, default=Path("results/report/index.html"))
+@click.option("--tables", type=TARGET, default=Path("results/report/tables"))
+@click.option("--left-out", multiple=True, help="A line on a study that could not be run.")
+def report(folders: Sequence[Path], output: Path, tables: Path, left_out: Sequence[str]) -> None:
+    """Build the report page from results folders (results/NAME ...)."""
+    from deabayes.pipeline import build_report
+
+    build_report(folders, output, tables, left_out)
+    click.echo(f"Report: {output.resolve()}")

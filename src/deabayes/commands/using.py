@@ -1,0 +1,52 @@
+"""Commands for other programs: responses of a model, draws in other formats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from deabayes.commands.options import CONFIG, EXISTING, TARGET
+
+
+@click.command()
+@click.argument("system")
+@click.argument("candidate")
+@click.option("--specimen", type=EXISTING, required=True, help="Study folder (specimen.yaml).")
+@click.option("--excitation", type=EXISTING, required=True, help="A record with time and drive.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, SI.")
+@click.option("-o", "--output", type=TARGET, required=True, help="response.csv")
+@CONFIG
+def simulate(
+    system: str,
+    candidate: str,
+    specimen: Path,
+    excitation: Path,
+    settings: Sequence[str],
+    output: Path,
+    config: Path,
+) -> None:
+    """Simulate the response of CANDIDATE of SYSTEM to an excitation record."""
+    from deabayes.commands.by_hand import simulate_record
+
+    simulate_record(system, candidate, specimen, excitation, settings, output, config)
+
+
+@click.command()
+@click.argument("posterior", type=EXISTING)
+@click.option("--to", required=True, help="csv, json, mat, state-space")
+@click.option("-o", "--output", type=TARGET, required=True)
+@click.option("--rate", help="state-space: also discrete, at this sample rate ('10 kHz').")
+@click.option("--draws", type=click.IntRange(min=1), help="state-space: how many  [default: 200]")
+@click.option("--load-g", type=float, help="state-space: hung mass in g  [default: 0]")
+@click.option("--bias", help="state-space: linearise about this voltage ('2 kV').")
+def export(posterior: Path, to: str, output: Path, **options: object) -> None:
+    """Write the draws of POSTERIOR in another program's format.
+
+    state-space: A, B, C, D of every draw of a linear model, as .json or .mat by
+    OUTPUT's ending. The input is the squared voltage, with --bias the voltage.
+    """
+    from deabayes.pipeline import export_posterior
+
+    export_posterior(posterior, to, output, **options)
