@@ -176,6 +176,12 @@ def inherited_posterior(wildcards):
     return [] if source is None else [source]
 
 
+def pooling_threads(wildcards, input):
+    """Half of the cores, one ensemble each: a pool does not sample all the time it runs."""
+    cores = workflow.cores or 2 * len(input.ensembles)
+    return max(1, min(cores // 2, len(input.ensembles)))
+
+
 def ensembles_of(wildcards):
     """One file per ensemble of a candidate."""
     count = STUDIES[wildcards.study].sampling.ensembles

@@ -80,7 +80,8 @@ rule pool:
         summary="<results>/{study}/{candidate}/summary.csv",
     log:
         "<results>/{study}/{candidate}/logs/pool.log",
-    threads: 1
+    threads: pooling_threads
     shell:
         "logged {log} deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
         " --prepared {input.prepared} -o {output.posterior} --summary {output.summary}"
+        " --processes {threads}"

@@ -51,13 +51,13 @@ def pool_by_name(
     ensembles: Sequence[Path],
     output: Path,
     summary: Path,
+    processes: int,
 ) -> None:
     """Pool the ensembles of a candidate."""
     from deabayes.pipeline import pool_candidate
 
-    pool_candidate(
-        find_study(study, config), candidate, prepared, ensembles, output, summary, progress=True
-    )
+    found = find_study(study, config)
+    pool_candidate(found, candidate, prepared, ensembles, output, summary, True, processes)
 
 
 def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:

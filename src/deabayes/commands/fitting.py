@@ -78,6 +78,7 @@ def fit(
 @click.option("--prepared", type=EXISTING, required=True)
 @click.option("-o", "--output", type=TARGET, required=True, help="posterior.nc")
 @click.option("--summary", type=TARGET, required=True, help="summary.csv")
+@click.option("--processes", type=click.IntRange(min=1), default=1, show_default=True)
 def pool(
     study: str,
     candidate: str,
@@ -86,8 +87,12 @@ def pool(
     prepared: Path,
     output: Path,
     summary: Path,
+    processes: int,
 ) -> None:
-    """Pool the ENSEMBLES of a candidate: diagnostics, posterior file, summary."""
+    """Pool the ENSEMBLES of a candidate: diagnostics, posterior file, summary.
+
+    Where they fail a gate they are sampled on, with --processes side by side.
+    """
     from deabayes.commands.by_hand import pool_by_name
 
-    pool_by_name(study, candidate, config, prepared, ensembles, output, summary)
+    pool_by_name(study, candidate, config, prepared, ensembles, output, summary, processes)

@@ -57,6 +57,7 @@ def pool_candidate(
     output: Path,
     summary: Path,
     progress: bool,
+    processes: int = 1,
 ) -> None:
     """Judge the ensembles together and sample on if a gate fails: posterior.nc, summary.csv.
 
@@ -82,6 +83,7 @@ def pool_candidate(
         progress,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
         hop=UnitHop.of(target.prior),
+        processes=processes,
     )
     content = PosteriorContent.of(
         study,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.cloud import Hop, LogDensity
 from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.ensemble import Ensemble, align
+from deabayes.sampling.forked import run_apart
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.refit import better_proposals, leave_out
 from deabayes.sampling.run import MINIMUM_STEPS, Run, Target, stage_seed
@@ -56,6 +58,7 @@ def pool(
     progress: bool = False,
     quantities: Quantities | None = None,
     hop: Hop | None = None,
+    processes: int = 1,
 ) -> PooledResult:
     """Judge ensembles together; when a gate fails, refit the proposals and sample on.
 
@@ -71,6 +74,8 @@ def pool(
     quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and
         derived quantities; the coordinates of z when None.
     hop : as the ensembles were sampled with.
+    processes : how many ensembles are sampled on side by side, where checkpoints are kept in a
+        folder; the draws do not depend on it.
     """
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
@@ -94,10 +99,7 @@ def pool(
         if total >= most:
             break
         total = min(_next_total(total, refits, convergence, settings), most)
-        current = tuple(
-            _continue(run, before, total, settings, progress)
-            for run, before in zip(runs, ensembles, strict=True)
-        )
+        current = _continue_all(runs, ensembles, total, settings, progress, processes)
         convergence = judge(current, settings, quantities)
     return PooledResult(current, convergence)
 
@@ -183,6 +185,26 @@ def _refit(
     fitted = Proposal.from_arrays(arrays)
     pairs = zip(ensembles, arrays["refitted"], strict=True)
     return [fitted if is_new else each.proposal for each, is_new in pairs]
+
+
+def _continue_all(
+    runs: Sequence[Run],
+    ensembles: Sequence[Ensemble],
+    total: int,
+    settings: Sampling,
+    progress: bool,
+    processes: int,
+) -> tuple[Ensemble, ...]:
+    """Every ensemble sampled on to a total of steps; what is on disk already is not done again."""
+    tasks = [
+        partial(_continue, run, before, total, settings, progress)
+        for run, before in zip(runs, ensembles, strict=True)
+    ]
+    if processes > 1 and all(run.store.folder is not None for run in runs):
+        run_apart(tasks, processes)
+        for run in runs:
+            run.store.read_again()
+    return tuple(task() for task in tasks)
 
 
 def _continue(
