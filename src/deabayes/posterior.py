@@ -21,6 +21,7 @@ from deabayes.residual_scale import ResidualScale
 from deabayes.study import Study
 from deabayes.systems import build as build_system
 from deabayes.systems.base import Simulator, System
+from deabayes.systems.batch import Batch
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class LogPosterior:
 
     def draws(self, theta: FloatArray) -> dict[str, FloatArray]:
         """Columns of theta (W, d) by parameter name, each (W,) and contiguous."""
-        return dict(zip(self.names, np.ascontiguousarray(theta.T), strict=True))
+        return Batch(dict(zip(self.names, np.ascontiguousarray(theta.T), strict=True)))
 
     def responses(self, theta: FloatArray) -> dict[str, FloatArray]:
         """f_e(theta), (W, N_e), by experiment."""

@@ -9,7 +9,7 @@ are long. Elsewhere (the two knots of a step, a triangle's corners) the lines st
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class Drive:
     restart: FloatArray
     peak: float
 
-    @property
+    @cached_property
     def varies(self) -> bool:
         """Whether the voltage changes over more than a twentieth of the time."""
         powers = np.linspace(0.0, 1.0, 9)[:, np.newaxis] ** np.arange(DEGREE + 1)

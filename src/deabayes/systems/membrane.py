@@ -29,6 +29,7 @@ from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.batch import once
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
 from deabayes.systems.specimen_quantities import quantity, uncertain_quantities
@@ -179,7 +180,11 @@ class Membrane(System):
         walkers = material.modulus.size
         limit = np.full(walkers, self.breakdown)
         if not self.leave_near_branch:
-            limit = material.pull_in(self.breakdown, FOLD_POINTS).stretch
+            limit = once(
+                draws,
+                (self, "limit"),
+                lambda: material.pull_in(self.breakdown, FOLD_POINTS).stretch,
+            )
         constants, units = material.constants(history, self.tolerance, limit)
         found = Integrated(
             np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
@@ -230,7 +235,11 @@ class Membrane(System):
         )
 
     def _material(self, draws: Draws) -> Material:
-        return Material.from_draws(self.model, self.specimen, draws)
+        return once(
+            draws,
+            (self, "material"),
+            lambda: Material.from_draws(self.model, self.specimen, draws),
+        )
 
     def _response(self, stretch: FloatArray, response: str, draws: Draws) -> FloatArray:
         if response == "stretch":

@@ -31,6 +31,7 @@ from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.batch import once
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.structure_candidates import StructureModel, examples
 from deabayes.systems.structure_hinge import FRAME, measured_hinge
@@ -236,7 +237,11 @@ class MinimumEnergyStructure(System):
 
     def structure(self, draws: Draws) -> Structure:
         """The constants of the draws."""
-        return Structure.from_draws(self.model, self.specimen, draws)
+        return once(
+            draws,
+            (self, "structure"),
+            lambda: Structure.from_draws(self.model, self.specimen, draws),
+        )
 
     def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
         """log N(measured; K(theta), sd) of the hinges' stiffness, (W,); zero if not measured."""

@@ -16,6 +16,7 @@ from deabayes.integrate.state_space import StateSpace
 from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.batch import once
 from deabayes.systems.delayed import delayed
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.tubular_base import (
@@ -139,7 +140,7 @@ class Tubular(TubularBase):
         mass = hung(excitation) if self.inertia else 0.0
 
         def simulate(draws: Draws) -> FloatArray:
-            chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+            chain = self._chain(draws)
             gain = self._pressure(1.0, draws)
             if response == "displacement":
                 gain = gain * self.quantity("active_length", draws)
@@ -158,10 +159,13 @@ class Tubular(TubularBase):
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
         """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        bias(excitation), hung(excitation)  # said before a draw is made
+        conditions = bias(excitation), hung(excitation)  # said before a draw is made
+        key = self, "harmonic", *conditions, frequency.tobytes()
 
         def simulate(draws: Draws) -> FloatArray:
-            harmonic = self.harmonic(excitation, draws).per_volt(frequency)
+            harmonic = once(
+                draws, key, lambda: self.harmonic(excitation, draws).per_volt(frequency)
+            )
             if response == "gain":
                 return np.abs(harmonic)
             lag = phase(harmonic, frequency)
@@ -174,7 +178,7 @@ class Tubular(TubularBase):
     def harmonic(self, excitation: Excitation, draws: Draws) -> Harmonic:
         """The answer to a small sine about the record's bias, under its load."""
         chain: voigt_kelvin.Chain | MovingChain
-        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        chain = self._chain(draws)
         if self.inertia:
             chain = MovingChain(chain, self._inertial_parameter(hung(excitation), draws))
         circuit = self.circuit_of(draws) if self.circuit else None
@@ -190,7 +194,7 @@ class Tubular(TubularBase):
         of the unloaded actuator too: `voigt_kelvin_inertia.MovingChain.derived`; with a
         circuit its time constants: `circuit.Circuit.derived`.
         """
-        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        chain = self._chain(draws)
         springs = np.column_stack([chain.instantaneous, chain.compliances])
         strains = self._pressure(KILOVOLT, draws)[:, None] * springs
         result = {
@@ -220,7 +224,7 @@ class Tubular(TubularBase):
                 f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
                 "take a candidate with _inertia or leave the load out"
             )
-        chain = voigt_kelvin.Chain.from_draws(draws, self.order)
+        chain = self._chain(draws)
         driven = DrivenChain(
             self._space(chain, load, draws),
             self._pressure(1.0, draws),
@@ -240,6 +244,11 @@ class Tubular(TubularBase):
         if self.circuit:
             return self.circuit_of(draws).drive(space, driven)
         return modal_response(space, driven)
+
+    def _chain(self, draws: Draws) -> voigt_kelvin.Chain:
+        return once(
+            draws, (self, "chain"), lambda: voigt_kelvin.Chain.from_draws(draws, self.order)
+        )
 
     def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
         """From pressure to strain, under a load [kg] if the candidate has mass."""

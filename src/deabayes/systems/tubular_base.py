@@ -14,6 +14,7 @@ from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Draws, Simulator, System
+from deabayes.systems.batch import once
 from deabayes.systems.circuit import Circuit, Supply
 from deabayes.systems.inertial_parameter import moving_quantity
 from deabayes.systems.specimen_quantities import uncertain_quantities
@@ -104,7 +105,11 @@ class TubularBase(System):
 
     def circuit_of(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""
-        return Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS))
+        return once(
+            draws,
+            (self, "circuit"),
+            lambda: Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS)),
+        )
 
     def cautions(self, experiment: Experiment) -> tuple[str, ...]:
         """A steady sine that asks the amplifier for more current than it has, (16)."""

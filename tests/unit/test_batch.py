@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+from tests.validation.worlds import membrane, tubular_full
+
+from deabayes.systems.batch import Batch, once
+
+
+def test_made_once_for_a_batch_and_each_time_for_anything_else():
+    count = []
+    for draws, expected in ((Batch({"a": np.ones(2)}), 1), ({"a": np.ones(2)}, 3)):
+        count.clear()
+        for _ in range(3):
+            assert once(draws, "sum", lambda d=draws: count.append(1) or float(d["a"].sum())) == 2.0
+        assert len(count) == expected
+
+
+def test_another_key_is_another_thing():
+    batch = Batch({"a": np.ones(2)})
+    assert [once(batch, key, lambda key=key: key) for key in ("x", "y", "x")] == ["x", "y", "x"]
+
+
+def test_a_batch_stays_as_it_is_and_what_is_derived_from_it_is_none():
+    batch = Batch({"a": np.ones(2)})
+    once(batch, "sum", lambda: 2.0)
+    with pytest.raises(TypeError, match="make another one"):
+        batch["a"] = np.zeros(2)
+    for changed in ({**batch, "a": np.zeros(2)}, batch | {"a": np.zeros(2)}):
+        assert not isinstance(changed, Batch)
+        assert once(changed, "sum", lambda: "anew") == "anew"
+
+
+@pytest.mark.parametrize("world", [membrane(), tubular_full()], ids=["membrane", "tubular"])
+def test_records_answer_a_batch_as_they_answer_its_draws(world):
+    """And two systems do not take each other's."""
+    one, two = world.target(1), world.target(1)
+    z = 0.3 * np.random.default_rng(1).standard_normal((5, one.dimension))
+    theta = one.prior.to_parameters(z)
+    batch = one.draws(theta)
+    assert isinstance(batch, Batch)
+    for mine, other in zip(one.records, two.records, strict=True):
+        wanted = mine.simulate(dict(batch))
+        assert np.array_equal(mine.simulate(batch), wanted)
+        assert np.array_equal(other.simulate(batch), wanted)
+    assert len(batch.made) > 2
