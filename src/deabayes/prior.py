@@ -16,9 +16,8 @@ from deabayes.prior_blocks import (
     LogNormals,
     Ordered,
     Parts,
-    PosteriorBlock,
-    PriorFromPosterior,
 )
+from deabayes.prior_from_posterior import PosteriorBlock, PriorFromPosterior
 from deabayes.prior_overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
