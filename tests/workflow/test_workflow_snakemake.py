@@ -82,6 +82,13 @@ def test_shipped_studies_without_public_data(shipped: Path) -> None:
     assert not (shipped / "results").exists()
 
 
+@pytest.mark.parametrize(("cores", "processes"), [(1, 1), (2, 1), (4, 2), (8, 4), (16, 4)])
+def test_pooling_takes_half_of_the_cores(shipped: Path, cores: int, processes: int) -> None:
+    target = "results/tubular_circuit/circuit/posterior.nc"
+    run = snakemake(shipped, "--cores", str(cores), "--dry-run", "--printshellcmds", target)
+    assert re.findall(r"--processes (\d+)", run.stdout) == [str(processes)], run.stderr
+
+
 def test_public_data_at_hand_are_planned(shipped: Path) -> None:
     data = Path(os.environ.get("DEABAYES_DATA") or ROOT.parent / "shared" / "data")
     if not data.is_dir():
