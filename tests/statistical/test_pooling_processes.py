@@ -2,14 +2,17 @@
 
 import os
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.statistical.test_sampling_stages import slow_run
 
+from deabayes.sampling.checkpoint import Store
 from deabayes.sampling.forked import run_apart
 from deabayes.sampling.pooling import pool
 from deabayes.sampling.proposal import fit
+from deabayes.sampling.run import Run, Target
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(ensembles=3, walkers=32, max_steps=4000)
@@ -74,3 +77,28 @@ def test_no_more_processes_than_asked_for(tmp_path):
     )
     assert len(ends) == 5
     assert all(start >= ends[index] for index, start in enumerate(starts[2:]))
+
+
+def test_steps_beyond_a_round_do_not_count_in_it(tmp_path):
+    """A run that was stopped further on is judged, and refitted or not, as at its first time."""
+    first = runs()[0]
+    start = first.chain[-1], first.log_posterior[-1]
+
+    def ensemble(run, limit):
+        run.advance(limit, stop_when_enough=False, progress=False)
+        return run.ensemble(0.1, 0, np.zeros(2, dtype=int), limit=limit)
+
+    def run(settings):
+        store = Store(tmp_path / str(settings.max_steps))
+        return Run(
+            Target(likelihood), first.proposal, start, np.random.SeedSequence(3), store, settings
+        )
+
+    for most in (3000, 9000):
+        settings = replace(SETTINGS, max_steps=most)
+        then = [ensemble(run(settings), limit) for limit in (700, 1500, 3000)]
+        again = [ensemble(run(settings), limit) for limit in (700, 1500, 3000)]
+        assert [each.steps for each in again] == pytest.approx([700, 1500, 3000], abs=3)
+        for one, other in zip(then, again, strict=True):
+            assert np.array_equal(one.chain, other.chain)
+            assert one.evaluations == other.evaluations

@@ -220,6 +220,7 @@ def _continue(
         evaluations=np.asarray([first.evaluations, first.failures]),
         steps_before=first.steps,
         refitted=first.refitted or run.proposal is not first.proposal,
+        limit=limit,
     )
 
 

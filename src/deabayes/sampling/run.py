@@ -88,7 +88,7 @@ class Run:
         from deabayes.sampling.moves import build_sampler
 
         sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.hop)
-        goal = max(limit // self.thin, 1)
+        goal = self._goal(limit)
         with progress_bar(
             progress,
             total=goal * self.thin,
@@ -169,9 +169,14 @@ class Run:
         evaluations: FloatArray,
         steps_before: int = 0,
         refitted: bool = False,
+        limit: int | None = None,
     ) -> Ensemble:
-        """What is kept of the chain so far: spaced by a quarter of its autocorrelation time."""
-        chunks = self.store.chunks()
+        """What is kept of the chain so far: spaced by a quarter of its autocorrelation time.
+
+        Only the first `limit` steps are looked at: what a run that was stopped had done after
+        them must not decide how it goes on.
+        """
+        chunks = self._chunks_to(limit)
         chain = np.concatenate([chunk["chain"] for chunk in chunks])
         first = int(dropped * len(chain))
         tau, kept = float(chunks[-1]["tau"]), len(chain) - first
@@ -191,6 +196,17 @@ class Run:
             replaced_walkers=replaced_walkers,
             evaluations=int(spent[0]),
             failures=int(spent[1]),
-            enough=self._enough(),
+            enough=bool(chunks[-1]["enough"]),
             refitted=refitted,
         )
+
+    def _chunks_to(self, limit: int | None) -> list[Arrays]:
+        """The chunks that `advance` made on its way to `limit` steps, or all of them."""
+        chunks = self.store.chunks()
+        if limit is None:
+            return chunks
+        ends = np.cumsum([len(chunk["chain"]) for chunk in chunks])
+        return chunks[: int(np.searchsorted(ends, self._goal(limit))) + 1]
+
+    def _goal(self, limit: int) -> int:
+        return max(limit // self.thin, 1)
