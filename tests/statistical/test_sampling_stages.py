@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deabayes.sampling import pooling
 from deabayes.sampling.ensemble import Ensemble
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.mixture import Mixture
@@ -110,3 +111,29 @@ def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
     assert not any(run.refitted for run in pooled.ensembles)
     assert [run.steps for run in pooled.ensembles] == [8000, 8000]
     assert pooled.ensembles[0].burn_in == pytest.approx(400 + 0.1 * 7600, abs=10)
+
+
+def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch):
+    """Two tries better nothing; the next one does and is followed by 2000 steps, not by 8000."""
+    rng = np.random.default_rng(9)
+    fair, other = (fit(rng.standard_normal((4000, 2)), 1, rng) for _ in range(2))
+    tried, asked = [], []
+
+    def at_the_fourth_try(ensembles, rng):
+        tried.append(len(ensembles))
+        return [other if len(tried) >= 4 else each.proposal for each in ensembles]
+
+    def lengths(runs, ensembles, total, *more):
+        asked.append(total)
+        return continue_all(runs, ensembles, total, *more)
+
+    continue_all = pooling._continue_all
+    monkeypatch.setattr(pooling, "better_proposals", at_the_fourth_try)
+    monkeypatch.setattr(pooling, "_continue_all", lengths)
+    monkeypatch.setattr(pooling, "leave_out", lambda ensembles, rng: True)
+    runs = [slow_run(rng, 32, 400, 2, fair) for _ in range(2)]
+    settings = Sampling(ensembles=2, walkers=32, max_steps=40000, autocorrelation_times=1e6)
+    pooling.pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
+    assert asked[0] == 1000
+    assert asked[:3] == sorted(asked[:3])
+    assert asked[3] == 2000

@@ -80,7 +80,7 @@ def pool(
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
-    store, refits, current = Store(folder), 0, tuple(ensembles)
+    store, refits, renewed, current = Store(folder), 0, 0, tuple(ensembles)
     total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
@@ -92,13 +92,13 @@ def pool(
             inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
             proposals = _refit(inside, current, stream)
             if not runs or _differ(proposals, current):
-                ensembles, total = current, 0
+                ensembles, total, renewed = current, 0, renewed + 1
                 target = Target(log_likelihood, hop)
                 runs = _runs(target, ensembles, proposals, settings, stream, inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
-        total = min(_next_total(total, refits, convergence, settings), most)
+        total = min(_next_total(total, renewed, convergence, settings), most)
         current = _continue_all(runs, ensembles, total, settings, progress, processes)
         convergence = judge(current, settings, quantities)
     return PooledResult(current, convergence)
@@ -234,8 +234,8 @@ def _hopeless(total: int, convergence: Convergence, settings: Sampling) -> bool:
     return _wanted(total, convergence, settings) > 3 * total
 
 
-def _next_total(total: int, refits: int, convergence: Convergence, settings: Sampling) -> int:
-    """Steps since the refit to reach in the next round."""
+def _next_total(total: int, renewed: int, convergence: Convergence, settings: Sampling) -> int:
+    """Steps since the last of so many refits to reach in the next round."""
     if total == 0:
-        return MINIMUM_STEPS * 2 ** (refits - 1)
+        return MINIMUM_STEPS * 2 ** (renewed - 1)
     return int(np.clip(_wanted(total, convergence, settings), 1.3 * total, 2.5 * total))
