@@ -89,7 +89,7 @@ class LogPosterior:
     def dimension(self) -> int:
         return len(self.prior.names)
 
-    def draws(self, theta: FloatArray) -> dict[str, FloatArray]:
+    def draws(self, theta: FloatArray) -> Batch:
         """Columns of theta (W, d) by parameter name, each (W,) and contiguous."""
         return Batch(dict(zip(self.names, np.ascontiguousarray(theta.T), strict=True)))
 

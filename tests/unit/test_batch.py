@@ -20,13 +20,15 @@ def test_another_key_is_another_thing():
 
 
 def test_a_batch_stays_as_it_is_and_what_is_derived_from_it_is_none():
-    batch = Batch({"a": np.ones(2)})
+    given = {"a": np.ones(2)}
+    batch = Batch(given)
     once(batch, "sum", lambda: 2.0)
-    with pytest.raises(TypeError, match="make another one"):
-        batch["a"] = np.zeros(2)
-    for changed in ({**batch, "a": np.zeros(2)}, batch | {"a": np.zeros(2)}):
-        assert not isinstance(changed, Batch)
-        assert once(changed, "sum", lambda: "anew") == "anew"
+    given["a"] = np.zeros(2)
+    assert np.array_equal(batch["a"], np.ones(2))
+    for change in ("__setitem__", "update", "pop", "setdefault", "clear"):
+        assert not hasattr(batch, change)
+    changed = {**batch, "a": np.zeros(2)}
+    assert once(changed, "sum", lambda: "anew") == "anew"
 
 
 @pytest.mark.parametrize("world", [membrane(), tubular_full()], ids=["membrane", "tubular"])

@@ -114,7 +114,7 @@ def test_discrepancy_is_smooth_and_of_the_stated_size():
 def test_failed_specimens_give_nan_records():
     target = membrane().target(1)
     theta = target.prior.to_parameters(np.zeros((1, target.dimension)))
-    truth = target.draws(theta) | {"mu_alpha": np.array([5e3])}
+    truth = {**target.draws(theta), "mu_alpha": np.array([5e3])}
     noise = target.noise_draws(truth, "step")
     record = target.records[2].experiment
     assert np.isnan(

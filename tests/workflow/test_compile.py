@@ -41,7 +41,7 @@ for candidate in study.candidates:
         target.noise.sample(np.random.default_rng(1), e.coordinate, weights, draws)
     further = further_prior(study, target)
     wide = further.sample(np.random.default_rng(1), 3).T
-    wide = target.draws(theta) | dict(zip(further.names, wide))
+    wide = {**target.draws(theta), **dict(zip(further.names, wide))}
     for protocol, system in wider_systems(study, target.system).items():
         for e in read_experiments(prepared):
             if e.protocol == protocol:

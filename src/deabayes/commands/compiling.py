@@ -52,7 +52,8 @@ def _use_wider_systems(
     """What `predict_with` asks for, at the median of the prior."""
     from deabayes.posterior import further_prior, wider_systems
 
-    draws = target.draws(target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension))))
+    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
+    draws = dict(target.draws(theta))
     further = further_prior(study, target)
     if further is not None:
         theta = further.to_parameters(np.zeros((TRIAL_WALKERS, len(further.names))))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from typing import Any, NoReturn, TypeVar
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from typing import Any, TypeVar
 
 from deabayes.experiment import FloatArray
 from deabayes.systems.base import Draws
@@ -11,15 +11,21 @@ from deabayes.systems.base import Draws
 Made = TypeVar("Made")
 
 
-class Batch(dict[str, FloatArray]):
+class Batch(Mapping[str, FloatArray]):
     """Draws by parameter name that stay as they are, and what systems have made of them."""
 
     def __init__(self, draws: Draws) -> None:
-        super().__init__(draws)
+        self._draws = dict(draws)
         self.made: dict[Hashable, Any] = {}
 
-    def __setitem__(self, name: str, values: FloatArray) -> NoReturn:
-        raise TypeError("a batch of draws stays as it is; make another one")
+    def __getitem__(self, name: str) -> FloatArray:
+        return self._draws[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._draws)
+
+    def __len__(self) -> int:
+        return len(self._draws)
 
 
 def once(draws: Draws, key: Hashable, make: Callable[[], Made]) -> Made:
