@@ -32,11 +32,11 @@ from deabayes.posterior import LogPosterior
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.moves import DifferentialEvolutionMove, initial_state, recipe
 from deabayes.sampling.pooling import pool
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.run import DROPPED_SHARE
-from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling
 
 OUTPUT = Path("docs/validation/membrane_recipes.csv")
@@ -48,19 +48,19 @@ MOST_STORED = 1000
 """Steps per ensemble that diagnostics are computed from."""
 
 
-def without_refit(start: Arrays) -> list[tuple[Any, float]]:
-    return recipe(Proposal.from_arrays(start))
+def without_refit(frozen: Proposal) -> list[tuple[Any, float]]:
+    return recipe(frozen)
 
 
-def de_mix(start: Arrays) -> list[tuple[Any, float]]:
+def de_mix(frozen: Proposal) -> list[tuple[Any, float]]:
     return [(DifferentialEvolutionMove(), 0.8), (DifferentialEvolutionMove(gamma0=1.0), 0.2)]
 
 
-def stretch(start: Arrays) -> list[tuple[Any, float]]:
+def stretch(frozen: Proposal) -> list[tuple[Any, float]]:
     return [(emcee.moves.StretchMove(), 1.0)]
 
 
-MOVES: Mapping[str, Callable[[Arrays], list[tuple[Any, float]]]] = {
+MOVES: Mapping[str, Callable[[Proposal], list[tuple[Any, float]]]] = {
     "without refit": without_refit,
     "DE mix": de_mix,
     "stretch": stretch,
@@ -79,8 +79,8 @@ def started(
     for seed in seeds:
         with TemporaryDirectory() as folder:
             likelihood = target.log_likelihood_of_normal
-            hop = UnitHop.of(target.prior)
-            run_ensemble(likelihood, target.dimension, brief, seed, Path(folder), hop=hop)
+            guide = Guide.of(target)
+            run_ensemble(likelihood, target.dimension, brief, seed, Path(folder), guide=guide)
             starts.append(Store(Path(folder)).once("start", dict))
     return starts, time.process_time() - began
 
@@ -100,9 +100,11 @@ def shipped(
     """One row: the whole recipe, to convergence or the end of its budget."""
     began = time.process_time()
     *streams, pooling = seeds
-    likelihood, hop = target.log_likelihood_of_normal, UnitHop.of(target.prior)
-    ensembles = [run_ensemble(likelihood, target.dimension, settings, s, hop=hop) for s in streams]
-    pooled = pool(likelihood, ensembles, settings, pooling, hop=hop)
+    likelihood, guide = target.log_likelihood_of_normal, Guide.of(target)
+    ensembles = [
+        run_ensemble(likelihood, target.dimension, settings, s, guide=guide) for s in streams
+    ]
+    pooled = pool(likelihood, ensembles, settings, pooling, guide=guide)
     spent = time.process_time() - began
     yield row(max(each.steps for each in pooled.ensembles), pooled.chain, spent) | {
         "converged": int(pooled.convergence.converged)
@@ -113,14 +115,16 @@ def plain(
     name: str, target: LogPosterior, starts: Sequence[Arrays], steps: int
 ) -> Iterator[rows.Row]:
     """Rows of one set of moves as its steps double."""
+    coordinates = Guide.of(target).coordinates
+    proposals = [Proposal.from_arrays(start, coordinates) for start in starts]
     samplers = [
         emcee.EnsembleSampler(
-            *start["walkers"].shape, target, moves=MOVES[name](start), vectorize=True
+            *start["walkers"].shape, target, moves=MOVES[name](proposal), vectorize=True
         )
-        for start in starts
+        for start, proposal in zip(starts, proposals, strict=True)
     ]
     states = [
-        initial_state(s["walkers"], s["walkers_log_posterior"], np.random.SeedSequence([SEED, e]))
+        initial_state(s["walkers"], target(s["walkers"]), np.random.SeedSequence([SEED, e]))
         for e, s in enumerate(starts)
     ]
     spent, done = 0.0, 0

@@ -44,6 +44,7 @@ class Prior:
     Attributes
     ----------
     parameters, names : in the order of theta's columns.
+    blocks : what transforms groups of them together.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class Prior:
         default = MINIMUM_RATIO if isinstance(minimum_ratio, Mapping) else minimum_ratio
         self.minimum_ratios = {group: given.get(group, default) for group in self._members}
         self._half_products = self._product_columns()
-        self._blocks = self._build_blocks()
+        self.blocks = self._build_blocks()
         self._inherited_columns = [[self._column[n] for n in b.names] for b in self.inherited]
 
     @classmethod
@@ -149,7 +150,7 @@ class Prior:
         magnitudes = theta * factors
         with np.errstate(divide="ignore"):
             total = np.sum(np.log(np.abs(factors)), axis=1)
-        for block in self._blocks:
+        for block in self.blocks:
             total += block.log_density(magnitudes[:, block.columns])
         if self.inherited:
             z = self._to_default(theta)
@@ -176,7 +177,7 @@ class Prior:
             text = f"half of {name} {parameter.half_product_with}: {text}"
         if parameter.ordered is not None and len(self._members[parameter.ordered]) > 1:
             ratio = self.minimum_ratios[parameter.ordered]
-            block = next(b for b in self._blocks if self._column[name] in b.columns)
+            block = next(b for b in self.blocks if self._column[name] in b.columns)
             apart = isinstance(block, Ordered) and block.factors[-1] > 1.0
             spacing = f" at least a factor {format_number(ratio)} apart" if apart else ""
             text = f"{text}, ascending{spacing} ({parameter.ordered})"
@@ -234,7 +235,7 @@ class Prior:
 
     def _from_default(self, z: FloatArray) -> FloatArray:
         theta = np.empty_like(z, dtype=float)
-        for block in self._blocks:
+        for block in self.blocks:
             theta[:, block.columns] = block.to_parameters(z[:, block.columns])
         with np.errstate(divide="ignore"):
             return theta / self._products(theta)
@@ -243,7 +244,7 @@ class Prior:
         theta = np.asarray(theta, dtype=float)
         theta = theta * self._products(theta)
         z = np.empty_like(theta)
-        for block in self._blocks:
+        for block in self.blocks:
             z[:, block.columns] = block.to_normal(theta[:, block.columns])
         return z
 

@@ -4,6 +4,7 @@ import emcee
 import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
+from tests.unit.coordinates import COORDINATES
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
@@ -22,7 +23,7 @@ from deabayes.sampling.moves import (
     recipe,
 )
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import Part, Proposal
+from deabayes.sampling.proposal import Part, Proposal, fit
 from deabayes.sampling.run import Run, Target
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
@@ -59,6 +60,18 @@ def curved_warp(dimension):
     return fit_warp(draws)
 
 
+def bent_proposal(dimension, fine=False):
+    """Fitted to half of the unit Gaussian in coordinates with walls, which it reaches beyond."""
+    draws = np.random.default_rng(3).standard_normal((8000, dimension))
+    half = draws[draws[:, 0] > -0.5]
+    return fit(half, 2, np.random.default_rng(4), fine=fine, coordinates=COORDINATES)
+
+
+def along_bent_lines(dimension):
+    """Moves along the lines of its map, some of which lead out of the support."""
+    return StraightenedMove(bent_proposal(dimension).parts[0].warp)
+
+
 def hop_over(dimension):
     """The hop of a prior with as many units as the dimension has room for."""
     units = dimension // 2
@@ -83,6 +96,8 @@ MOVES = {
     ),
     "along straightened ridges": (lambda d: StraightenedMove(curved_warp(d)), 500),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
+    "along lines of other coordinates": (along_bent_lines, 500),
+    "independence in other coordinates": (lambda d: IndependenceMove(bent_proposal(d)), 500),
     "differential evolution": (lambda d: DifferentialEvolutionMove(), 500),
     "recipe": (lambda d: recipe(wide_proposal(d)), 500),
     "jumps in the recipe": (

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.sampling import pooling
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.ensemble import Ensemble
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.mixture import Mixture
@@ -57,9 +58,9 @@ def test_a_proposal_is_refitted_where_that_is_better():
     fair = fit(1.1 * rng.standard_normal((4000, 6)), 1, rng)
     poor = fit(0.5 * rng.standard_normal((4000, 6)) + 0.3, 1, rng)
     long, short = slow_run(rng, 32, 400, 100, fair), slow_run(rng, 32, 400, 2, fair)
-    assert better_proposals([short], rng) == [fair]
+    assert better_proposals([short], rng, Coordinates()) == [fair]
     runs = [long, replace(short, proposal=poor)]
-    kept, again = better_proposals(runs, rng)
+    kept, again = better_proposals(runs, rng, Coordinates())
     assert kept is fair
     z = rng.standard_normal((2000, 6))
     assert again.log_density(z).mean() > fair.log_density(z).mean() - 0.1
@@ -89,7 +90,7 @@ def test_a_proposal_leaves_out_what_other_runs_found():
     chain[far, 0] += 12.0
     run = replace(run, chain=chain, log_posterior=log_posterior)
     assert leave_out([run], rng)
-    found = better_proposals([run], rng)[0]
+    found = better_proposals([run], rng, Coordinates())[0]
     assert not leave_out([replace(run, proposal=found)], rng)
 
 
@@ -97,7 +98,7 @@ def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
     """400 steps are gone on from, 90 % of the other 7600 kept, however often a refit is tried."""
     tried = []
 
-    def their_own(ensembles, rng):
+    def their_own(ensembles, rng, coordinates):
         tried.append(len(ensembles))
         return [each.proposal for each in ensembles]
 
@@ -119,7 +120,7 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
     fair, other = (fit(rng.standard_normal((4000, 2)), 1, rng) for _ in range(2))
     tried, asked = [], []
 
-    def at_the_fourth_try(ensembles, rng):
+    def at_the_fourth_try(ensembles, rng, coordinates):
         tried.append(len(ensembles))
         return [other if len(tried) >= 4 else each.proposal for each in ensembles]
 

@@ -8,6 +8,7 @@ from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior import Prior
 from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.unit_hop import UnitHop
 from deabayes.springs.ogden import Ogden
 from deabayes.study import Sampling
@@ -101,7 +102,7 @@ def test_both_numbers_of_the_only_visible_unit_are_found():
 
     settings = Sampling(ensembles=1, walkers=32, particles=128, max_steps=3000)
     ensemble = run_ensemble(
-        log_likelihood, 4, settings, np.random.SeedSequence(2), hop=UnitHop.of(prior)
+        log_likelihood, 4, settings, np.random.SeedSequence(2), guide=Guide(UnitHop.of(prior))
     )
     theta = prior.to_parameters(ensemble.chain.reshape(-1, 4))
     slower = np.log(10 / 0.6) / (np.log(10 / 0.6) + np.log(0.15 / 0.01))

@@ -10,6 +10,7 @@ from deabayes.sampling.checkpoint import (
     read_arrays,
     write_arrays,
 )
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.ensemble import Ensemble, align
 from deabayes.sampling.proposal import fit
 
@@ -76,7 +77,7 @@ def ensemble(steps):
 def test_an_ensemble_comes_back_from_its_file(tmp_path):
     original = ensemble(30)
     original.write(tmp_path / "0.nc")
-    back = Ensemble.read(tmp_path / "0.nc")
+    back = Ensemble.read(tmp_path / "0.nc", Coordinates())
     assert back.chain.tobytes() == original.chain.tobytes()
     assert back.log_posterior.tobytes() == original.log_posterior.tobytes()
     z = original.chain[0]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
 
@@ -105,7 +106,7 @@ def test_a_covering_part_reaches_what_the_rest_leaves_out():
 
 def test_same_seed_same_proposal_and_arrays_rebuild_it():
     first, second = (fit(ridge(), 4, np.random.default_rng(7), log_ridge(ridge())) for _ in "ab")
-    rebuilt = Proposal.from_arrays(first.arrays())
+    rebuilt = Proposal.from_arrays(first.arrays(), Coordinates())
     z = first.sample(np.random.RandomState(1), 50)
     assert len(first.parts) == 3
     assert rebuilt.log_density(z).tobytes() == second.log_density(z).tobytes()

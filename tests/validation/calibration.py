@@ -26,8 +26,8 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.posterior import LogPosterior, build
 from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.pooling import PooledResult, pool
-from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling, Settings, Study
 
 OUTPUT = Path("docs/validation")
@@ -114,13 +114,13 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
 
 def posterior(target: LogPosterior, seed: np.random.SeedSequence) -> PooledResult:
     """Sample as one ensemble of a study does: there, four are pooled and sampled on if need be."""
-    hop = UnitHop.of(target.prior)
+    guide = Guide.of(target)
     *streams, pool_stream = seed.spawn(SAMPLING.ensembles + 1)
     density = target.log_likelihood_of_normal
     ensembles = [
-        run_ensemble(density, target.dimension, SAMPLING, stream, hop=hop) for stream in streams
+        run_ensemble(density, target.dimension, SAMPLING, stream, guide=guide) for stream in streams
     ]
-    return pool(density, ensembles, SAMPLING, pool_stream, hop=hop)
+    return pool(density, ensembles, SAMPLING, pool_stream, guide=guide)
 
 
 def replicate(task: tuple[str, int]) -> dict[str, object]:

@@ -24,8 +24,8 @@ from deabayes.pipeline.prepare import prepare_study
 from deabayes.posterior import LogPosterior, Record, build
 from deabayes.reading.specimen import read_specimen
 from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.smc import anneal
-from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling, load_study
 
 OUTPUT = Path("docs/validation/noise_variants.csv")
@@ -80,7 +80,7 @@ def row(target: LogPosterior, variant: str, candidate: str) -> dict[str, object]
         target.dimension,
         SAMPLING,
         np.random.SeedSequence(5),
-        hop=UnitHop.of(target.prior),
+        guide=Guide.of(target),
     )
     rng = np.random.default_rng(1)
     flat = ensemble.chain.reshape(-1, target.dimension)

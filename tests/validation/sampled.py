@@ -12,8 +12,8 @@ from deabayes.posterior import LogPosterior
 from deabayes.posterior_content import convergence_summary
 from deabayes.posterior_summary import quantities
 from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.pooling import PooledResult, pool
-from deabayes.sampling.unit_hop import UnitHop
 from deabayes.study import Sampling
 from tests.validation.rows import Row
 
@@ -71,10 +71,10 @@ def sample(
     """Sample a posterior until every parameter and derived quantity passes the gates."""
     began = time.process_time()
     *streams, pooling = seed.spawn(settings.ensembles + 1)
-    likelihood, hop = target.log_likelihood_of_normal, UnitHop.of(target.prior)
+    likelihood, guide = target.log_likelihood_of_normal, Guide.of(target)
     rough = target.rough().log_likelihood_of_normal
     ensembles = [
-        run_ensemble(likelihood, target.dimension, settings, stream, hop=hop, rough=rough)
+        run_ensemble(likelihood, target.dimension, settings, stream, guide=guide, rough=rough)
         for stream in streams
     ]
     pooled = pool(
@@ -83,6 +83,6 @@ def sample(
         settings,
         pooling,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
-        hop=hop,
+        guide=guide,
     )
     return Sampled(target, pooled, time.process_time() - began)

@@ -31,6 +31,8 @@ class NoiseModel(ABC):
     name: ClassVar[str]
     diagnostic_only: ClassVar[bool] = False
     """Whether its intervals are known to be too narrow for densely sampled records."""
+    adding: ClassVar[tuple[str, ...]] = ()
+    """The standard deviations of its white and its correlated part, where it has both."""
 
     @abstractmethod
     def parameters(

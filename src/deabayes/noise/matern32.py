@@ -24,6 +24,7 @@ class Matern32(GaussianNoise):
     """
 
     name = "matern32"
+    adding = ("sigma_white", "sigma_matern")
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"

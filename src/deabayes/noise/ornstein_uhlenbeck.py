@@ -24,6 +24,7 @@ class OrnsteinUhlenbeck(GaussianNoise):
     """
 
     name = "ornstein_uhlenbeck"
+    adding = ("sigma_white", "sigma_ou")
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"

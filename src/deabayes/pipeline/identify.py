@@ -33,7 +33,7 @@ def fit_ensemble(
 ) -> None:
     """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
     from deabayes.sampling.first_pass import run_ensemble
-    from deabayes.sampling.unit_hop import UnitHop
+    from deabayes.sampling.guide import Guide
 
     target = build_target(study, candidate, prepared)
     result = run_ensemble(
@@ -43,7 +43,7 @@ def fit_ensemble(
         seed_of(study, candidate, "ensemble", ensemble),
         chain_folder(study, candidate, prepared, output.parent.parent) / f"ensemble_{ensemble}",
         progress,
-        UnitHop.of(target.prior),
+        Guide.of(target),
         target.rough().log_likelihood_of_normal,
     )
     result.write(output)
@@ -69,20 +69,21 @@ def pool_candidate(
     from deabayes.posterior_file import posterior_tree
     from deabayes.posterior_summary import quantities
     from deabayes.sampling.ensemble import Ensemble
+    from deabayes.sampling.guide import Guide
     from deabayes.sampling.pooling import pool
-    from deabayes.sampling.unit_hop import UnitHop
     from deabayes.storage import write_tree
 
     target = build_target(study, candidate, prepared)
+    guide = Guide.of(target)
     pooled = pool(
         target.log_likelihood_of_normal,
-        [Ensemble.read(path) for path in ensembles],
+        [Ensemble.read(path, guide.coordinates) for path in ensembles],
         study.sampling,
         seed_of(study, candidate, "pool"),
         chain_folder(study, candidate, prepared, output.parent) / "pool",
         progress,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
-        hop=UnitHop.of(target.prior),
+        guide=guide,
         processes=processes,
     )
     content = PosteriorContent.of(

@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.mixture import RandomSource
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.proposal import Proposal, fit
 from deabayes.sampling.warp import Warp
 
 LogDensity = Callable[[FloatArray], FloatArray]
-Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
-"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
 
 REFIT_ROUNDS, STEADY_ROUNDS = 5, 5
 SHORT_STEP = 0.2
@@ -54,9 +52,9 @@ class Cloud:
         log_base: LogDensity,
         log_increment: LogDensity,
         rng: np.random.Generator,
-        hop: Hop | None = None,
+        guide: Guide,
     ) -> None:
-        self.z, self.rng, self._hop = z, rng, hop
+        self.z, self.rng, self._guide = z, rng, guide
         self._log_base, self._log_increment = log_base, log_increment
         self.base, self.increment = self._densities(z)
 
@@ -65,6 +63,10 @@ class Cloud:
         increment = np.asarray(self._log_increment(z), dtype=float)
         usable = np.isfinite(base) & np.isfinite(increment)
         return np.where(usable, base, -np.inf), np.where(usable, increment, -np.inf)
+
+    def proposal(self, schedule: Schedule) -> Proposal:
+        """One fitted to the particles as they are."""
+        return fit(self.z, schedule.components, self.rng, coordinates=self._guide.coordinates)
 
     def resample(self, step: float) -> None:
         usable = np.isfinite(self.increment)
@@ -86,7 +88,7 @@ class Cloud:
         levels: list[tuple[float, float]] = []
         for made in range(1, most + 1):
             if made % REFIT_ROUNDS == 0:
-                proposal = fit(self.z, schedule.components, self.rng)
+                proposal = self.proposal(schedule)
             self._move(beta, proposal)
             density = self.base + beta * self.increment
             levels.append((float(np.median(density)), float(density.std())))
@@ -102,8 +104,8 @@ class Cloud:
         for part in proposal.parts:
             if part.warp is not None:
                 self._along(beta, part.warp)
-        if self._hop is not None:
-            proposed, factor = self._hop(self.z, self.rng)
+        if self._guide.hop is not None:
+            proposed, factor = self._guide.hop(self.z, self.rng)
             self._accept(np.arange(len(self.z)), proposed, factor, beta)
 
     def _accept(
@@ -133,8 +135,7 @@ class Cloud:
             gamma = np.where(short, SHORT_STEP, 2.38 / sqrt(2 * self.z.shape[1]))
             x, log_jacobian = warp.straighten(self.z[moving])
             step = self._differences(warp.forward(self.z[resting]), gamma)
-            proposed = warp.inverse(x + step)
-            self._accept(moving, proposed, log_jacobian - warp.straighten(proposed)[1], beta)
+            self._accept(moving, *warp.moved(self.z[moving], log_jacobian, x + step), beta)
 
     def _halves(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
         """Indices of the particles that move and of those that rest, and the other way round."""

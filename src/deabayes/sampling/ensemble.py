@@ -11,6 +11,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.files import write_atomically
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Proposal
 
 
@@ -66,13 +67,14 @@ class Ensemble:
         write_atomically(lambda place: dataset.to_netcdf(place, engine="h5netcdf"), path)
 
     @classmethod
-    def read(cls, path: Path) -> Ensemble:
-        """Read what `write` wrote."""
+    def read(cls, path: Path, coordinates: Coordinates) -> Ensemble:
+        """Read what `write` wrote; its proposal begins in these coordinates."""
         import xarray as xr
 
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             dataset = dataset.load()
-        proposal = Proposal.from_arrays({str(n): v.values for n, v in dataset.items()})
+        arrays = {str(n): v.values for n, v in dataset.items()}
+        proposal = Proposal.from_arrays(arrays, coordinates)
         scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}
         return cls(dataset["chain"].values, dataset["log_posterior"].values, proposal, **scalars)
 

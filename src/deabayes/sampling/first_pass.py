@@ -18,8 +18,9 @@ from deabayes.faults import UserError
 from deabayes.sampling.chains import ess_bulk
 from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
-from deabayes.sampling.cloud import Hop, LogDensity, Schedule
+from deabayes.sampling.cloud import LogDensity, Schedule
 from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal, fit
 from deabayes.sampling.run import DROPPED_SHARE, Run, Target, stage_seed
@@ -47,7 +48,7 @@ def run_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
     rough: LogDensity | None = None,
 ) -> Ensemble:
     """Sample one ensemble until it is long enough by itself or its share of the budget is used.
@@ -56,7 +57,7 @@ def run_ensemble(
     ----------
     log_likelihood : z (W, d) -> (W,); NaN or -inf where the model fails.
     folder : checkpoints, to be keyed by data, settings and code by the caller.
-    hop : a proposal of the model's own between modes (see `unit_hop`).
+    guide : what is known of the posterior before.
     rough : a cheaper log_likelihood, nearly the same, for the draws that are dropped.
 
     Raises
@@ -64,8 +65,9 @@ def run_ensemble(
     UserError : too few walkers, or no draw of the prior has a finite likelihood.
     """
     _check(dimension, settings)
-    store, target = Store(folder), Target(log_likelihood, hop)
-    dropped = Target(rough or log_likelihood, hop)
+    guide = guide or Guide()
+    store, target = Store(folder), Target(log_likelihood, guide)
+    dropped = Target(rough or log_likelihood, guide)
     warm = store.once(
         "warm_up",
         lambda: dropped.counted(lambda: _warm_up(dropped, dimension, settings, seed, progress)),
@@ -76,7 +78,7 @@ def run_ensemble(
     limit = settings.max_steps if settings.ensembles == 1 else FIRST_PASS_SHARE * settings.max_steps
     run = Run(
         target,
-        Proposal.from_arrays(start),
+        Proposal.from_arrays(start, guide.coordinates),
         (start["walkers"], target(start["walkers"])),
         stage_seed(seed, SAMPLING),
         store.sub("chain"),
@@ -114,7 +116,7 @@ def _warm_up(
 
         rng = np.random.default_rng(stage_seed(seed, WARM_UP))
         population = from_prior(
-            target.log_likelihood, dimension, particles, rng, WARM_UP_SCHEDULE, report, target.hop
+            target.log_likelihood, dimension, particles, rng, WARM_UP_SCHEDULE, report, target.guide
         )
     return _onto_the_bulk(target, population, rng)
 
@@ -127,7 +129,7 @@ def _onto_the_bulk(target: Target, population: Population, rng: np.random.Genera
     particles, broad = population.particles, population.broad
     if bulk_missed(log_posterior, best, particles.shape[1]):
         broad = draws_of_peaks(target, peaks, len(particles), rng)
-        moved = settle(broad, target, rng, WARM_UP_SCHEDULE, target.hop)
+        moved = settle(broad, target, rng, WARM_UP_SCHEDULE, target.guide)
         particles, log_posterior = moved.particles, moved.log_base
     return {"particles": particles, "broad": broad, "log_posterior": log_posterior}
 
@@ -149,7 +151,7 @@ def _start(
 
     rng = np.random.default_rng(stage_seed(seed, START, 0))
     walkers, replaced = _first_walkers(target, warm, settings, seed, rng)
-    proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
+    proposal = _of_particles(target, warm, rng)
     log_posterior = target(walkers)
     particles = warm["particles"], warm["log_posterior"]
     draws: list[tuple[FloatArray, FloatArray]] = []
@@ -158,7 +160,7 @@ def _start(
     allowed = max(SETTLING_SHARE * settings.max_steps, LEAST_SETTLING)
     while spent < allowed and not (rounds and rounds[-1].settled):
         thin = steps // STORED_PER_ROUND
-        sampler = build_sampler(target, proposal, walkers.shape, target.hop)
+        sampler = build_sampler(target, proposal, walkers.shape, target.guide.hop)
         state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + len(rounds)))
         state = sampler.run_mcmc(
             state, STORED_PER_ROUND, thin_by=thin, skip_initial_state_check=True
@@ -166,7 +168,7 @@ def _start(
         walkers, log_posterior = state.coords, state.log_prob
         draws = [*draws[-2:], (sampler.get_chain(flat=True), sampler.get_log_prob(flat=True))]
         z, densities = (np.concatenate(parts) for parts in zip(particles, *draws, strict=True))
-        proposal = fit(z, SETTLED_COMPONENTS, rng, densities)
+        proposal = fit(z, SETTLED_COMPONENTS, rng, densities, coordinates=target.guide.coordinates)
         rounds.append(Round.of(sampler.get_chain(), draws[-1][1], rounds))
         spent += steps
         if rounds[-1].steady:
@@ -176,6 +178,11 @@ def _start(
         "walkers": walkers,
         "replaced": np.asarray(replaced),
     }
+
+
+def _of_particles(target: Target, warm: Arrays, rng: np.random.Generator) -> Proposal:
+    particles, densities = warm["particles"], warm["log_posterior"]
+    return fit(particles, COMPONENTS, rng, densities, coordinates=target.guide.coordinates)
 
 
 @dataclass(frozen=True)
@@ -225,8 +232,8 @@ def _first_walkers(
     walkers[:broad] = warm["broad"][order[:broad]]
     lost = ~np.isfinite(target(walkers))
     walkers[lost] = warm["particles"][order[: settings.walkers]][lost]
-    proposal = fit(warm["particles"], COMPONENTS, rng, warm["log_posterior"])
-    sampler = build_sampler(target, proposal, walkers.shape, target.hop)
+    proposal = _of_particles(target, warm, rng)
+    sampler = build_sampler(target, proposal, walkers.shape, target.guide.hop)
     state = initial_state(walkers, target(walkers), stage_seed(seed, START, 1))
     settled = sampler.run_mcmc(state, SETTLING_STEPS, store=False, skip_initial_state_check=True)
     low, middle = np.quantile(warm["log_posterior"], [0.01, 0.5])

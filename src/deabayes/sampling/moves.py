@@ -15,7 +15,8 @@ from emcee.moves import DEMove, MHMove
 from emcee.state import State
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.cloud import SHORT_STEP, Hop, LogDensity
+from deabayes.sampling.cloud import SHORT_STEP, LogDensity
+from deabayes.sampling.guide import Hop
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.warp import Warp
 
@@ -70,8 +71,7 @@ class DifferentialEvolutionMove(DEMove):
 class StraightenedMove(DifferentialEvolutionMove):
     """Differential evolution along straight lines of a frozen map instead of those of z.
 
-    Differences of walkers follow a curved ridge instead of leaving it. A proposal symmetric in
-    the map's coordinates x has the ratio |dx/dz| / |dx'/dz'| of its densities in z.
+    Differences of walkers follow a curved ridge instead of leaving it.
     """
 
     def __init__(self, warp: Warp, gamma0: float | None = None) -> None:
@@ -84,8 +84,8 @@ class StraightenedMove(DifferentialEvolutionMove):
         straight = [self.warp.forward(part) for part in c]
         x, log_jacobian = self.warp.straighten(s)
         proposed, factors = super().get_proposal(x, straight, random)
-        moved = self.warp.inverse(proposed)
-        return moved, factors + log_jacobian - self.warp.straighten(moved)[1]
+        moved, ratio = self.warp.moved(s, log_jacobian, proposed)
+        return moved, factors + ratio
 
 
 class HopMove(MHMove):

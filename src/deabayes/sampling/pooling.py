@@ -11,10 +11,11 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.checkpoint import Arrays, Store
-from deabayes.sampling.cloud import Hop, LogDensity
+from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.ensemble import Ensemble, align
 from deabayes.sampling.forked import run_apart
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.refit import better_proposals, leave_out
 from deabayes.sampling.run import MINIMUM_STEPS, Run, Target, stage_seed
@@ -57,7 +58,7 @@ def pool(
     folder: Path | None = None,
     progress: bool = False,
     quantities: Quantities | None = None,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
     processes: int = 1,
 ) -> PooledResult:
     """Judge ensembles together; when a gate fails, refit the proposals and sample on.
@@ -73,11 +74,11 @@ def pool(
     ----------
     quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and
         derived quantities; the coordinates of z when None.
-    hop : as the ensembles were sampled with.
+    guide : as the ensembles were sampled with.
     processes : how many ensembles are sampled on side by side, where checkpoints are kept in a
         folder; the draws do not depend on it.
     """
-    convergence = judge(ensembles, settings, quantities)
+    guide, convergence = guide or Guide(), judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
     store, refits, renewed, current = Store(folder), 0, 0, tuple(ensembles)
@@ -90,10 +91,10 @@ def pool(
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
             refits, seen = refits + 1, times
             inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
-            proposals = _refit(inside, current, stream)
+            proposals = _refit(inside, current, guide, stream)
             if not runs or _differ(proposals, current):
                 ensembles, total, renewed = current, 0, renewed + 1
-                target = Target(log_likelihood, hop)
+                target = Target(log_likelihood, guide)
                 runs = _runs(target, ensembles, proposals, settings, stream, inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
@@ -136,11 +137,13 @@ def continue_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
 ) -> Ensemble:
     """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
     start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(Target(log_likelihood, hop), proposal, start, seed, Store(folder), settings)
+    run = Run(
+        Target(log_likelihood, guide or Guide()), proposal, start, seed, Store(folder), settings
+    )
     return _continue(run, ensemble, steps, settings, progress)
 
 
@@ -170,19 +173,20 @@ def _differ(proposals: Sequence[Proposal], ensembles: Sequence[Ensemble]) -> boo
 
 
 def _refit(
-    store: Store, ensembles: Sequence[Ensemble], seed: np.random.SeedSequence
+    store: Store, ensembles: Sequence[Ensemble], guide: Guide, seed: np.random.SeedSequence
 ) -> list[Proposal]:
     """The proposals of all ensembles refitted, or their own where those are better."""
 
     def compute() -> Arrays:
-        found = better_proposals(ensembles, np.random.default_rng(stage_seed(seed, REFIT)))
+        rng = np.random.default_rng(stage_seed(seed, REFIT))
+        found = better_proposals(ensembles, rng, guide.coordinates)
         own = [each.proposal for each in ensembles]
         new = [here is not before for here, before in zip(found, own, strict=True)]
         fitted = next((each for each, is_new in zip(found, new, strict=True) if is_new), own[0])
         return {"refitted": np.asarray(new), **fitted.arrays()}
 
     arrays = store.once("refitted", compute)
-    fitted = Proposal.from_arrays(arrays)
+    fitted = Proposal.from_arrays(arrays, guide.coordinates)
     pairs = zip(ensembles, arrays["refitted"], strict=True)
     return [fitted if is_new else each.proposal for each, is_new in pairs]
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.ensemble import Ensemble
 from deabayes.sampling.proposal import Proposal, fit
 
@@ -18,7 +19,9 @@ TOO_FAR = 1.0
 """Of `divergence` above that of usual draws; fitted to where all runs were, it is 0.1 to 0.8."""
 
 
-def better_proposals(ensembles: Sequence[Ensemble], rng: np.random.Generator) -> list[Proposal]:
+def better_proposals(
+    ensembles: Sequence[Ensemble], rng: np.random.Generator, coordinates: Coordinates
+) -> list[Proposal]:
     """For each ensemble a proposal fitted to the second halves of all, or its own if better.
 
     A trial fitted to four fifths of the walkers is judged, as their own ones are, by its
@@ -26,7 +29,7 @@ def better_proposals(ensembles: Sequence[Ensemble], rng: np.random.Generator) ->
     that sit still, a proposal with its many coefficients is worse than what it would replace.
     """
     kept, left_out = _draws(ensembles, left_out=False), _draws(ensembles, left_out=True)
-    trial = _fit(*kept, TRIAL_SAMPLE, rng)
+    trial = _fit(*kept, TRIAL_SAMPLE, rng, coordinates)
     judged = _some(left_out[0], JUDGED_SAMPLE, rng)
     z, log_posterior = left_out[0][judged], left_out[1][judged]
     reached = divergence(trial, z, log_posterior)
@@ -34,9 +37,9 @@ def better_proposals(ensembles: Sequence[Ensemble], rng: np.random.Generator) ->
     if not any(better):
         return [each.proposal for each in ensembles]
     draws, densities = (np.concatenate(parts) for parts in zip(kept, left_out, strict=True))
-    found = _fit(draws, densities, SAMPLE, rng)
-    pairs = zip(ensembles, better, strict=True)
-    return [found if is_better else each.proposal for each, is_better in pairs]
+    found = _fit(draws, densities, SAMPLE, rng, coordinates)
+    chosen = zip(ensembles, better, strict=True)
+    return [found if is_better else each.proposal for each, is_better in chosen]
 
 
 def leave_out(ensembles: Sequence[Ensemble], rng: np.random.Generator) -> bool:
@@ -77,10 +80,22 @@ def _draws(ensembles: Sequence[Ensemble], left_out: bool) -> tuple[FloatArray, F
 
 
 def _fit(
-    draws: FloatArray, log_posterior: FloatArray, most: int, rng: np.random.Generator
+    draws: FloatArray,
+    log_posterior: FloatArray,
+    most: int,
+    rng: np.random.Generator,
+    coordinates: Coordinates,
 ) -> Proposal:
     chosen = _some(draws, most, rng)
-    return fit(draws[chosen], COMPONENTS, rng, log_posterior[chosen], may_split=True, fine=True)
+    return fit(
+        draws[chosen],
+        COMPONENTS,
+        rng,
+        log_posterior[chosen],
+        may_split=True,
+        fine=True,
+        coordinates=coordinates,
+    )
 
 
 def _some(draws: FloatArray, most: int, rng: np.random.Generator) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,10 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
-from deabayes.sampling.cloud import Hop, LogDensity
+from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
 from deabayes.sampling.ensemble import Ensemble
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.smc import log_standard_normal
@@ -36,11 +37,11 @@ def stage_seed(seed: np.random.SeedSequence, *stage: int) -> np.random.SeedSeque
 class Target:
     """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value.
 
-    `hop` is a proposal of its prior's own for the sampler to make, if there is one.
+    `guide` is what is known of it before.
     """
 
     likelihood: LogDensity
-    hop: Hop | None = None
+    guide: Guide = field(default_factory=Guide)
     evaluations: int = 0
     failures: int = 0
 
@@ -87,7 +88,9 @@ class Run:
         """Sample to `limit` steps, or until the gates of a single run pass."""
         from deabayes.sampling.moves import build_sampler
 
-        sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.hop)
+        sampler = build_sampler(
+            self.target, self.proposal, self.start[0].shape, self.target.guide.hop
+        )
         goal = self._goal(limit)
         with progress_bar(
             progress,

@@ -16,8 +16,8 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.sampling.cloud import Cloud, Hop, LogDensity, Schedule
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.cloud import Cloud, LogDensity, Schedule
+from deabayes.sampling.guide import Guide
 
 Report = Callable[[float, int], None]
 
@@ -58,11 +58,11 @@ def from_prior(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
 ) -> Population:
     """Carry a population from the prior N(0, I) to the posterior; see `anneal`."""
     start = rng.standard_normal((particles, dimension))
-    return anneal(start, log_standard_normal, log_likelihood, rng, schedule, report, hop)
+    return anneal(start, log_standard_normal, log_likelihood, rng, schedule, report, guide)
 
 
 def settle(
@@ -70,10 +70,10 @@ def settle(
     log_density: LogDensity,
     rng: np.random.Generator,
     schedule: Schedule | None = None,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
 ) -> Population:
     """Move particles (P, d) that are already about the density of interest."""
-    return anneal(particles, log_density, lambda z: np.zeros(len(z)), rng, schedule, hop=hop)
+    return anneal(particles, log_density, lambda z: np.zeros(len(z)), rng, schedule, guide=guide)
 
 
 def anneal(
@@ -83,7 +83,7 @@ def anneal(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
-    hop: Hop | None = None,
+    guide: Guide | None = None,
 ) -> Population:
     """Carry particles (P, d), draws of base, to draws of base * increment.
 
@@ -95,14 +95,14 @@ def anneal(
     ----------
     log_base, log_increment : (W, d) -> (W,); NaN or -inf where a density is zero.
     report : called after every step with beta and the number of rounds so far.
-    hop : a further proposal, made in every round; base must hold the factor N(z; 0, I).
+    guide : what is known of the density; with a hop, base must hold the factor N(z; 0, I).
 
     Raises
     ------
     UserError : when the increment is zero at every particle.
     """
     schedule = schedule or Schedule()
-    cloud = Cloud(particles.copy(), log_base, log_increment, rng, hop)
+    cloud = Cloud(particles.copy(), log_base, log_increment, rng, guide or Guide())
     betas, ratio, rounds = [0.0], 0.0, 0
     passed = [cloud.z.copy()]
     while betas[-1] < 1.0:
@@ -110,7 +110,7 @@ def anneal(
         betas.append(1.0 if step >= 1.0 - betas[-1] else betas[-1] + step)
         ratio += log_mean
         passed.append(cloud.z.copy())
-        proposal = fit(cloud.z, schedule.components, rng)
+        proposal = cloud.proposal(schedule)
         cloud.resample(step)
         rounds += cloud.forget(betas[-1], schedule, proposal)
         if report is not None:

@@ -1,0 +1,37 @@
+"""What is known of a posterior's shape before it is sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Self
+
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.mixture import RandomSource
+from deabayes.sampling.unit_hop import UnitHop
+
+Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
+"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+
+
+@dataclass(frozen=True)
+class Guide:
+    """A proposal between modes, and coordinates in which a ridge is straight. Both may be missing.
+
+    Neither changes what is sampled, only how fast.
+
+    Attributes
+    ----------
+    hop : see `unit_hop`; None where there is nothing to number anew.
+    coordinates : in which maps begin.
+    """
+
+    hop: Hop | None = None
+    coordinates: Coordinates = field(default_factory=Coordinates)
+
+    @classmethod
+    def of(cls, target: LogPosterior) -> Self:
+        """That of a log-posterior over its prior's z."""
+        return cls(UnitHop.of(target.prior), Coordinates.of(target))

@@ -1,0 +1,123 @@
+"""Coordinates of the sampler: there and back, with their Jacobian, inside the prior's support."""
+
+import numpy as np
+import pytest
+from tests.unit.coordinates import COORDINATES, SLOPES, WEIGHT
+from tests.validation.worlds import tubular_full
+
+from deabayes.distributions import LogUniform
+from deabayes.prior_blocks import Independent, Ordered
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.proposal import fit
+
+
+def draws(n=2000, seed=0):
+    return np.random.default_rng(seed).standard_normal((n, 6))
+
+
+def test_there_and_back():
+    z = 1.5 * draws()
+    u, _ = COORDINATES.straighten(z)
+    np.testing.assert_allclose(COORDINATES.bend(u), z, atol=1e-8)
+    assert np.abs(u - z).max() > 0.1
+
+
+def test_jacobian_is_that_of_finite_differences():
+    z, step = draws(20), 1e-5
+    columns = [
+        (COORDINATES.straighten(z + step * e)[0] - COORDINATES.straighten(z - step * e)[0])
+        / (2 * step)
+        for e in np.eye(6)
+    ]
+    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
+    np.testing.assert_allclose(COORDINATES.straighten(z)[1], expected, atol=1e-6)
+
+
+def test_logarithms_of_ordered_and_log_uniform_parameters():
+    z = draws(5)
+    u, _ = COORDINATES.straighten(z)
+    ordered, alone = COORDINATES.logarithmic
+    np.testing.assert_allclose(np.exp(u[:, [0, 1]]), ordered.to_parameters(z[:, [0, 1]]))
+    np.testing.assert_allclose(np.exp(u[:, [2]]), alone.to_parameters(z[:, [2]]))
+    np.testing.assert_array_equal(u[:, 5], z[:, 5])
+
+
+def test_noises_that_share_one_variance_lie_on_a_line():
+    angle = np.linspace(0.01, 0.5 * np.pi - 0.01, 50)
+    white, correlated = 0.3 * np.cos(angle) / np.sqrt(WEIGHT), 0.3 * np.sin(angle)
+    z = np.zeros((50, 6))
+    z[:, 3], z[:, 4] = np.log(white) / SLOPES[0], np.log(correlated) / SLOPES[1]
+    u, _ = COORDINATES.straighten(z)
+    np.testing.assert_allclose(u[:, 3], np.log(0.3))
+    np.testing.assert_allclose(u[:, 4], np.log(np.tan(angle)))
+
+
+def test_outside_of_the_support_is_no_place():
+    u, _ = COORDINATES.straighten(draws(4))
+    u[0, 0] = u[0, 1] + 0.1
+    u[1, 2] = np.log(11.0)
+    inside = np.isfinite(COORDINATES.bend(u)).all(axis=1)
+    assert inside.tolist() == [False, False, True, True]
+
+
+def test_far_out_nothing_is_infinitely_likely():
+    z = 40.0 * draws(500)
+    u, log_jacobian = COORDINATES.straighten(z)
+    assert np.isfinite(u).all()
+    assert not np.isnan(log_jacobian).any() and (log_jacobian < np.inf).all()
+
+
+@pytest.mark.parametrize("fine", [False, True])
+def test_a_proposal_of_the_prior_is_a_density_and_draws_from_it(fine):
+    """Over draws of the prior, the mean of q / N is the share of q inside the support."""
+    rng, z = np.random.default_rng(1), draws(4000)
+    frozen = fit(z, 4, rng, fine=fine, coordinates=COORDINATES)
+    assert frozen.parts[0].warp is not None
+    fresh = draws(100_000, seed=2)
+    log_prior = -0.5 * (fresh**2 + np.log(2 * np.pi)).sum(axis=1)
+    share = np.exp(frozen.log_density(fresh) - log_prior).mean()
+    drawn = frozen._draw(rng, 20_000)
+    inside = np.isfinite(drawn).all(axis=1)
+    assert 0.5 < inside.mean() < 0.98
+    assert share == pytest.approx(inside.mean(), abs=0.02)
+    sampled = frozen.sample(rng, 20_000)
+    assert np.isfinite(sampled).all()
+    ratio = np.exp(log_prior - frozen.log_density(fresh))
+    assert ratio.max() < 200
+    weights = np.exp(-0.5 * (sampled**2 + np.log(2 * np.pi)).sum(1) - frozen.log_density(sampled))
+    np.testing.assert_allclose(weights @ sampled**2 / weights.sum(), 1.0, atol=0.1)
+
+
+def test_those_of_a_real_posterior():
+    target = tubular_full().target(2)
+    found = Coordinates.of(target)
+    names = target.names
+    ordered, alone = found.logarithmic
+    assert isinstance(ordered, Ordered) and isinstance(alone, Independent)
+    assert [names[k] for k in ordered.columns] == ["tau_1", "tau_2"]
+    assert [names[k] for k in alone.columns] == ["creep.tau_ou", "frequency_response.tau_ou"]
+    assert all(isinstance(d, LogUniform) for d in alone.distributions)
+    assert [[names[k] for k in pair.columns] for pair in found.pairs] == [
+        [f"{group}.sigma_white", f"{group}.sigma_ou"] for group in ("creep", "frequency_response")
+    ]
+    z = np.random.default_rng(3).standard_normal((50, target.dimension))
+    theta = target.prior.to_parameters(z)
+    u, _ = found.straighten(z)
+    for pair, group in zip(found.pairs, ("creep", "frequency_response"), strict=True):
+        weights = np.concatenate([r.weights for r in target.records if r.group == group])
+        white, correlated = theta[:, list(pair.columns)].T
+        total = np.sqrt(white**2 * weights.mean() + correlated**2)
+        np.testing.assert_allclose(u[:, pair.columns[0]], np.log(total))
+
+
+def test_inherited_parameters_stay_as_they_are():
+    target = tubular_full().target(2)
+    draws_before = target.prior.sample(np.random.default_rng(4), 500)
+    kept = [target.names.index(n) for n in ("tau_1", "tau_2", "creep.sigma_ou", "creep.tau_ou")]
+    inherited = target.prior.inherit([target.names[k] for k in kept], draws_before[:, kept])
+    target.prior = inherited
+    found = Coordinates.of(target)
+    assert [b.columns for b in found.logarithmic] == [
+        (target.names.index("frequency_response.tau_ou"),)
+    ]
+    assert len(found.pairs) == 1
