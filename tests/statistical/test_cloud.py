@@ -6,6 +6,7 @@ from scipy.special import ndtr
 
 from deabayes.sampling.cloud import Cloud
 from deabayes.sampling.first_pass import WARM_UP_SCHEDULE
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.proposal import fit
 from deabayes.sampling.smc import from_prior, log_standard_normal
 
@@ -53,10 +54,10 @@ def test_moves_along_a_map_leave_the_density_alone():
     rng = np.random.default_rng(3)
     first = rng.standard_normal(8000)
     z = np.column_stack([first, first**2 + 0.1 * rng.standard_normal(8000)])
-    warp = next(part.warp for part in fit(z, 2, rng).parts if part.warp is not None)
-    cloud = Cloud(z.copy(), log_standard_normal, banana, rng)
+    lines = fit(z, 2, rng).lines[0][1]
+    cloud = Cloud(z.copy(), log_standard_normal, banana, rng, Guide())
     for _ in range(20):
-        cloud._along(1.0, warp)
+        cloud._along(1.0, lines)
     assert np.mean(cloud.z != z) > 0.9
     width = cloud.z[:, 1] - cloud.z[:, 0] ** 2
     assert cloud.z[:, 0].mean() == pytest.approx(0.0, abs=4 / np.sqrt(8000))

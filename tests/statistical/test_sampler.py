@@ -10,6 +10,7 @@ from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior import Prior
 from deabayes.sampling.checkpoint import Store
+from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.diagnostics import assess
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.mixture import Mixture
@@ -23,7 +24,7 @@ from deabayes.sampling.moves import (
     recipe,
 )
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import Part, Proposal, fit
+from deabayes.sampling.proposal import Lines, Part, Proposal, fit
 from deabayes.sampling.run import Run, Target
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
@@ -52,12 +53,12 @@ def variance_ratio(move, dimension, steps):
     return float((chain**2).mean())
 
 
-def curved_warp(dimension):
+def curved_lines(dimension):
     """A map fitted to draws of a banana: curved lines on the unit Gaussian, of uneven width."""
     draws = np.random.default_rng(2).standard_normal((4000, dimension))
     draws[:, 1] = 0.3 * draws[:, 1] + 0.5 * draws[:, 0] ** 2
     draws[:, 2] *= 0.3 * np.exp(0.7 * draws[:, 0])
-    return fit_warp(draws)
+    return Lines(Coordinates(), fit_warp(draws))
 
 
 def bent_proposal(dimension, fine=False):
@@ -69,7 +70,7 @@ def bent_proposal(dimension, fine=False):
 
 def along_bent_lines(dimension):
     """Moves along the lines of its map, some of which lead out of the support."""
-    return StraightenedMove(bent_proposal(dimension).parts[0].warp)
+    return StraightenedMove(bent_proposal(dimension).lines[0][1])
 
 
 def hop_over(dimension):
@@ -94,7 +95,7 @@ MOVES = {
         lambda d: [(HopMove(hop_over(d)), 0.5), (DifferentialEvolutionMove(), 0.5)],
         500,
     ),
-    "along straightened ridges": (lambda d: StraightenedMove(curved_warp(d)), 500),
+    "along straightened ridges": (lambda d: StraightenedMove(curved_lines(d)), 500),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
     "along lines of other coordinates": (along_bent_lines, 500),
     "independence in other coordinates": (lambda d: IndependenceMove(bent_proposal(d)), 500),
@@ -137,7 +138,7 @@ def test_straightened_moves_without_their_jacobian_would_be_seen():
             proposed, factors = super().get_proposal(s, c, random)
             return proposed, np.zeros_like(factors)
 
-    assert variance_ratio(Wrong(curved_warp(5)), 5, 500) != pytest.approx(1.0, abs=0.03)
+    assert variance_ratio(Wrong(curved_lines(5)), 5, 500) != pytest.approx(1.0, abs=0.03)
 
 
 def sample(log_likelihood, dimension, seed=1, **changes):

@@ -76,7 +76,7 @@ def test_a_proposal_of_the_prior_is_a_density_and_draws_from_it(fine):
     fresh = draws(100_000, seed=2)
     log_prior = -0.5 * (fresh**2 + np.log(2 * np.pi)).sum(axis=1)
     share = np.exp(frozen.log_density(fresh) - log_prior).mean()
-    drawn = frozen._draw(rng, 20_000)
+    drawn = COORDINATES.bend(frozen._draw(rng, 20_000))
     inside = np.isfinite(drawn).all(axis=1)
     assert 0.5 < inside.mean() < 0.98
     assert share == pytest.approx(inside.mean(), abs=0.02)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.guide import Guide
-from deabayes.sampling.proposal import Proposal, fit
-from deabayes.sampling.warp import Warp
+from deabayes.sampling.proposal import Lines, Proposal, fit
 
 LogDensity = Callable[[FloatArray], FloatArray]
 
@@ -101,9 +100,8 @@ class Cloud:
         """One round: every kind of move once."""
         self._differential_evolution(beta)
         self._independence(beta, proposal)
-        for part in proposal.parts:
-            if part.warp is not None:
-                self._along(beta, part.warp)
+        for _, lines in proposal.lines:
+            self._along(beta, lines)
         if self._guide.hop is not None:
             proposed, factor = self._guide.hop(self.z, self.rng)
             self._accept(np.arange(len(self.z)), proposed, factor, beta)
@@ -128,14 +126,14 @@ class Cloud:
             proposed = self.z[moving] + self._differences(self.z[resting], gamma)
             self._accept(moving, proposed, np.zeros(len(moving)), beta)
 
-    def _along(self, beta: float, warp: Warp) -> None:
+    def _along(self, beta: float, lines: Lines) -> None:
         """The same in a map's straightened coordinates, half of it in short steps."""
         for moving, resting in self._halves():
             short = self.rng.random(len(moving)) < 0.5
             gamma = np.where(short, SHORT_STEP, 2.38 / sqrt(2 * self.z.shape[1]))
-            x, log_jacobian = warp.straighten(self.z[moving])
-            step = self._differences(warp.forward(self.z[resting]), gamma)
-            self._accept(moving, *warp.moved(self.z[moving], log_jacobian, x + step), beta)
+            x, log_jacobian = lines.straighten(self.z[moving])
+            step = self._differences(lines.straighten(self.z[resting])[0], gamma)
+            self._accept(moving, *lines.moved(self.z[moving], log_jacobian, x + step), beta)
 
     def _halves(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
         """Indices of the particles that move and of those that rest, and the other way round."""

@@ -17,8 +17,7 @@ from emcee.state import State
 from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import SHORT_STEP, LogDensity
 from deabayes.sampling.guide import Hop
-from deabayes.sampling.proposal import Proposal
-from deabayes.sampling.warp import Warp
+from deabayes.sampling.proposal import Lines, Proposal
 
 
 class IndependenceMove(MHMove):
@@ -74,17 +73,17 @@ class StraightenedMove(DifferentialEvolutionMove):
     Differences of walkers follow a curved ridge instead of leaving it.
     """
 
-    def __init__(self, warp: Warp, gamma0: float | None = None) -> None:
+    def __init__(self, lines: Lines, gamma0: float | None = None) -> None:
         super().__init__(gamma0=gamma0)
-        self.warp = warp
+        self.lines = lines
 
     def get_proposal(
         self, s: FloatArray, c: list[FloatArray], random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
-        straight = [self.warp.forward(part) for part in c]
-        x, log_jacobian = self.warp.straighten(s)
+        straight = [self.lines.straighten(part)[0] for part in c]
+        x, log_jacobian = self.lines.straighten(s)
         proposed, factors = super().get_proposal(x, straight, random)
-        moved, ratio = self.warp.moved(s, log_jacobian, proposed)
+        moved, ratio = self.lines.moved(s, log_jacobian, proposed)
         return moved, factors + ratio
 
 
@@ -105,13 +104,12 @@ def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
     jumps: list[tuple[Any, float]] = [(DifferentialEvolutionMove(gamma0=1.0), 0.1)]
     if hop is not None:
         jumps.append((HopMove(hop), 0.1))
-    warps = [(part.warp, part.weight) for part in frozen.parts if part.warp is not None]
-    if not warps:
+    if not frozen.lines:
         return [(IndependenceMove(frozen), 0.5), *jumps, (DifferentialEvolutionMove(), 0.4)]
-    total = sum(weight for _, weight in warps)
+    total = sum(weight for weight, _ in frozen.lines)
     along = [
-        (StraightenedMove(warp, gamma), 0.25 * weight / total)
-        for warp, weight in warps
+        (StraightenedMove(lines, gamma), 0.25 * weight / total)
+        for weight, lines in frozen.lines
         for gamma in (None, SHORT_STEP)
     ]
     return [(IndependenceMove(frozen), 0.4), *jumps, *along]

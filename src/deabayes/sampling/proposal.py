@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.mixture import Mixture, RandomSource, two_clusters
 from deabayes.sampling.mixture import fit as fit_mixture
 from deabayes.sampling.warp import Warp, fit_warp
-
-FitWarp = Callable[[FloatArray], Warp | None]
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
@@ -26,16 +23,16 @@ MOST_TRIAL_SAMPLES = 5000
 
 @dataclass(frozen=True)
 class Part:
-    """A mixture, in coordinates straightened by a map or in z itself."""
+    """A mixture, in coordinates straightened by a map or in u itself."""
 
     weight: float
     mixture: Mixture
     warp: Warp | None = None
 
-    def log_density(self, z: FloatArray) -> FloatArray:
+    def log_density(self, u: FloatArray) -> FloatArray:
         if self.warp is None:
-            return self.mixture.log_density(z)
-        x, log_jacobian = self.warp.straighten(z)
+            return self.mixture.log_density(u)
+        x, log_jacobian = self.warp.straighten(u)
         return self.mixture.log_density(x) + log_jacobian
 
     def sample(self, rng: RandomSource, n: int) -> FloatArray:
@@ -44,40 +41,83 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """A density over z that can be sampled: the weighted sum of its parts.
+class Lines:
+    """Coordinates x of z in which a ridge is straight: those of a map in the coordinates u."""
 
-    It is normalised where no part reaches beyond the prior's support; otherwise `sample` draws from
+    coordinates: Coordinates
+    warp: Warp
+
+    def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """x of z (W, d), and log |dx/dz|, (W,)."""
+        u, first = self.coordinates.straighten(z)
+        x, second = self.warp.straighten(u)
+        return x, first + second
+
+    def moved(
+        self, z: FloatArray, log_jacobian: FloatArray, x: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Where steps from z to x lead, (W, d), and the logarithm of their factor, (W,).
+
+        A step symmetric in x has the ratio |dx/dz| / |dx'/dz'| of its densities in z. One out of
+        the prior's support leads nowhere: z itself, with the logarithm -inf.
+
+        Parameters
+        ----------
+        log_jacobian : log |dx/dz| at z.
+        """
+        proposed = self.coordinates.bend(self.warp.inverse(x))
+        inside = ~np.isnan(proposed[:, 0])
+        proposed = np.where(inside[:, None], proposed, z)
+        factor = log_jacobian - self.straighten(proposed)[1]
+        return proposed, np.where(inside & (factor < np.inf), factor, -np.inf)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A density over z that can be sampled: the weighted sum of its parts, which are of u.
+
+    It is normalised where the prior's support has no bounds in u; otherwise `sample` draws from
     what is inside, of which the density is `log_density` but for a constant.
     """
 
     parts: tuple[Part, ...]
+    coordinates: Coordinates = field(default_factory=Coordinates)
 
     @property
     def dimension(self) -> int:
         return self.parts[0].mixture.dimension
 
     def log_density(self, z: FloatArray) -> FloatArray:
-        """Normalised log density at z (W, d): (W,)."""
-        z = np.atleast_2d(z)
-        terms = np.stack([np.log(part.weight) + part.log_density(z) for part in self.parts])
+        """Log density at z (W, d): (W,)."""
+        u, log_jacobian = self.coordinates.straighten(np.atleast_2d(z))
+        terms = np.stack([np.log(part.weight) + part.log_density(u) for part in self.parts])
         largest = terms.max(axis=0)
-        return largest + np.log(np.exp(terms - largest).sum(axis=0))
+        return log_jacobian + largest + np.log(np.exp(terms - largest).sum(axis=0))
+
+    @property
+    def lines(self) -> tuple[tuple[float, Lines], ...]:
+        """Along which ridges are straight: weight of the part, and its lines."""
+        return tuple(
+            (part.weight, Lines(self.coordinates, part.warp))
+            for part in self.parts
+            if part.warp is not None
+        )
 
     def sample(self, rng: RandomSource, n: int) -> FloatArray:
         """Draw n points (n, d), all inside the prior's support."""
-        z = self._draw(rng, n)
+        z = self.coordinates.bend(self._draw(rng, n))
         while (outside := np.isnan(z[:, 0])).any():
-            z[outside] = self._draw(rng, int(outside.sum()))
+            z[outside] = self.coordinates.bend(self._draw(rng, int(outside.sum())))
         return z
 
     def _draw(self, rng: RandomSource, n: int) -> FloatArray:
+        """n points (n, d) in u."""
         part = rng.choice(len(self.parts), size=n, p=[part.weight for part in self.parts])
-        z = np.empty((n, self.dimension))
+        u = np.empty((n, self.dimension))
         for index, each in enumerate(self.parts):
             chosen = part == index
-            z[chosen] = each.sample(rng, int(chosen.sum()))
-        return z
+            u[chosen] = each.sample(rng, int(chosen.sum()))
+        return u
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it with `from_arrays`, under flat names."""
@@ -94,7 +134,7 @@ class Proposal:
 
         Parameters
         ----------
-        coordinates : in which its maps began; they are not among the arrays.
+        coordinates : of its parts, which are not among the arrays.
         """
 
         def under(prefix: str) -> dict[str, FloatArray]:
@@ -104,9 +144,8 @@ class Proposal:
         for index, weight in enumerate(np.atleast_1d(arrays["proposal_weights"])):
             warp = under(f"proposal_{index}_warp_")
             mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
-            straight = Warp.from_arrays(warp, coordinates) if warp else None
-            parts.append(Part(float(weight), mixture, straight))
-        return cls(tuple(parts))
+            parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
+        return cls(tuple(parts), coordinates)
 
 
 def fit(
@@ -132,38 +171,38 @@ def fit(
         take it all.)
     may_split : samples of two modes, or of a bend too sharp for one map, may be parted,
         each part with its own, where that describes held-out samples better.
-    coordinates : in which maps begin.
+    coordinates : in which it is fitted.
     """
     finite = np.isfinite(samples).all(axis=1)
-    samples = samples[finite]
-    fitted = partial(fit_warp, fine=fine, coordinates=coordinates or Coordinates())
-    parts = _parts(samples, components, rng, fitted)
-    if may_split and _better_split(samples, rng, fitted):
-        parts = _split_parts(samples, components, rng, fitted)
+    coordinates = coordinates or Coordinates()
+    samples, log_jacobian = coordinates.straighten(samples[finite])
+    parts = _parts(samples, components, rng, fine=fine)
+    if may_split and _better_split(samples, rng, fine):
+        parts = _split_parts(samples, components, rng, fine)
     if log_density is not None:
-        excess = log_density[finite] - Proposal(tuple(parts)).log_density(samples)
+        excess = log_density[finite] - log_jacobian - Proposal(tuple(parts)).log_density(samples)
         weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
         chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
         half = max(components // 2, 1)
         share = FINE_COVERING if fine else COVERING
         if fine:
-            missed = _parts(samples[chosen], half, rng, fitted, share)
+            missed = _parts(samples[chosen], half, rng, share, fine)
         else:
             missed = [Part(share, fit_mixture(samples[chosen], half, rng))]
         parts = [*(replace(part, weight=(1 - share) * part.weight) for part in parts), *missed]
-    return Proposal(tuple(parts))
+    return Proposal(tuple(parts), coordinates)
 
 
 def _parts(
     samples: FloatArray,
     components: int,
     rng: np.random.Generator,
-    fitted: FitWarp,
     weight: float = 1.0,
+    fine: bool = False,
 ) -> list[Part]:
     """Parts of a total weight, fitted to samples (n, d): straightened and plain, or plain only."""
     plain = fit_mixture(samples, components, rng)
-    warp = fitted(samples)
+    warp = fit_warp(samples, fine)
     if warp is None:
         return [Part(weight, plain)]
     straightened = fit_mixture(warp.forward(samples), components, rng)
@@ -171,7 +210,7 @@ def _parts(
 
 
 def _split_parts(
-    samples: FloatArray, components: int, rng: np.random.Generator, fitted: FitWarp
+    samples: FloatArray, components: int, rng: np.random.Generator, fine: bool
 ) -> list[Part]:
     """Parts of each half of a split by size, or of the whole where there is none."""
     halves = two_clusters(samples, rng)
@@ -179,18 +218,18 @@ def _split_parts(
     for half in halves:
         share = len(half) / len(samples)
         own = max(1, round(components * max(share, 0.25)))
-        parts += _parts(half, own, rng, fitted, share)
+        parts += _parts(half, own, rng, share, fine)
     return parts
 
 
-def _better_split(samples: FloatArray, rng: np.random.Generator, fitted: FitWarp) -> bool:
+def _better_split(samples: FloatArray, rng: np.random.Generator, fine: bool) -> bool:
     """Whether a split describes a held-out fifth of the samples better than none."""
     order = rng.permutation(len(samples))
     order = order[:MOST_TRIAL_SAMPLES]
     held_out, train = np.split(samples[order], [len(order) // 5])
     if len(two_clusters(train, rng)) < 2:
         return False
-    whole = _parts(train, TRIAL_COMPONENTS, rng, fitted)
-    split = _split_parts(train, TRIAL_COMPONENTS, rng, fitted)
+    whole = _parts(train, TRIAL_COMPONENTS, rng, fine=fine)
+    split = _split_parts(train, TRIAL_COMPONENTS, rng, fine)
     scores = [Proposal(tuple(parts)).log_density(held_out).mean() for parts in (whole, split)]
     return bool(scores[1] > scores[0] + SPLIT_GAIN)

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.warp_kernels import (
     KNOTS,
     RATES,
@@ -48,7 +47,6 @@ class Warp:
     shifts (d, d + 2 + knots + rates, d), scales (d, 2, d) : coefficients of P and of S, (terms led
         by coordinate, their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
     offsets (2, d) : the constant terms of P and S.
-    coordinates : in which z is before.
     """
 
     centre: FloatArray
@@ -57,57 +55,32 @@ class Warp:
     shifts: FloatArray
     scales: FloatArray
     offsets: FloatArray
-    coordinates: Coordinates
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straightened coordinates of z (W, d), and log |dx / dz|, (W,)."""
-        u, log_jacobian = self.coordinates.straighten(z)
-        y = np.ascontiguousarray((u - self.centre) @ self.axes)
+        y = np.ascontiguousarray((z - self.centre) @ self.axes)
         shift, log_scale = polynomials(y, self.shifts, self.scales)
         log_scale += self.offsets[1]
         x = (y - shift - self.offsets[0]) * np.exp(-log_scale)
-        log_jacobian += np.linalg.slogdet(self.axes)[1]
-        return x, log_jacobian - log_scale.sum(axis=1)
+        return x, np.linalg.slogdet(self.axes)[1] - log_scale.sum(axis=1)
 
     def forward(self, z: FloatArray) -> FloatArray:
         """Straightened coordinates of z (W, d)."""
         return self.straighten(z)[0]
 
     def inverse(self, x: FloatArray) -> FloatArray:
-        """The z (W, d) of straightened coordinates x; NaN outside the prior's support."""
+        """The z (W, d) of straightened coordinates x."""
         y = solve(np.ascontiguousarray(x), self.shifts, self.scales, self.offsets)
-        return self.coordinates.bend(y @ self.inverse_axes + self.centre)
-
-    def moved(
-        self, z: FloatArray, log_jacobian: FloatArray, x: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Where steps from z to straightened coordinates x lead, (W, d), and their factor, (W,).
-
-        A step symmetric in x has the ratio |dx/dz| / |dx'/dz'| of its densities in z. One out of
-        the prior's support leads nowhere: z itself, with the logarithm -inf.
-
-        Parameters
-        ----------
-        log_jacobian : log |dx/dz| at z.
-        """
-        proposed = self.inverse(x)
-        inside = ~np.isnan(proposed[:, 0])
-        proposed = np.where(inside[:, None], proposed, z)
-        factor = log_jacobian - self.straighten(proposed)[1]
-        return proposed, np.where(inside & (factor < np.inf), factor, -np.inf)
+        return np.asarray(y @ self.inverse_axes + self.centre)
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Everything needed to rebuild it, but for the coordinates."""
-        return {name: getattr(self, name) for name in _ARRAYS}
+        """Everything needed to rebuild it."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray], coordinates: Coordinates) -> Warp:
+    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
         """Rebuild from `arrays()`."""
-        fitted = {name: np.asarray(arrays[name]) for name in _ARRAYS}
-        return cls(**fitted, coordinates=coordinates)
-
-
-_ARRAYS = ("centre", "axes", "inverse_axes", "shifts", "scales", "offsets")
+        return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
 
 
 def _shift_terms(y: FloatArray, k: int, fine: bool) -> FloatArray:
@@ -136,9 +109,7 @@ def _scale_terms(y: FloatArray, k: int) -> FloatArray:
     return np.column_stack([bounded, bounded**2])
 
 
-def fit_warp(
-    samples: FloatArray, fine: bool = False, coordinates: Coordinates | None = None
-) -> Warp | None:
+def fit_warp(samples: FloatArray, fine: bool = False) -> Warp | None:
     """Fit the map to samples (n, d) by maximum likelihood; None when they are too few for it.
 
     Parameters
@@ -150,8 +121,6 @@ def fit_warp(
     most_terms = 1 + sum(_shift_kinds(k, dimension, fine).size for k in range(dimension))
     if dimension < 2 or len(np.unique(samples[:, 0])) < DRAWS_PER_TERM * most_terms:
         return None
-    coordinates = coordinates or Coordinates()
-    samples, _ = coordinates.straighten(samples)
     centre = samples.mean(axis=0)
     variances, directions = _directions(samples, fine)
     if variances[-1] <= 1e-14 * variances[0]:
@@ -173,7 +142,7 @@ def fit_warp(
         kinds = _shift_kinds(k, dimension, fine)
         places = np.concatenate([places, np.column_stack([np.full(len(kinds), k), kinds])])
     inverse_axes = (directions * np.sqrt(variances)).T.copy()
-    return Warp(centre, axes, inverse_axes, shifts, scales, offsets, coordinates)
+    return Warp(centre, axes, inverse_axes, shifts, scales, offsets)
 
 
 def _directions(samples: FloatArray, fine: bool) -> tuple[FloatArray, FloatArray]:
