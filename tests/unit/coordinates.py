@@ -6,7 +6,8 @@ import numpy as np
 
 from deabayes.distributions import LogUniform
 from deabayes.prior_blocks import Independent, Ordered
-from deabayes.sampling.coordinates import Coordinates, NoisePair
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.pairs import NoisePair
 
 WEIGHT, SLOPES = 0.2, (1.5, 1.2)
 COORDINATES = Coordinates(

@@ -8,6 +8,7 @@ from tests.validation.worlds import tubular_full
 from deabayes.distributions import LogUniform
 from deabayes.prior_blocks import Independent, Ordered
 from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.pairs import GentPair
 from deabayes.sampling.proposal import fit
 
 
@@ -50,6 +51,33 @@ def test_noises_that_share_one_variance_lie_on_a_line():
     u, _ = COORDINATES.straighten(z)
     np.testing.assert_allclose(u[:, 3], np.log(0.3))
     np.testing.assert_allclose(u[:, 4], np.log(np.tan(angle)))
+
+
+def test_gent_spring_near_one_stretch_lies_on_a_line():
+    """mu and J of one secant modulus at I_1 - 3 = 30 have one u_1, whatever J."""
+    pair = GentPair((0, 1), 0.8, np.log(100.0), 0.7, 30.0)
+    limit = np.geomspace(31.0, 3000.0, 40)
+    modulus = 2.0 * (1.0 - 30.0 / limit)
+    z = np.column_stack([np.log(modulus) / 0.8, np.log(limit / 100.0) / 0.7])
+    u = z.copy()
+    assert pair.straighten(u) == 0.0
+    np.testing.assert_allclose(u[:, 0], np.log(2.0) / 0.8, atol=1e-12)
+    np.testing.assert_array_equal(u[:, 1], z[:, 1])
+    pair.bend(u)
+    np.testing.assert_allclose(u, z, atol=1e-12)
+
+
+def test_locked_spring_has_no_density_and_is_never_proposed():
+    locking = Coordinates((), (GentPair((0, 1), 0.8, np.log(100.0), 0.7, 60.0),))
+    z = np.random.default_rng(5).standard_normal((4000, 3))
+    locked = 100.0 * np.exp(0.7 * z[:, 1]) <= 60.0
+    assert 0.1 < locked.mean() < 0.5
+    _, log_jacobian = locking.straighten(z)
+    np.testing.assert_array_equal(np.isneginf(log_jacobian), locked)
+    frozen = fit(z, 2, np.random.default_rng(6), np.zeros(4000), coordinates=locking)
+    assert np.isneginf(frozen.log_density(z[locked])).all()
+    drawn = frozen.sample(np.random.default_rng(7), 4000)
+    assert (100.0 * np.exp(0.7 * drawn[:, 1]) > 60.0).all()
 
 
 def test_outside_of_the_support_is_no_place():

@@ -120,20 +120,32 @@ class Cloud:
 
     def _differential_evolution(self, beta: float) -> None:
         """Each half moves along differences of pairs of the other (ter Braak 2006)."""
+        lines = Lines(self._guide.coordinates)
         for moving, resting in self._halves():
             jump = self.rng.random(len(moving)) < 0.1
-            gamma = np.where(jump, 1.0, 2.38 / sqrt(2 * self.z.shape[1]))
-            proposed = self.z[moving] + self._differences(self.z[resting], gamma)
-            self._accept(moving, proposed, np.zeros(len(moving)), beta)
+            self._step(beta, lines, moving, resting, np.where(jump, 1.0, self._usual))
 
     def _along(self, beta: float, lines: Lines) -> None:
         """The same in a map's straightened coordinates, half of it in short steps."""
         for moving, resting in self._halves():
             short = self.rng.random(len(moving)) < 0.5
-            gamma = np.where(short, SHORT_STEP, 2.38 / sqrt(2 * self.z.shape[1]))
-            x, log_jacobian = lines.straighten(self.z[moving])
-            step = self._differences(lines.straighten(self.z[resting])[0], gamma)
-            self._accept(moving, *lines.moved(self.z[moving], log_jacobian, x + step), beta)
+            self._step(beta, lines, moving, resting, np.where(short, SHORT_STEP, self._usual))
+
+    def _step(
+        self,
+        beta: float,
+        lines: Lines,
+        moving: NDArray[np.intp],
+        resting: NDArray[np.intp],
+        gamma: FloatArray,
+    ) -> None:
+        x, log_jacobian = lines.straighten(self.z[moving])
+        step = self._differences(lines.straighten(self.z[resting])[0], gamma)
+        self._accept(moving, *lines.moved(self.z[moving], log_jacobian, x + step), beta)
+
+    @property
+    def _usual(self) -> float:
+        return 2.38 / sqrt(2 * self.z.shape[1])
 
     def _halves(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
         """Indices of the particles that move and of those that rest, and the other way round."""

@@ -19,6 +19,9 @@ from deabayes.sampling.cloud import SHORT_STEP, LogDensity
 from deabayes.sampling.guide import Hop
 from deabayes.sampling.proposal import Lines, Proposal
 
+ALONG = 0.15
+"""Share of steps along maps, of each length."""
+
 
 class IndependenceMove(MHMove):
     """Metropolis-Hastings with proposals drawn from a frozen density g, whatever the state.
@@ -101,18 +104,19 @@ def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
     in short steps that a tight ridge accepts: on the reference specimen's voigt_kelvin_3
     that took the autocorrelation time from 177 to 92 steps.
     """
-    jumps: list[tuple[Any, float]] = [(DifferentialEvolutionMove(gamma0=1.0), 0.1)]
+    plain = Lines(frozen.coordinates)
+    jumps: list[tuple[Any, float]] = [(StraightenedMove(plain, gamma0=1.0), 0.1)]
     if hop is not None:
         jumps.append((HopMove(hop), 0.1))
     if not frozen.lines:
-        return [(IndependenceMove(frozen), 0.5), *jumps, (DifferentialEvolutionMove(), 0.4)]
+        return [(IndependenceMove(frozen), 0.5), *jumps, (StraightenedMove(plain), 0.4)]
     total = sum(weight for weight, _ in frozen.lines)
     along = [
-        (StraightenedMove(lines, gamma), 0.25 * weight / total)
+        (StraightenedMove(lines, gamma), ALONG * weight / total)
         for weight, lines in frozen.lines
         for gamma in (None, SHORT_STEP)
     ]
-    return [(IndependenceMove(frozen), 0.4), *jumps, *along]
+    return [(IndependenceMove(frozen), 0.4), *jumps, (StraightenedMove(plain), 0.2), *along]
 
 
 def build_sampler(

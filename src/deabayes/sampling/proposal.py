@@ -42,16 +42,18 @@ class Part:
 
 @dataclass(frozen=True)
 class Lines:
-    """Coordinates x of z in which a ridge is straight: those of a map in the coordinates u."""
+    """Coordinates x of z in which a ridge is straight: those of a map, or u themselves."""
 
     coordinates: Coordinates
-    warp: Warp
+    warp: Warp | None = None
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """x of z (W, d), and log |dx/dz|, (W,)."""
-        u, first = self.coordinates.straighten(z)
-        x, second = self.warp.straighten(u)
-        return x, first + second
+        u, log_jacobian = self.coordinates.straighten(z)
+        if self.warp is None:
+            return u, log_jacobian
+        x, further = self.warp.straighten(u)
+        return x, log_jacobian + further
 
     def moved(
         self, z: FloatArray, log_jacobian: FloatArray, x: FloatArray
@@ -65,7 +67,7 @@ class Lines:
         ----------
         log_jacobian : log |dx/dz| at z.
         """
-        proposed = self.coordinates.bend(self.warp.inverse(x))
+        proposed = self.coordinates.bend(x if self.warp is None else self.warp.inverse(x))
         inside = ~np.isnan(proposed[:, 0])
         proposed = np.where(inside[:, None], proposed, z)
         factor = log_jacobian - self.straighten(proposed)[1]
@@ -176,11 +178,15 @@ def fit(
     finite = np.isfinite(samples).all(axis=1)
     coordinates = coordinates or Coordinates()
     samples, log_jacobian = coordinates.straighten(samples[finite])
+    kept = np.isfinite(log_jacobian)
+    samples, log_jacobian = samples[kept], log_jacobian[kept]
     parts = _parts(samples, components, rng, fine=fine)
     if may_split and _better_split(samples, rng, fine):
         parts = _split_parts(samples, components, rng, fine)
     if log_density is not None:
-        excess = log_density[finite] - log_jacobian - Proposal(tuple(parts)).log_density(samples)
+        excess = (
+            log_density[finite][kept] - log_jacobian - Proposal(tuple(parts)).log_density(samples)
+        )
         weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
         chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
         half = max(components // 2, 1)

@@ -92,6 +92,14 @@ class System(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then the specimen's quantities that carry an sd."""
 
+    @property
+    def stretched_springs(self) -> tuple[tuple[str, str, float], ...]:
+        """Gent springs that are stretched in all records: names of modulus and limit, I_1 - 3.
+
+        A spring that locks below it has no likelihood.
+        """
+        return ()
+
     @abstractmethod
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare the forward model for one record.

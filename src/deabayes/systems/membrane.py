@@ -111,6 +111,13 @@ class Membrane(System):
                 f"{self.breakdown:g}; give breakdown_stretch in specimen.yaml"
             )
 
+    @property
+    def stretched_springs(self) -> tuple[tuple[str, str, float], ...]:
+        """Spring alpha, at the least pre-stretch that the specimen may have (3 sd)."""
+        given = self.specimen.quantities["prestretch"]
+        least = max(given.value - 3.0 * (given.sd or 0.0), 1.0)
+        return (("mu_alpha", "J_alpha", 2.0 * least**2 + least**-4 - 3.0),)
+
     @classmethod
     def candidates(cls) -> list[str]:
         """Candidates that can be built."""
