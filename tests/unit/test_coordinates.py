@@ -1,15 +1,20 @@
 """Coordinates of the sampler: there and back, with their Jacobian, inside the prior's support."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tests.unit.coordinates import COORDINATES, SLOPES, WEIGHT
 from tests.validation.worlds import tubular_full
 
 from deabayes.distributions import LogUniform
+from deabayes.experiment import Quantity, Specimen
 from deabayes.prior_blocks import Independent, Ordered
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.pairs import GentPair
 from deabayes.sampling.proposal import fit
+from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
 
 
 def draws(n=2000, seed=0):
@@ -53,11 +58,22 @@ def test_noises_that_share_one_variance_lie_on_a_line():
     np.testing.assert_allclose(u[:, 4], np.log(np.tan(angle)))
 
 
-def test_gent_spring_near_one_stretch_lies_on_a_line():
-    """mu and J of one secant modulus at I_1 - 3 = 30 have one u_1, whatever J."""
-    pair = GentPair((0, 1), 0.8, np.log(100.0), 0.7, 30.0)
-    limit = np.geomspace(31.0, 3000.0, 40)
-    modulus = 2.0 * (1.0 - 30.0 / limit)
+SPRING = StretchedSpring(
+    "mu", "J", (3 - 3**-5, 3.4 - 3.4**-5), (2 * 9 + 1 / 81 - 3, 2 * 3.4**2 + 3.4**-4 - 3)
+)
+
+
+def _load(stretch, limit):
+    """P(lambda) / mu of a Gent spring under equal-biaxial stretch."""
+    invariant = 2 * stretch**2 + stretch**-4 - 3
+    return (stretch - stretch**-5) / (1 - invariant / limit)
+
+
+def test_gent_springs_that_take_up_one_load_lie_on_a_line():
+    """mu and J that take up one load from stretch 3 to 3.4 have one u_1, whatever J."""
+    pair = GentPair(SPRING, (0, 1), 0.8, np.log(100.0), 0.7)
+    limit = np.geomspace(21.0, 3000.0, 40)
+    modulus = 2.0 / (_load(3.4, limit) - _load(3.0, limit))
     z = np.column_stack([np.log(modulus) / 0.8, np.log(limit / 100.0) / 0.7])
     u = z.copy()
     assert pair.straighten(u) == 0.0
@@ -68,7 +84,8 @@ def test_gent_spring_near_one_stretch_lies_on_a_line():
 
 
 def test_locked_spring_has_no_density_and_is_never_proposed():
-    locking = Coordinates((), (GentPair((0, 1), 0.8, np.log(100.0), 0.7, 60.0),))
+    spring = replace(SPRING, invariants=(50.0, 60.0))
+    locking = Coordinates((), (GentPair(spring, (0, 1), 0.8, np.log(100.0), 0.7),))
     z = np.random.default_rng(5).standard_normal((4000, 3))
     locked = 100.0 * np.exp(0.7 * z[:, 1]) <= 60.0
     assert 0.1 < locked.mean() < 0.5
@@ -149,3 +166,20 @@ def test_inherited_parameters_stay_as_they_are():
         (target.names.index("frequency_response.tau_ou"),)
     ]
     assert len(found.pairs) == 1
+
+
+@pytest.mark.parametrize(
+    ("response", "value"), [("stretch", 3.4), ("displacement", 0.004), ("area", 0.034**2)]
+)
+def test_a_membrane_knows_how_far_it_is_stretched(response, value):
+    """98 % of the way from the pre-stretch of 3 to 3.4, whatever is recorded."""
+    quantities = {"prestretch": Quantity(3.0, "1"), "side_length": Quantity(0.01, "m")}
+    specimen = Specimen("m", "membrane", {}, quantities)
+    record = SimpleNamespace(response_name=response, response=np.array([0.0, value]))
+    (spring,) = equal_biaxial("mu_alpha", "J_alpha", specimen, [record])
+    reached = 3.0 + 0.98 * 0.4
+    limit = np.array([30.0, 300.0])
+    expected = np.log(_load(reached, limit) - _load(3.0, limit))
+    np.testing.assert_allclose(spring.log_secant(limit), expected)
+    still = SimpleNamespace(response_name="stretch", response=np.array([3.0]))
+    assert equal_biaxial("mu_alpha", "J_alpha", specimen, [still]) == ()

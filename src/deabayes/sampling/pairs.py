@@ -8,9 +8,8 @@ u_1 = ln sqrt(w s_white^2 + s_corr^2), u_2 = ln(s_corr / (s_white sqrt(w)))
 it is the line of constant u_1 (w: mean weight of white noise, see `NoiseModel`). The Jacobian of
 (u_1, u_2) by the two logarithms is 1.
 
-**A Gent spring that is stretched.** What a record shows of modulus mu and limit J of a spring that
-stays near one stretch is the secant modulus there, mu / (1 - (I_1 - 3)/J). Its logarithm takes
-the place of that of mu.
+**A Gent spring that is stretched.** What a record shows of modulus and limit is the load that the
+spring takes up on its way (see `StretchedSpring`). Its logarithm takes the place of that of mu.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ import numpy as np
 from deabayes.distributions import LogNormal
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
+from deabayes.systems.stretched_spring import StretchedSpring
 
 
 class Pair(Protocol):
@@ -72,31 +72,31 @@ class NoisePair:
 
 @dataclass(frozen=True)
 class GentPair:
-    """Modulus and limit of a Gent spring: columns of z, and I_1 - 3 at its stretch.
+    """Modulus and limit of a Gent spring, as columns of z.
 
     ln mu = constant + modulus_slope z, ln J = limit_intercept + limit_slope z.
     """
 
+    spring: StretchedSpring
     columns: tuple[int, int]
     modulus_slope: float
     limit_intercept: float
     limit_slope: float
-    invariant: float
 
     def straighten(self, u: FloatArray) -> float:
-        """Put that of the secant modulus in the place of the modulus; NaN where it locks."""
-        u[:, self.columns[0]] -= self._log_softening(u)
+        """Put the score of mu h(J) in the place of that of mu; NaN where the spring locks."""
+        u[:, self.columns[0]] += self._log_secant(u)
         return 0.0
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
-        u[:, self.columns[0]] += self._log_softening(u)
+        u[:, self.columns[0]] -= self._log_secant(u)
 
-    def _log_softening(self, z: FloatArray) -> FloatArray:
-        """ln(1 - (I_1 - 3)/J) on the scale of the modulus's score."""
-        with np.errstate(all="ignore"):
+    def _log_secant(self, z: FloatArray) -> FloatArray:
+        """ln h(J) on the scale of the modulus's score."""
+        with np.errstate(over="ignore"):
             limit = np.exp(self.limit_intercept + self.limit_slope * z[:, self.columns[1]])
-            return np.asarray(np.log1p(-self.invariant / limit) / self.modulus_slope)
+        return self.spring.log_secant(limit) / self.modulus_slope
 
 
 def noise_pairs(target: LogPosterior, free: frozenset[int]) -> list[NoisePair]:
@@ -118,16 +118,17 @@ def noise_pairs(target: LogPosterior, free: frozenset[int]) -> list[NoisePair]:
 
 
 def gent_pairs(target: LogPosterior, free: frozenset[int]) -> list[GentPair]:
-    """One for each spring that the system knows to be stretched."""
+    """One for each spring that the records are known to have stretched."""
     pairs: list[GentPair] = []
-    for modulus, limit, invariant in target.system.stretched_springs:
-        columns = [target.names.index(name) for name in (modulus, limit)]
+    experiments = [record.experiment for record in target.records]
+    for spring in target.system.stretched_springs(experiments):
+        columns = [target.names.index(name) for name in (spring.modulus, spring.limit)]
         normals = _log_normals(target, columns, free)
         if len(normals) == 2:
-            first, second = normals
-            intercept = float(np.log(second.median))
+            modulus, limit = normals
+            intercept = float(np.log(limit.median))
             places = columns[0], columns[1]
-            pairs.append(GentPair(places, first.sigma, intercept, second.sigma, invariant))
+            pairs.append(GentPair(spring, places, modulus.sigma, intercept, limit.sigma))
     return pairs
 
 

@@ -20,6 +20,7 @@ from deabayes.experiment import (
 )
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
+from deabayes.systems.stretched_spring import StretchedSpring
 
 if TYPE_CHECKING:
     from deabayes.systems.linear_model import LinearModel
@@ -92,12 +93,8 @@ class System(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then the specimen's quantities that carry an sd."""
 
-    @property
-    def stretched_springs(self) -> tuple[tuple[str, str, float], ...]:
-        """Gent springs that are stretched in all records: names of modulus and limit, I_1 - 3.
-
-        A spring that locks below it has no likelihood.
-        """
+    def stretched_springs(self, experiments: Sequence[Experiment]) -> tuple[StretchedSpring, ...]:
+        """Gent springs that all records together are known to have stretched."""
         return ()
 
     @abstractmethod

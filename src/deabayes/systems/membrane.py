@@ -16,14 +16,14 @@ it), and its t_v = eta/mu is no time: the relaxation time at xi = lambda is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
@@ -33,6 +33,7 @@ from deabayes.systems.batch import once
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
 from deabayes.systems.specimen_quantities import quantity, uncertain_quantities
+from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
 
 DEFAULT_TOLERANCE = 1e-6
 DRIVE_TOLERANCE = 0.1
@@ -111,12 +112,9 @@ class Membrane(System):
                 f"{self.breakdown:g}; give breakdown_stretch in specimen.yaml"
             )
 
-    @property
-    def stretched_springs(self) -> tuple[tuple[str, str, float], ...]:
-        """Spring alpha, at the least pre-stretch that the specimen may have (3 sd)."""
-        given = self.specimen.quantities["prestretch"]
-        least = max(given.value - 3.0 * (given.sd or 0.0), 1.0)
-        return (("mu_alpha", "J_alpha", 2.0 * least**2 + least**-4 - 3.0),)
+    def stretched_springs(self, experiments: Sequence[Experiment]) -> tuple[StretchedSpring, ...]:
+        """Spring alpha."""
+        return equal_biaxial("mu_alpha", "J_alpha", self.specimen, experiments)
 
     @classmethod
     def candidates(cls) -> list[str]:

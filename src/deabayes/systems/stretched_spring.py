@@ -1,0 +1,64 @@
+"""What records show of a Gent spring that goes from one stretch to another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Specimen
+
+REACHED = 0.98
+"""Of the way to the largest value recorded, which has noise."""
+
+
+@dataclass(frozen=True)
+class StretchedSpring:
+    r"""A Gent spring, P(lambda) = mu p(lambda) / (1 - i(lambda)/J), i = I_1 - 3.
+
+    Where it holds the load at lambda_1 that it did not hold at lambda_0, a record there fixes
+    P(lambda_1) - P(lambda_0) = mu h(J) far better than mu or J.
+
+    Attributes
+    ----------
+    modulus, limit : names of mu and J.
+    shapes, invariants : p and i at lambda_0 and at lambda_1. It locks where J is not above i_1.
+    """
+
+    modulus: str
+    limit: str
+    shapes: tuple[float, float]
+    invariants: tuple[float, float]
+
+    def log_secant(self, limit: FloatArray) -> FloatArray:
+        """ln h(J), (W,); NaN where the spring is locked."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            before, after = (
+                shape / (1.0 - invariant / limit)
+                for shape, invariant in zip(self.shapes, self.invariants, strict=True)
+            )
+            return np.where(limit > self.invariants[1], np.log(after - before), np.nan)
+
+
+def equal_biaxial(
+    modulus: str, limit: str, specimen: Specimen, experiments: Sequence[Experiment]
+) -> tuple[StretchedSpring, ...]:
+    """The spring of a membrane, from its pre-stretch to the largest stretch on record; or none."""
+    rest = specimen.quantities["prestretch"].value
+    side = specimen.quantities.get("side_length")
+    largest = [_largest(e, rest, 1.0 if side is None else side.value) for e in experiments]
+    reached = rest + REACHED * (max([rest, *largest]) - rest)
+    if not reached > rest:
+        return ()
+    shapes = rest - rest**-5, reached - reached**-5
+    invariants = 2 * rest**2 + rest**-4 - 3, 2 * reached**2 + reached**-4 - 3
+    return (StretchedSpring(modulus, limit, shapes, invariants),)
+
+
+def _largest(experiment: Experiment, rest: float, side: float) -> float:
+    """The largest stretch of a record of stretch, displacement or area."""
+    value = float(np.max(experiment.response))
+    if experiment.response_name == "displacement":
+        return rest + value / side
+    return value if experiment.response_name == "stretch" else float(np.sqrt(value)) / side
