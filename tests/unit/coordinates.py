@@ -1,19 +1,20 @@
-"""Coordinates of a made-up prior: two ordered times, a log-uniform one, noise."""
+"""Coordinates of a made-up prior: two ordered times, a uniform parameter, noise."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from deabayes.distributions import LogUniform
+from deabayes.distributions import LogUniform, Uniform
 from deabayes.prior_blocks import Independent, Ordered
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.pairs import NoisePair
 
+TIMES, WIDE = LogUniform(0.01, 10.0), Uniform(-1.0, 5.0)
 WEIGHT, SLOPES = 0.2, (1.5, 1.2)
 COORDINATES = Coordinates(
     (
-        Ordered.of("tau", (0, 1), LogUniform(0.01, 10.0), 2.0),
-        Independent((2,), (LogUniform(0.1, 10.0),)),
+        Natural(Ordered.of("tau", (0, 1), TIMES, 2.0), TIMES),
+        Natural(Independent((2,), (WIDE,)), WIDE),
     ),
     (NoisePair((3, 4), (0.5 * np.log(WEIGHT), 0.0), SLOPES),),
 )

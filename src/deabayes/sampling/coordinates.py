@@ -1,28 +1,74 @@
 r"""Coordinates in which what data know of a model is straight, so that maps begin there.
 
-**Logarithms.** What a record shows of a relaxation unit that is too slow for it is its modulus
-over its time constant; of one that is too fast, its modulus. In logarithms of the parameters
-such ridges are straight lines and go on as such where no draw has been. In z they bend, as the
-score of a log-uniform or an ordered parameter is no linear function of its logarithm: fitted to
-the draws below the 90th percentile of a slow unit's time constant, a proposal was off by 39 nats
-at the largest draw, in logarithms by 6 (docs/validation.md).
+**Logarithms and values.** What a record shows of a relaxation unit that is too slow for it is
+its modulus over its time constant; of one that is too fast, its modulus. In logarithms such
+ridges are straight lines and go on as such where no draw has been. In z they bend, as the score
+of a log-uniform or an ordered parameter is no linear function of its logarithm: fitted to the
+draws below the 90th percentile of a slow unit's time constant, a proposal was off by 39 nats at
+the largest draw, in logarithms by 5 (docs/validation.md).
+The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
 **Pairs.** See `pairs`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from deabayes.distributions import LogNormal, LogUniform
+from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import FloatArray
 from deabayes.normal_scores import log_normal_density
 from deabayes.posterior import LogPosterior
 from deabayes.prior_blocks import Block, Independent, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
+
+KINDS = (Uniform, LogUniform, LogNormal)
+
+
+@dataclass(frozen=True)
+class Natural:
+    """Parameters of a block of the prior, or their logarithms, in place of their scores.
+
+    Attributes
+    ----------
+    distribution : that of one of them: a uniform one is counted from its middle, in its standard
+        deviations; of any other the logarithm is taken.
+    """
+
+    block: Block
+    distribution: Uniform | LogUniform | LogNormal
+
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        own = list(self.block.columns)
+        z = u[:, own]
+        values = self.block.to_parameters(z)
+        log_jacobian = log_normal_density(z).sum(axis=1) - self.block.log_density(values)
+        if isinstance(self.distribution, Uniform):
+            middle, deviation = _scale(self.distribution)
+            u[:, own] = (values - middle) / deviation
+            return np.asarray(log_jacobian - len(own) * np.log(deviation))
+        u[:, own] = np.log(values)
+        return np.asarray(log_jacobian - u[:, own].sum(axis=1))
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it; NaN outside the support."""
+        own = list(self.block.columns)
+        if isinstance(self.distribution, Uniform):
+            middle, deviation = _scale(self.distribution)
+            values = middle + deviation * u[:, own]
+        else:
+            values = np.exp(u[:, own])
+        u[:, own] = self.block.to_normal(values)
+
+
+def _scale(uniform: Uniform) -> tuple[float, float]:
+    """Mean and standard deviation."""
+    return 0.5 * (uniform.lower + uniform.upper), (uniform.upper - uniform.lower) / np.sqrt(12.0)
 
 
 @dataclass(frozen=True)
@@ -31,11 +77,11 @@ class Coordinates:
 
     Attributes
     ----------
-    logarithmic : blocks of the prior of which the parameters' logarithms are taken.
+    natural : parameters of which not the score is taken.
     pairs : see `pairs`; they come after.
     """
 
-    logarithmic: tuple[Block, ...] = ()
+    natural: tuple[Natural, ...] = ()
     pairs: tuple[Pair, ...] = ()
 
     @classmethod
@@ -44,52 +90,42 @@ class Coordinates:
         inherited = {n for block in target.prior.inherited for n in block.names}
         free = frozenset(k for k, name in enumerate(target.names) if name not in inherited)
         pairs: list[Pair] = [*noise_pairs(target, free), *gent_pairs(target, free)]
-        return cls(_logarithmic(target, free), tuple(pairs))
+        return cls(tuple(_natural(target, free)), tuple(pairs))
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""
         log_jacobian = np.zeros(len(z))
-        if not (self.logarithmic or self.pairs):
+        if not (self.natural or self.pairs):
             return z, log_jacobian
         u = z.copy()
-        for block in self.logarithmic:
-            own = list(block.columns)
-            values = block.to_parameters(z[:, own])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                u[:, own] = np.log(values)
-                log_jacobian += (log_normal_density(z[:, own]) - u[:, own]).sum(axis=1)
-                log_jacobian -= block.log_density(values)
-        for pair in self.pairs:
-            log_jacobian += pair.straighten(u)
+        parts: list[Natural | Pair] = [*self.natural, *self.pairs]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for part in parts:
+                log_jacobian += part.straighten(u)
         lost = ~(np.isfinite(log_jacobian) & np.isfinite(u).all(axis=1))
         u[lost], log_jacobian[lost] = 0.0, -np.inf
         return u, log_jacobian
 
     def bend(self, u: FloatArray) -> FloatArray:
         """The z (W, d) of u; rows outside the prior's support are NaN."""
-        if not (self.logarithmic or self.pairs):
+        if not (self.natural or self.pairs):
             return u
         z = u.copy()
-        for pair in self.pairs:
-            pair.bend(z)
+        parts: list[Natural | Pair] = [*reversed(self.pairs), *self.natural]
         with np.errstate(over="ignore", invalid="ignore"):
-            for block in self.logarithmic:
-                own = list(block.columns)
-                z[:, own] = block.to_normal(np.exp(u[:, own]))
+            for part in parts:
+                part.bend(z)
         z[~np.isfinite(z).all(axis=1)] = np.nan
         return z
 
 
-def _logarithmic(target: LogPosterior, free: frozenset[int]) -> tuple[Block, ...]:
-    """Blocks of positive parameters of which the logarithm is not linear in z already."""
-    blocks: list[Block] = []
+def _natural(target: LogPosterior, free: frozenset[int]) -> Iterator[Natural]:
+    """Blocks in which value or logarithm is not linear in z already."""
     for block in target.prior.blocks:
         if isinstance(block, Ordered):
-            if isinstance(block.reduced, LogNormal | LogUniform) and free.issuperset(block.columns):
-                blocks.append(block)
+            if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):
+                yield Natural(block, block.reduced)
         elif isinstance(block, Independent):
-            own = zip(block.columns, block.distributions, strict=True)
-            kept = [(k, d) for k, d in own if isinstance(d, LogUniform) and k in free]
-            if kept:
-                blocks.append(Independent(*zip(*kept, strict=True)))
-    return tuple(blocks)
+            for column, distribution in zip(block.columns, block.distributions, strict=True):
+                if isinstance(distribution, Uniform | LogUniform) and column in free:
+                    yield Natural(Independent((column,), (distribution,)), distribution)
