@@ -99,6 +99,7 @@ MOVES = {
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
     "along lines of other coordinates": (along_bent_lines, 500),
     "independence in other coordinates": (lambda d: IndependenceMove(bent_proposal(d)), 500),
+    "recipe in other coordinates": (lambda d: recipe(bent_proposal(d, fine=True)), 500),
     "differential evolution": (lambda d: DifferentialEvolutionMove(), 500),
     "recipe": (lambda d: recipe(wide_proposal(d)), 500),
     "jumps in the recipe": (

@@ -131,8 +131,23 @@ def test_a_proposal_of_the_prior_is_a_density_and_draws_from_it(fine):
     np.testing.assert_allclose(weights @ sampled**2 / weights.sum(), 1.0, atol=0.1)
 
 
+def test_fitting_in_coordinates_is_fitting_to_them():
+    """Covering part and all: the density at z is that at u times |du/dz|."""
+    z = draws(3000)
+    u, log_jacobian = COORDINATES.straighten(z)
+    log_density = -((z[:, 0] - 1.0) ** 2)
+    there = fit(z, 2, np.random.default_rng(8), log_density, coordinates=COORDINATES)
+    here = fit(u, 2, np.random.default_rng(8), log_density - log_jacobian)
+    assert len(there.parts) == 3
+    np.testing.assert_allclose(there.log_density(z), here.log_density(u) + log_jacobian)
+
+
 def test_those_of_a_real_posterior():
     target = tubular_full().target(2)
+    target.records = tuple(
+        replace(r, experiment=replace(r.experiment, samples_averaged=np.full(r.weights.size, 5.0)))
+        for r in target.records
+    )
     found = Coordinates.of(target)
     names = target.names
     assert [[names[k] for k in part.block.columns] for part in found.natural] == [

@@ -120,12 +120,12 @@ class Coordinates:
 
 
 def _natural(target: LogPosterior, free: frozenset[int]) -> Iterator[Natural]:
-    """Blocks in which value or logarithm is not linear in z already."""
+    """Ordered parameters, and others of which the logarithm is uniform."""
     for block in target.prior.blocks:
         if isinstance(block, Ordered):
             if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):
                 yield Natural(block, block.reduced)
         elif isinstance(block, Independent):
             for column, distribution in zip(block.columns, block.distributions, strict=True):
-                if isinstance(distribution, Uniform | LogUniform) and column in free:
+                if isinstance(distribution, LogUniform) and column in free:
                     yield Natural(Independent((column,), (distribution,)), distribution)
