@@ -55,7 +55,7 @@ def draw(
             for (label, values), colour in zip(lines.items(), (BLUE, ORANGE), strict=False):
                 difference = ecdf(values, possible) - limits.points
                 axis.plot(limits.points, difference, color=colour, label=label)
-            axis.set_title(name, fontsize=8)
+            axis.set_title(name.replace(".", "\n"), fontsize=8)
         for axis in axes.flat[max(len(ranks) - COLUMNS, 0) : len(ranks)]:
             axis.tick_params(labelbottom=True)
             axis.set_xlabel("rank / number of draws", fontsize=7)
