@@ -48,10 +48,6 @@ MOST_STORED = 1000
 """Steps per ensemble that diagnostics are computed from."""
 
 
-def without_refit(frozen: Proposal) -> list[tuple[Any, float]]:
-    return recipe(frozen)
-
-
 def de_mix(frozen: Proposal) -> list[tuple[Any, float]]:
     return [(DifferentialEvolutionMove(), 0.8), (DifferentialEvolutionMove(gamma0=1.0), 0.2)]
 
@@ -61,7 +57,7 @@ def stretch(frozen: Proposal) -> list[tuple[Any, float]]:
 
 
 MOVES: Mapping[str, Callable[[Proposal], list[tuple[Any, float]]]] = {
-    "without refit": without_refit,
+    "without refit": recipe,
     "DE mix": de_mix,
     "stretch": stretch,
 }

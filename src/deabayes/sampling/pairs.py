@@ -84,7 +84,7 @@ class GentPair:
     limit_slope: float
 
     def straighten(self, u: FloatArray) -> float:
-        """Put the score of mu h(J) in the place of that of mu; NaN where the spring locks."""
+        """Put the score of mu h(J) in the place of that of mu."""
         u[:, self.columns[0]] += self._log_secant(u)
         return 0.0
 

@@ -11,6 +11,9 @@ from deabayes.experiment import Experiment, FloatArray, Specimen
 
 REACHED = 0.98
 """Of the way to the largest value recorded, which has noise."""
+CLOSEST = 1.05
+"""Of the limit to I_1 - 3: closer to lock-up h stays as it is, so that a record that was read wrong
+shuts out no limit."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class StretchedSpring:
     Attributes
     ----------
     modulus, limit : names of mu and J.
-    shapes, invariants : p and i at lambda_0 and at lambda_1. It locks where J is not above i_1.
+    shapes, invariants : p and i at lambda_0 and at lambda_1.
     """
 
     modulus: str
@@ -32,13 +35,13 @@ class StretchedSpring:
     invariants: tuple[float, float]
 
     def log_secant(self, limit: FloatArray) -> FloatArray:
-        """ln h(J), (W,); NaN where the spring is locked."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            before, after = (
-                shape / (1.0 - invariant / limit)
-                for shape, invariant in zip(self.shapes, self.invariants, strict=True)
-            )
-            return np.where(limit > self.invariants[1], np.log(after - before), np.nan)
+        """ln h(J), (W,), and where the spring would lock that of the closest limit."""
+        limit = np.maximum(limit, CLOSEST * self.invariants[1])
+        before, after = (
+            shape / (1.0 - invariant / limit)
+            for shape, invariant in zip(self.shapes, self.invariants, strict=True)
+        )
+        return np.asarray(np.log(after - before))
 
 
 def equal_biaxial(
