@@ -37,6 +37,7 @@ REGISTRY: Mapping[str, Step] = load(
         "delay": "delay",
         "excitation_knots": "excitation_knots",
         "excitation_spline": "excitation_spline",
+        "limit_current": "limit_current",
         "mask_after": "mask_after",
         "mask_before": "mask_before",
         "mask_ramp_end": "mask_ramp_end",
@@ -50,6 +51,7 @@ NEEDS_TIME = (
     "delay",
     "excitation_knots",
     "excitation_spline",
+    "limit_current",
     "mask_ramp_end",
     "mask_slack",
 )
