@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +23,8 @@ from deabayes.normal_scores import (
 
 LARGEST_SCORE = 37.0
 ROUNDING = 1e-12
+TIED = math.log1p(-0.5 * math.erfc(UNRESOLVED_SCORE / math.sqrt(2.0)))
+"""log Phi of a score that is not resolved."""
 
 
 class Block(Protocol):
@@ -148,27 +151,45 @@ class Ordered:
         factors = np.asarray(minimum_ratio ** np.arange(size), dtype=np.float64)
         return cls(columns, reduced, factors, from_largest)
 
-    @property
+    @cached_property
     def _powers(self) -> FloatArray:
         return np.arange(len(self.columns), 0.0, -1.0)
 
     def to_parameters(self, z: FloatArray) -> FloatArray:
-        from scipy.special import log_ndtr, ndtri_exp
-
-        log_survivals = np.cumsum(log_ndtr(-self._reflected(z)) / self._powers, axis=1)
-        scores = np.clip(-ndtri_exp(log_survivals), -LARGEST_SCORE, LARGEST_SCORE)
-        return self.factors * self.reduced.from_normal(self._reflected(scores))
+        return self.factors * self.reduced.from_normal(self.scores(self.log_survivals(z)))
 
     def to_normal(self, theta: FloatArray) -> FloatArray:
-        from scipy.special import log_ndtr, ndtri_exp
+        from scipy.special import log_ndtr
 
         values, ascending = self._sorted_values(theta)
         log_survivals = log_ndtr(-self._reflected(self.reduced.to_normal(values)))
-        before = np.concatenate([np.zeros((len(theta), 1)), log_survivals[:, :-1]], axis=1)
-        log_steps = log_survivals - before
-        tied = log_ndtr(UNRESOLVED_SCORE)
-        z = -ndtri_exp(np.where(log_steps >= 0.0, tied, log_steps * self._powers))
-        return np.where(ascending[:, None], self._reflected(z), np.nan)
+        return np.where(ascending[:, None], self.from_log_survivals(log_survivals), np.nan)
+
+    def log_survivals(self, z: FloatArray) -> FloatArray:
+        """log(1 - u_(k)), (W, n); of the reflected uniforms, if built from the largest."""
+        from scipy.special import log_ndtr
+
+        return np.cumsum(log_ndtr(-self._reflected(z)) / self._powers, axis=1)
+
+    def from_log_survivals(self, log_survivals: FloatArray, slack: float = np.inf) -> FloatArray:
+        """The z of `log_survivals`, (W, n).
+
+        Those that ascend are taken for tied, or, by more than `slack`, for impossible: NaN.
+        """
+        from scipy.special import ndtri_exp
+
+        log_steps = log_survivals.copy()
+        log_steps[:, 1:] -= log_survivals[:, :-1]
+        z = -ndtri_exp(np.where(log_steps >= 0.0, TIED, log_steps * self._powers))
+        z[(log_steps > slack).any(axis=1)] = np.nan
+        return self._reflected(z)
+
+    def scores(self, log_survivals: FloatArray) -> FloatArray:
+        """Phi^-1 of the uniform order statistics, ascending, (W, n)."""
+        from scipy.special import ndtri_exp
+
+        scores = np.clip(-ndtri_exp(log_survivals), -LARGEST_SCORE, LARGEST_SCORE)
+        return self._reflected(scores)
 
     def _reflected(self, scores: FloatArray) -> FloatArray:
         """Scores (W, n) as they are, or mirrored end to end when built from the largest."""

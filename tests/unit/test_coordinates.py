@@ -8,9 +8,10 @@ import pytest
 from tests.unit.coordinates import COORDINATES, SLOPES, WEIGHT
 from tests.validation.worlds import tubular_full
 
+from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import Quantity, Specimen
 from deabayes.prior_blocks import Ordered
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.pairs import GentPair
 from deabayes.sampling.proposal import fit
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
@@ -46,6 +47,35 @@ def test_logarithms_of_times_and_values_of_uniform_parameters():
     values = 2.0 + 6.0 / np.sqrt(12.0) * u[:, [2]]
     np.testing.assert_allclose(values, alone.to_parameters(z[:, [2]]))
     np.testing.assert_array_equal(u[:, 5], z[:, 5])
+
+
+@pytest.mark.parametrize("from_largest", [False, True])
+@pytest.mark.parametrize(
+    "prior",
+    [LogNormal(2.0, 0.7), LogUniform(0.01, 10.0), Uniform(-8.0, 8.0)],
+    ids=lambda p: p.label,
+)
+def test_three_in_order_of_any_kind(prior, from_largest):
+    block = Ordered.of(
+        "x", (0, 1, 2), prior, 1.0 if prior.label == "uniform" else 1.5, from_largest
+    )
+    there = Coordinates((Natural(block),))
+    z, step = np.random.default_rng(4).standard_normal((200, 3)), 1e-5
+    u, log_jacobian = there.straighten(z)
+    theta = block.to_parameters(z)
+    if prior.label == "uniform":
+        np.testing.assert_allclose(16.0 / np.sqrt(12.0) * u, theta, atol=1e-12)
+    else:
+        np.testing.assert_allclose(u, np.log(theta), atol=1e-12)
+    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
+    columns = [
+        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
+        for e in np.eye(3)
+    ]
+    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
+    np.testing.assert_allclose(log_jacobian, expected, atol=1e-6)
+    unordered = u[:, [0, 2, 1]]
+    assert np.isnan(there.bend(unordered)).all()
 
 
 def test_noises_that_share_one_variance_lie_on_a_line():

@@ -139,9 +139,10 @@ class Cloud:
         resting: NDArray[np.intp],
         gamma: FloatArray,
     ) -> None:
-        x, log_jacobian = lines.straighten(self.z[moving])
-        step = self._differences(lines.straighten(self.z[resting])[0], gamma)
-        self._accept(moving, *lines.moved(self.z[moving], log_jacobian, x + step), beta)
+        x, log_jacobian = lines.straighten(self.z[np.concatenate([moving, resting])])
+        n = len(moving)
+        proposed = x[:n] + self._differences(x[n:], gamma)
+        self._accept(moving, *lines.moved(self.z[moving], log_jacobian[:n], proposed), beta)
 
     @property
     def _usual(self) -> float:

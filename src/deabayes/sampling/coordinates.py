@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from math import lgamma, log, sqrt
 from typing import Self
 
 import numpy as np
@@ -23,7 +25,7 @@ from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import FloatArray
 from deabayes.normal_scores import log_normal_density
 from deabayes.posterior import LogPosterior
-from deabayes.prior_blocks import Block, Independent, Ordered
+from deabayes.prior_blocks import ROUNDING, Independent, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 
 KINDS = (Uniform, LogUniform, LogNormal)
@@ -33,42 +35,74 @@ KINDS = (Uniform, LogUniform, LogNormal)
 class Natural:
     """Parameters of a block of the prior, or their logarithms, in place of their scores.
 
+    Uniform ones are counted from their middle, in their standard deviations; of any other the
+    logarithm is taken. What is uniform then is linear in the block's order statistics, so that
+    no quantile of the normal distribution is computed on the way.
+
     Attributes
     ----------
-    distribution : that of one of them: a uniform one is counted from its middle, in its standard
-        deviations; of any other the logarithm is taken.
+    block : several in order, or one alone.
     """
 
-    block: Block
-    distribution: Uniform | LogUniform | LogNormal
+    block: Ordered
 
     def straighten(self, u: FloatArray) -> FloatArray:
         """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
-        own = list(self.block.columns)
-        z = u[:, own]
-        values = self.block.to_parameters(z)
-        log_jacobian = log_normal_density(z).sum(axis=1) - self.block.log_density(values)
-        if isinstance(self.distribution, Uniform):
-            middle, deviation = _scale(self.distribution)
-            u[:, own] = (values - middle) / deviation
-            return np.asarray(log_jacobian - len(own) * np.log(deviation))
-        u[:, own] = np.log(values)
-        return np.asarray(log_jacobian - u[:, own].sum(axis=1))
+        z, size = u[:, self._own], len(self._own)
+        log_survivals = self.block.log_survivals(z)
+        log_jacobian = log_normal_density(z).sum(axis=1) - lgamma(size + 1.0)
+        if self._range is not None:
+            lower, width = self._range
+            survivals = np.exp(log_survivals)
+            shares = survivals[:, ::-1] if self.block.from_largest else 1.0 - survivals
+            u[:, self._own] = self._gaps + lower + width * shares
+            return np.asarray(log_jacobian + size * log(width))
+        median, sigma = self._normal
+        scores = self.block.scores(log_survivals)
+        u[:, self._own] = self._gaps + median + sigma * scores
+        return np.asarray(log_jacobian - log_normal_density(scores).sum(axis=1) + size * log(sigma))
 
     def bend(self, u: FloatArray) -> None:
         """Undo it; NaN outside the support."""
-        own = list(self.block.columns)
-        if isinstance(self.distribution, Uniform):
-            middle, deviation = _scale(self.distribution)
-            values = middle + deviation * u[:, own]
+        values = u[:, self._own] - self._gaps
+        if self._range is not None:
+            lower, width = self._range
+            shares = (values - lower) / width
+            survivals = shares[:, ::-1] if self.block.from_largest else 1.0 - shares
+            log_survivals = np.log(survivals)
         else:
-            values = np.exp(u[:, own])
-        u[:, own] = self.block.to_normal(values)
+            from scipy.special import log_ndtr
 
+            median, sigma = self._normal
+            scores = (values - median) / sigma
+            log_survivals = log_ndtr(scores[:, ::-1] if self.block.from_largest else -scores)
+        u[:, self._own] = self.block.from_log_survivals(log_survivals, ROUNDING)
 
-def _scale(uniform: Uniform) -> tuple[float, float]:
-    """Mean and standard deviation."""
-    return 0.5 * (uniform.lower + uniform.upper), (uniform.upper - uniform.lower) / np.sqrt(12.0)
+    @cached_property
+    def _own(self) -> list[int]:
+        return list(self.block.columns)
+
+    @cached_property
+    def _gaps(self) -> FloatArray:
+        """What the least ratios of successive ones add to the logarithms."""
+        return np.log(self.block.factors)
+
+    @cached_property
+    def _range(self) -> tuple[float, float] | None:
+        """Lower end and width, where uniform."""
+        prior = self.block.reduced
+        if isinstance(prior, Uniform):
+            return -sqrt(3.0), sqrt(12.0)
+        if isinstance(prior, LogUniform):
+            return log(prior.lower), log(prior.upper / prior.lower)
+        return None
+
+    @property
+    def _normal(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm, where that is normal."""
+        prior = self.block.reduced
+        assert isinstance(prior, LogNormal)
+        return log(prior.median), prior.sigma
 
 
 @dataclass(frozen=True)
@@ -124,8 +158,8 @@ def _natural(target: LogPosterior, free: frozenset[int]) -> Iterator[Natural]:
     for block in target.prior.blocks:
         if isinstance(block, Ordered):
             if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):
-                yield Natural(block, block.reduced)
+                yield Natural(block)
         elif isinstance(block, Independent):
             for column, distribution in zip(block.columns, block.distributions, strict=True):
                 if isinstance(distribution, LogUniform) and column in free:
-                    yield Natural(Independent((column,), (distribution,)), distribution)
+                    yield Natural(Ordered((column,), distribution, np.ones(1)))

@@ -83,10 +83,9 @@ class StraightenedMove(DifferentialEvolutionMove):
     def get_proposal(
         self, s: FloatArray, c: list[FloatArray], random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
-        straight = [self.lines.straighten(part)[0] for part in c]
-        x, log_jacobian = self.lines.straighten(s)
-        proposed, factors = super().get_proposal(x, straight, random)
-        moved, ratio = self.lines.moved(s, log_jacobian, proposed)
+        x, log_jacobian = self.lines.straighten(np.concatenate([s, *c]))
+        proposed, factors = super().get_proposal(x[: len(s)], [x[len(s) :]], random)
+        moved, ratio = self.lines.moved(s, log_jacobian[: len(s)], proposed)
         return moved, factors + ratio
 
 

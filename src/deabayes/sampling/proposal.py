@@ -15,6 +15,8 @@ from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
+SPARE = 8
+"""Draws made beyond those wanted, as some may fall outside of the prior's support."""
 SPLIT_GAIN = 0.1
 """Nats per held-out sample by which a split must describe them better."""
 TRIAL_COMPONENTS = 4
@@ -107,10 +109,11 @@ class Proposal:
 
     def sample(self, rng: RandomSource, n: int) -> FloatArray:
         """Draw n points (n, d), all inside the prior's support."""
-        z = self.coordinates.bend(self._draw(rng, n))
-        while (outside := np.isnan(z[:, 0])).any():
-            z[outside] = self.coordinates.bend(self._draw(rng, int(outside.sum())))
-        return z
+        z = np.empty((0, self.dimension))
+        while len(z) < n:
+            more = self.coordinates.bend(self._draw(rng, n + SPARE))
+            z = np.concatenate([z, more[~np.isnan(more[:, 0])]])
+        return z[:n]
 
     def _draw(self, rng: RandomSource, n: int) -> FloatArray:
         """n points (n, d) in u."""

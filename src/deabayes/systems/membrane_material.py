@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -39,6 +40,24 @@ class PullIn:
     voltage: FloatArray
     stretch: FloatArray
     fold: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Initial:
+    """At the pre-stretch.
+
+    Attributes
+    ----------
+    prestress : nominal stress that holds the relaxed membrane there [Pa], (W,).
+    fast : time of the fastest mode [s], (W,).
+    compliance : change of stretch per squared voltage before units relax, (W,).
+    units : (W, n, 4) as `membrane_lanes` takes them.
+    """
+
+    prestress: FloatArray
+    fast: FloatArray
+    compliance: FloatArray
+    units: FloatArray
 
 
 @dataclass(frozen=True)
@@ -92,21 +111,31 @@ class Material:
         tolerance : error of the stretch relative to its range.
         limit : (W,) stretch at which a draw ends.
         """
+        initial = self._initial
+        # A range of the stretch that the draw alone tells before integration.
+        scale = initial.compliance * history.peak**2
+        scale = scale * np.minimum(1.0, np.ptp(history.edges) / initial.fast)
+        estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
+        allowed = estimate * tolerance * np.where(scale > 0.0, scale, 1e-12)
+        columns = (1.0 / self.viscosity, self.modulus, self.inverse_limit, initial.prestress,
+                   self.gain, 1.0 / allowed, self.prestretch, limit,
+                   FIRST_STEP * initial.fast)  # fmt: skip
+        return np.stack(columns, axis=1), initial.units
+
+    @cached_property
+    def _initial(self) -> Initial:
+        """What is the same for all records."""
         square = self.prestretch * self.prestretch
         prestress, slope = gent_stress(self.prestretch, self.inverse_limit)
         stiffness = self.modulus * slope + 6.0 * self.unit_moduli.sum(axis=1) / square
-        fast = self.viscosity / stiffness
-        # A range of the stretch that the draw alone tells before integration.
-        scale = self.gain * history.peak**2 * square * self.prestretch / stiffness
-        scale *= np.minimum(1.0, np.ptp(history.edges) / fast)
-        estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
-        allowed = estimate * tolerance * np.where(scale > 0.0, scale, 1e-12)
-        columns = (1.0 / self.viscosity, self.modulus, self.inverse_limit,
-                   self.modulus * prestress, self.gain, 1.0 / allowed, self.prestretch,
-                   limit, FIRST_STEP * fast)  # fmt: skip
         weight = self.unit_moduli / column(self.modulus + self.unit_moduli.sum(axis=1))
         parts = (1.0 / self.unit_times, self.unit_moduli, column(self.unit_inverse_limit), weight)
-        return np.stack(columns, axis=1), np.stack(np.broadcast_arrays(*parts), axis=2)
+        return Initial(
+            self.modulus * prestress,
+            self.viscosity / stiffness,
+            self.gain * square * self.prestretch / stiffness,
+            np.stack(np.broadcast_arrays(*parts), axis=2),
+        )
 
     def pull_in(self, breakdown: float, points: int = FOLD_POINTS_FINE) -> PullIn:
         """Where the near equilibrium ends; `breakdown` is the largest stretch looked at."""
