@@ -20,7 +20,7 @@ from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
 from deabayes.sampling.cloud import LogDensity, Schedule
 from deabayes.sampling.ensemble import Ensemble
-from deabayes.sampling.guide import Guide
+from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal, fit
 from deabayes.sampling.run import DROPPED_SHARE, Run, Target, stage_seed
@@ -48,7 +48,7 @@ def run_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
     rough: LogDensity | None = None,
 ) -> Ensemble:
     """Sample one ensemble until it is long enough by itself or its share of the budget is used.
@@ -65,7 +65,6 @@ def run_ensemble(
     UserError : too few walkers, or no draw of the prior has a finite likelihood.
     """
     _check(dimension, settings)
-    guide = guide or Guide()
     store, target = Store(folder), Target(log_likelihood, guide)
     dropped = Target(rough or log_likelihood, guide)
     warm = store.once(

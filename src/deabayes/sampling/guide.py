@@ -35,3 +35,7 @@ class Guide:
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         return cls(UnitHop.of(target.prior), Coordinates.of(target))
+
+
+NO_GUIDE = Guide()
+"""Nothing is known."""

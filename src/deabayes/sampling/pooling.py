@@ -15,7 +15,7 @@ from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.ensemble import Ensemble, align
 from deabayes.sampling.forked import run_apart
-from deabayes.sampling.guide import Guide
+from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.refit import better_proposals, leave_out
 from deabayes.sampling.run import MINIMUM_STEPS, Run, Target, stage_seed
@@ -58,7 +58,7 @@ def pool(
     folder: Path | None = None,
     progress: bool = False,
     quantities: Quantities | None = None,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
     processes: int = 1,
 ) -> PooledResult:
     """Judge ensembles together; when a gate fails, refit the proposals and sample on.
@@ -78,7 +78,7 @@ def pool(
     processes : how many ensembles are sampled on side by side, where checkpoints are kept in a
         folder; the draws do not depend on it.
     """
-    guide, convergence = guide or Guide(), judge(ensembles, settings, quantities)
+    convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
     store, refits, renewed, current = Store(folder), 0, 0, tuple(ensembles)
@@ -137,13 +137,11 @@ def continue_ensemble(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: bool = False,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
 ) -> Ensemble:
     """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
     start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(
-        Target(log_likelihood, guide or Guide()), proposal, start, seed, Store(folder), settings
-    )
+    run = Run(Target(log_likelihood, guide), proposal, start, seed, Store(folder), settings)
     return _continue(run, ensemble, steps, settings, progress)
 
 

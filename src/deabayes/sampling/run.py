@@ -14,7 +14,7 @@ from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, ran
 from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.diagnostics import LONG_ENOUGH, TAU_TOLERANCE
 from deabayes.sampling.ensemble import Ensemble
-from deabayes.sampling.guide import Guide
+from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.progress import progress_bar
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.smc import log_standard_normal
@@ -41,7 +41,7 @@ class Target:
     """
 
     likelihood: LogDensity
-    guide: Guide = field(default_factory=Guide)
+    guide: Guide = NO_GUIDE
     evaluations: int = 0
     failures: int = 0
 

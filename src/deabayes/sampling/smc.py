@@ -17,7 +17,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.sampling.cloud import Cloud, LogDensity, Schedule
-from deabayes.sampling.guide import Guide
+from deabayes.sampling.guide import NO_GUIDE, Guide
 
 Report = Callable[[float, int], None]
 
@@ -58,7 +58,7 @@ def from_prior(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
 ) -> Population:
     """Carry a population from the prior N(0, I) to the posterior; see `anneal`."""
     start = rng.standard_normal((particles, dimension))
@@ -70,7 +70,7 @@ def settle(
     log_density: LogDensity,
     rng: np.random.Generator,
     schedule: Schedule | None = None,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
 ) -> Population:
     """Move particles (P, d) that are already about the density of interest."""
     return anneal(particles, log_density, lambda z: np.zeros(len(z)), rng, schedule, guide=guide)
@@ -83,7 +83,7 @@ def anneal(
     rng: np.random.Generator,
     schedule: Schedule | None = None,
     report: Report | None = None,
-    guide: Guide | None = None,
+    guide: Guide = NO_GUIDE,
 ) -> Population:
     """Carry particles (P, d), draws of base, to draws of base * increment.
 
@@ -102,7 +102,7 @@ def anneal(
     UserError : when the increment is zero at every particle.
     """
     schedule = schedule or Schedule()
-    cloud = Cloud(particles.copy(), log_base, log_increment, rng, guide or Guide())
+    cloud = Cloud(particles.copy(), log_base, log_increment, rng, guide)
     betas, ratio, rounds = [0.0], 0.0, 0
     passed = [cloud.z.copy()]
     while betas[-1] < 1.0:
