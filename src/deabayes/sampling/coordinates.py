@@ -27,6 +27,7 @@ from deabayes.normal_scores import log_normal_density
 from deabayes.posterior import LogPosterior
 from deabayes.prior_blocks import ROUNDING, Independent, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
+from deabayes.sampling.shares import unit_shares
 
 KINDS = (Uniform, LogUniform, LogNormal)
 
@@ -78,6 +79,11 @@ class Natural:
             log_survivals = log_ndtr(scores[:, ::-1] if self.block.from_largest else -scores)
         u[:, self._own] = self.block.from_log_survivals(log_survivals, ROUNDING)
 
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is the logarithm that takes the score's place."""
+        return not isinstance(self.block.reduced, Uniform)
+
     @cached_property
     def _own(self) -> list[int]:
         return list(self.block.columns)
@@ -123,8 +129,12 @@ class Coordinates:
         """Those of a log-posterior's parameters that have priors of their own."""
         inherited = {n for block in target.prior.inherited for n in block.names}
         free = frozenset(k for k, name in enumerate(target.names) if name not in inherited)
+        natural = tuple(_natural(target, free))
+        logarithms = frozenset(
+            k for part in natural for k in part.block.columns if part.logarithmic
+        )
         pairs: list[Pair] = [*noise_pairs(target, free), *gent_pairs(target, free)]
-        return cls(tuple(_natural(target, free)), tuple(pairs))
+        return cls(natural, (*pairs, *unit_shares(target, logarithms)))
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,9 @@ class System(ABC):
     """Response channel -> SI unit."""
     proportional: ClassVar[tuple[str, ...]] = ()
     """Response channels whose errors are in proportion to the response (see `ResidualScale`)."""
+    units_add: ClassVar[Literal["moduli", "compliances"] | None] = None
+    """What of relaxation units a record shows the sum of: of those in parallel the moduli, of those
+    in series the compliances; None where it is neither."""
     required_quantities: ClassVar[Mapping[str, str]]
     """Quantity of the specimen -> SI unit."""
     optional_quantities: ClassVar[Mapping[str, str]] = {}

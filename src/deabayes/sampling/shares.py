@@ -1,0 +1,109 @@
+r"""Relaxation units of which data show the sum.
+
+Where a record shows fewer units than a model has, one of them is either invisible, wherever its
+time constant is, or shares what is seen with a neighbour. In the logarithms of moduli and time
+constants these are boomerangs, one for each pair of neighbours. With w_i the share of unit i in
+what the record shows,
+
+u: ln sum_i v_i, ln(v_{i+1} / v_i); sum_i w_i ln tau_i, ln(tau_{i+1} / tau_i),
+v_i = mu_i / (1 + tau_i / T), w_i = v_i / sum_j v_j,
+
+the sum and the mean time stay what they are along all of them. T is the length of the longest
+record: of a unit too slow for it, what is seen is mu_i T / tau_i. For units in series, of which
+compliances add up, 1 / mu_i takes the place of mu_i. The Jacobian of u by the logarithms is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.distributions import LogNormal
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Coordinates in the places of the ln tau_i and of the scores of the mu_i of a group.
+
+    Attributes
+    ----------
+    times, moduli : columns, in one order.
+    intercepts, slopes : (n,), with +-ln mu_i = intercept + slope z.
+    log_duration : ln T.
+    """
+
+    times: tuple[int, ...]
+    moduli: tuple[int, ...]
+    intercepts: FloatArray
+    slopes: FloatArray
+    log_duration: float
+
+    def straighten(self, u: FloatArray) -> float:
+        """Change the columns of u (W, d) in place; log of the Jacobian."""
+        times, moduli = list(self.times), list(self.moduli)
+        log_times = u[:, times]
+        shown = self.intercepts + self.slopes * u[:, moduli] - self._hidden(log_times)
+        largest = shown.max(axis=1, keepdims=True)
+        total = largest + np.log(np.exp(shown - largest).sum(axis=1, keepdims=True))
+        u[:, times[0]] = (np.exp(shown - total) * log_times).sum(axis=1)
+        u[:, times[1:]] = np.diff(log_times, axis=1)
+        u[:, moduli[0]] = total[:, 0]
+        u[:, moduli[1:]] = np.diff(shown, axis=1)
+        return float(np.log(np.abs(self.slopes)).sum())
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it."""
+        times, moduli = list(self.times), list(self.moduli)
+        ratios, steps = np.zeros((len(u), len(times))), np.zeros((len(u), len(times)))
+        np.cumsum(u[:, moduli[1:]], axis=1, out=ratios[:, 1:])
+        np.cumsum(u[:, times[1:]], axis=1, out=steps[:, 1:])
+        ratios -= ratios.max(axis=1, keepdims=True)
+        shares = np.exp(ratios)
+        whole = shares.sum(axis=1, keepdims=True)
+        log_times = u[:, [times[0]]] - (shares * steps).sum(axis=1, keepdims=True) / whole + steps
+        shown = u[:, [moduli[0]]] + ratios - np.log(whole)
+        u[:, times] = log_times
+        u[:, moduli] = (shown + self._hidden(log_times) - self.intercepts) / self.slopes
+
+    def _hidden(self, log_times: FloatArray) -> FloatArray:
+        """ln(1 + tau / T)."""
+        return np.logaddexp(0.0, log_times - self.log_duration)
+
+
+def unit_shares(target: LogPosterior, natural: frozenset[int]) -> list[Shares]:
+    """One for each ordered group of which each member has one log-normal modulus.
+
+    Parameters
+    ----------
+    natural : columns of which the logarithm has been taken.
+    """
+    prior, found = target.prior, list[Shares]()
+    if target.system.units_add is None:
+        return found
+    sign = 1.0 if target.system.units_add == "moduli" else -1.0
+    inherited = {n for block in prior.inherited for n in block.names}
+    for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
+        times = tuple(k for k, p in enumerate(prior.parameters) if p.ordered == group)
+        owned = [
+            [k for k, p in enumerate(prior.parameters) if p.belongs_to == target.names[time]]
+            for time in times
+        ]
+        moduli = [k for each in owned for k in each]
+        priors = [prior.parameters[k].prior for k in moduli]
+        alone = all(len(each) == 1 for each in owned) and len(times) > 1
+        normal = [p for p in priors if isinstance(p, LogNormal)]
+        free = natural.issuperset(times) and inherited.isdisjoint(target.names[k] for k in moduli)
+        if alone and free and len(normal) == len(moduli):
+            found.append(
+                Shares(
+                    times,
+                    tuple(moduli),
+                    sign * np.log([p.median for p in normal]),
+                    sign * np.array([p.sigma for p in normal]),
+                    float(np.log(max(np.ptp(r.experiment.coordinate) for r in target.records))),
+                )
+            )
+    return found
