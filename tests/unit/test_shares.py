@@ -1,0 +1,114 @@
+"""Relaxation units of which a record shows the sum: what stays put where one of them is hidden."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.validation.worlds import membrane, tubular_full
+
+from deabayes.distributions import LogUniform
+from deabayes.experiment import FloatArray
+from deabayes.prior_blocks import Ordered
+from deabayes.sampling.coordinates import Coordinates, Natural
+from deabayes.sampling.shares import Shares, unit_shares
+
+RECORD = 100.0
+TIMES = LogUniform(1e-2, 1e6)
+MEDIANS, SIGMAS = np.array([2.0, 3.0, 5.0]), np.array([0.5, 0.7, 0.9])
+
+
+def units(count: int, sign: float = 1.0) -> Coordinates:
+    """Times in the first columns of z, moduli (or, with -1, stiffnesses in series) in the last."""
+    shares = Shares(
+        tuple(range(count)),
+        tuple(range(count, 2 * count)),
+        sign * np.log(MEDIANS[:count]),
+        sign * SIGMAS[:count],
+        float(np.log(RECORD)),
+    )
+    times = Natural(Ordered.of("tau", tuple(range(count)), TIMES, 1.0))
+    return Coordinates((times,), (shares,))
+
+
+def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray:
+    """u of units given by what adds up and by their times."""
+    count = len(moduli)
+    there = units(count, sign)
+    theta = np.array(times)[None]
+    z = np.empty((1, 2 * count))
+    z[:, :count] = there.natural[0].block.to_normal(theta)
+    z[:, count:] = (sign * np.log(moduli) - np.log(MEDIANS[:count])) / SIGMAS[:count]
+    return there.straighten(z)[0][0]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("count", [2, 3])
+def test_there_and_back_with_the_jacobian(count: int, sign: float) -> None:
+    there = units(count, sign)
+    z, step = np.random.default_rng(1).standard_normal((300, 2 * count)), 1e-5
+    u, log_jacobian = there.straighten(z)
+    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
+    columns = [
+        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
+        for e in np.eye(2 * count)
+    ]
+    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
+    np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
+
+
+def test_shares_of_any_size_have_a_way_back() -> None:
+    u = np.array([[0.0, 1.0, 1.0, 2.0, 900.0, -900.0], [0.0, 1.0, 1.0, 2.0, -900.0, 900.0]])
+    assert np.isfinite(units(3).bend(u)).all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_hidden_unit_moves_neither_sum_nor_mean_time(sign: float) -> None:
+    """One unit of 1 and 5 s, and one that hardly is: before it, behind it, or sharing it."""
+    total, mean = 2, 0
+    seen = at([1.0, 1e-9], [5.0, 20.0], sign)
+    before = at([1e-9, 1.0], [0.1, 5.0], sign)
+    apart = np.log(5.0) + np.array([-0.7, 0.3]) * 0.2
+    both = at([0.3, 0.7], np.exp(apart).tolist(), sign)
+    for other in (before, both):
+        assert other[total] == pytest.approx(seen[total], abs=0.01)
+        assert other[mean] == pytest.approx(seen[mean], abs=0.01)
+    assert seen[3] < -19.0 < 19.0 < before[3]
+
+
+def test_a_unit_too_slow_for_the_record_keeps_its_share() -> None:
+    """What is seen of it is mu / tau: the ridge along which both grow is a straight line."""
+    slow = np.array([3e4, 1e5, 5e5])
+    u = np.array([at([1.0, 1e-3 * tau], [5.0, tau]) for tau in slow])
+    assert np.ptp(u[:, 2]) < 1e-3
+    assert np.ptp(u[:, 3]) < 0.02
+    slope = np.diff(u[:, 0]) / np.diff(u[:, 1])
+    assert slope == pytest.approx(slope.mean(), rel=0.01)
+
+
+def test_those_of_real_posteriors() -> None:
+    chain, parallel = tubular_full().target(2), membrane().target(3)
+    for target, sign in ((chain, -1.0), (parallel, 1.0)):
+        (found,) = (p for p in Coordinates.of(target).pairs if isinstance(p, Shares))
+        z = np.random.default_rng(2).standard_normal((50, target.dimension))
+        theta = target.prior.to_parameters(z)
+        moduli, times = theta[:, list(found.moduli)], theta[:, list(found.times)]
+        assert all(target.names[k].startswith("tau") for k in found.times)
+        last = max(np.ptp(r.experiment.coordinate) for r in target.records)
+        shown = moduli**sign / (1.0 + times / last)
+        u, _ = Coordinates.of(target).straighten(z)
+        np.testing.assert_allclose(np.exp(u[:, found.moduli[0]]), shown.sum(axis=1))
+        mean = (shown * np.log(times)).sum(axis=1) / shown.sum(axis=1)
+        np.testing.assert_allclose(u[:, found.times[0]], mean, atol=1e-9)
+
+
+def test_units_that_cannot_be_added_stay_as_they_are() -> None:
+    alone = membrane().target(1)
+    assert unit_shares(alone, frozenset(range(alone.dimension))) == []
+    two = tubular_full().target(2)
+    times = frozenset(k for k, name in enumerate(two.names) if name in ("tau_1", "tau_2"))
+    assert len(unit_shares(two, times)) == 1
+    assert unit_shares(two, times - {min(times)}) == []
+    drawn = two.prior.sample(np.random.default_rng(4), 500)
+    stiffness = two.names.index("E_2")
+    two.prior = two.prior.inherit(["E_2"], drawn[:, [stiffness]])
+    assert unit_shares(two, times) == []
