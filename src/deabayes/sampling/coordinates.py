@@ -8,7 +8,7 @@ draws below the 90th percentile of a slow unit's time constant, a proposal was o
 the largest draw, in logarithms by 5 (docs/validation.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
-**Pairs.** See `pairs`.
+**Pairs and units.** See `pairs` and `shares`.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Coordinates:
     Attributes
     ----------
     natural : parameters of which not the score is taken.
-    pairs : see `pairs`; they come after.
+    pairs : of parameters, see `pairs`, and of units, see `shares`; they come after.
     """
 
     natural: tuple[Natural, ...] = ()
