@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.validation.worlds import membrane, tubular_full
@@ -10,7 +12,7 @@ from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.prior_blocks import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.shares import Shares, unit_shares
+from deabayes.sampling.shares import Shares, shown_for, unit_shares
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)
@@ -93,12 +95,23 @@ def test_those_of_real_posteriors() -> None:
         theta = target.prior.to_parameters(z)
         moduli, times = theta[:, list(found.moduli)], theta[:, list(found.times)]
         assert all(target.names[k].startswith("tau") for k in found.times)
-        last = max(np.ptp(r.experiment.coordinate) for r in target.records)
+        last = max(shown_for(r.experiment) for r in target.records)
         shown = moduli**sign / (1.0 + times / last)
         u, _ = Coordinates.of(target).straighten(z)
         np.testing.assert_allclose(np.exp(u[:, found.moduli[0]]), shown.sum(axis=1))
         mean = (shown * np.log(times)).sum(axis=1) / shown.sum(axis=1)
         np.testing.assert_allclose(u[:, found.times[0]], mean, atol=1e-9)
+
+
+def test_a_frequency_response_shows_a_unit_for_a_period() -> None:
+    records = [record.experiment for record in tubular_full().target(2).records]
+    shown = {e.coordinate_name: shown_for(e) for e in records}
+    time, frequency = (
+        next(e.coordinate for e in records if e.coordinate_name == name)
+        for name in ("time", "frequency")
+    )
+    assert shown == {"time": time[-1] - time[0], "frequency": 1.0 / frequency[0]}
+    assert shown_for(replace(records[0], coordinate_name="stretch")) == 0.0
 
 
 def test_units_that_cannot_be_added_stay_as_they_are() -> None:

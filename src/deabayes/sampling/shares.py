@@ -8,8 +8,8 @@ what the record shows,
 u: ln sum_i v_i, ln(v_{i+1} / v_i); sum_i w_i ln tau_i, ln(tau_{i+1} / tau_i),
 v_i = mu_i / (1 + tau_i / T), w_i = v_i / sum_j v_j,
 
-the sum and the mean time stay what they are along all of them. T is the length of the longest
-record: of a unit too slow for it, what is seen is mu_i T / tau_i. For units in series, of which
+the sum and the mean time stay what they are along all of them. T is how long records show a unit:
+of one too slow for them, what is seen is mu_i T / tau_i. For units in series, of which
 compliances add up, 1 / mu_i takes the place of mu_i. The Jacobian of u by the logarithms is 1.
 """
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.distributions import LogNormal
-from deabayes.experiment import FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.posterior import LogPosterior
 
 
@@ -73,6 +73,18 @@ class Shares:
         return np.logaddexp(0.0, log_times - self.log_duration)
 
 
+def shown_for(experiment: Experiment) -> float:
+    """How slow a unit may be to be seen relaxing [s].
+
+    As long as a record lasts, or the period of its lowest frequency; 0 where it knows of no time.
+    """
+    if experiment.coordinate_name == "time":
+        return float(np.ptp(experiment.coordinate))
+    if experiment.coordinate_name == "frequency":
+        return 1.0 / float(np.min(experiment.coordinate))
+    return 0.0
+
+
 def unit_shares(target: LogPosterior, natural: frozenset[int]) -> list[Shares]:
     """One for each ordered group of which each member has one log-normal modulus.
 
@@ -81,7 +93,8 @@ def unit_shares(target: LogPosterior, natural: frozenset[int]) -> list[Shares]:
     natural : columns of which the logarithm has been taken.
     """
     prior, found = target.prior, list[Shares]()
-    if target.system.units_add is None:
+    durations = [duration for r in target.records if (duration := shown_for(r.experiment))]
+    if target.system.units_add is None or not durations:
         return found
     sign = 1.0 if target.system.units_add == "moduli" else -1.0
     inherited = {n for block in prior.inherited for n in block.names}
@@ -103,7 +116,7 @@ def unit_shares(target: LogPosterior, natural: frozenset[int]) -> list[Shares]:
                     tuple(moduli),
                     sign * np.log([p.median for p in normal]),
                     sign * np.array([p.sigma for p in normal]),
-                    float(np.log(max(np.ptp(r.experiment.coordinate) for r in target.records))),
+                    float(np.log(max(durations))),
                 )
             )
     return found
