@@ -139,3 +139,29 @@ def test_mistakes_are_named() -> None:
         recorded({"limit_current": {"limits": "1 mA"}})
     with pytest.raises(UserError, match="frequency"):
         recorded({"limit_current": {}}, excitation="frequency")
+
+
+def test_a_record_that_begins_late_is_followed_like_any_other() -> None:
+    """A day into a clock, a step of the clock's last digit is longer than the amplifier's."""
+    time, command = COMMANDS["sine"]
+    _, expected, limited = LEAKY.output(time, command)
+    times, values, late = LEAKY.output(time + 1e5, command)
+    assert late == pytest.approx(limited, rel=1e-6)
+    at = 1e5 + np.linspace(0.0, 0.02, 50)
+    shifted = np.interp(at, times, values)
+    assert shifted == pytest.approx(
+        np.interp(at - 1e5, LEAKY.output(time, command)[0], expected), abs=0.05
+    )
+
+
+def test_any_load_and_command_comes_to_an_end() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        powers = rng.uniform([-6.0, -6.0, 3.0, -12.0], [0.0, 6.0, 14.0, -5.0])
+        count = int(rng.integers(6, 200))
+        time = np.sort(rng.uniform(0.0, 10.0 ** rng.uniform(-3.0, 4.0), count)) + 1e5
+        time[3] = time[2]
+        command = 10.0 ** rng.uniform(1.0, 4.0) * rng.standard_normal(count).cumsum()
+        times, values, limited = Amplifier(*(10.0**powers).tolist()).output(time, command)
+        assert np.isfinite(values).all() and np.all(np.diff(times) >= 0.0)
+        assert 0.0 <= limited <= np.ptp(time) * (1.0 + 1e-9)

@@ -23,8 +23,9 @@ from deabayes.experiment import FloatArray
 
 TOLERANCE = 1e-6
 """Of the largest command: how far straight pieces may stray from the output at the limit."""
-ROUNDING = 1e-9
-"""Share of the limit by which the current must pass it before the amplifier is held or let go."""
+SLACK = 1e-3
+"""Of that tolerance, by which the limit must be passed before the amplifier is held or let go: else
+rounding would do so again and again."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,16 @@ class Wave:
             factor * self.offset, factor * self.slope, factor * self.swing, self.time_constant
         )
 
-    def pieces(self, length: float, tolerance: float) -> int:
-        """How many equal straight ones stay this close to it for so long."""
-        steps = length / self.time_constant * sqrt(abs(self.swing) / (8.0 * tolerance))
-        return max(ceil(steps), 1)
+    def nodes(self, length: float, tolerance: float) -> list[float]:
+        """Where to bend a polyline that stays this close to it for so long, ends left out.
+
+        The error of a piece is its squared length times the curvature over 8, so their density
+        goes with the root of the curvature.
+        """
+        decayed = -expm1(-0.5 * length / self.time_constant)
+        count = max(ceil(2.0 * decayed * sqrt(abs(self.swing) / (8.0 * tolerance))), 1)
+        left = (1.0 - decayed * piece / count for piece in range(1, count))
+        return [-2.0 * self.time_constant * log(share) for share in left]
 
     def first_above(self, level: float, length: float) -> float:
         """The first time in [0, length] from which on it is above a level; infinity if none."""
@@ -95,27 +102,29 @@ class _Charge:
         self.charged, self.side, self.limited = 0.0, 0, 0.0
         self.times, self.values = list[float](), list[float]()
         self._most = amplifier.limit * amplifier.series_resistance
+        self._slack = SLACK * tolerance
 
     def follow(self, start: float, end: float, first: float, last: float) -> None:
         """A command that goes from `first` to `last`; a jump leaves the charge alone."""
         if end <= start:
             self._put(end, last)
             return
-        slope, now = (last - first) / (end - start), start
+        length, passed = end - start, 0.0
+        slope = (last - first) / length
         self._put(start, first)
-        while now < end:
-            command = first + slope * (now - start)
-            asked, charge = self._waves(command, slope)
-            span, side = self._held_for(asked, end - now)
+        while passed < length:
+            asked, charge = self._waves(first + slope * passed, slope)
+            span, side = self._held_for(asked, length - passed)
             if self.side:
                 self.limited += span
-                for after in np.linspace(0.0, span, charge.pieces(span, self.tolerance) + 1)[1:-1]:
-                    output = self.charged + charge.at(float(after)) + self.side * self._most
-                    self._enter(now + float(after), output)
+                for after in charge.nodes(span, self.tolerance):
+                    output = self.charged + charge.at(after) + self.side * self._most
+                    self._enter(start + passed + after, output)
             self.charged += charge.at(span)
-            now = end if span >= end - now else now + span
             self.side = side
-            self._put(now, last if now == end else first + slope * (now - start))
+            passed = length if span >= length - passed else passed + span
+            at_end = passed == length
+            self._put(end if at_end else start + passed, last if at_end else first + slope * passed)
 
     def _waves(self, command: float, slope: float) -> tuple[Wave, Wave]:
         """u - v_C from now on, and by how much v_C changes."""
@@ -138,9 +147,9 @@ class _Charge:
     def _held_for(self, asked: Wave, length: float) -> tuple[float, int]:
         """For how long the amplifier stays on its side of the limit, and the side after that."""
         if self.side:
-            free = asked.times(-self.side).first_above(-(1.0 - ROUNDING) * self._most, length)
+            free = asked.times(-self.side).first_above(self._slack - self._most, length)
             return (free, 0) if free < length else (length, self.side)
-        over = [asked.times(s).first_above((1.0 + ROUNDING) * self._most, length) for s in (1, -1)]
+        over = [asked.times(s).first_above(self._most + self._slack, length) for s in (1, -1)]
         if min(over) >= length:
             return length, 0
         return min(over), 1 if over[0] < over[1] else -1
