@@ -150,7 +150,7 @@ def test_a_record_that_begins_late_is_followed_like_any_other() -> None:
     at = 1e5 + np.linspace(0.0, 0.02, 50)
     shifted = np.interp(at, times, values)
     assert shifted == pytest.approx(
-        np.interp(at - 1e5, LEAKY.output(time, command)[0], expected), abs=0.05
+        np.interp(at - 1e5, LEAKY.output(time, command)[0], expected), abs=5e-3
     )
 
 

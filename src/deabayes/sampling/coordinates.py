@@ -134,7 +134,7 @@ class Coordinates:
             k for part in natural for k in part.block.columns if part.logarithmic
         )
         pairs: list[Pair] = [*noise_pairs(target, free), *gent_pairs(target, free)]
-        return cls(natural, (*pairs, *unit_shares(target, logarithms)))
+        return cls(natural, (*pairs, *unit_shares(target, free, logarithms)))
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""

@@ -104,7 +104,7 @@ def noise_pairs(target: LogPosterior, free: frozenset[int]) -> list[NoisePair]:
     pairs: list[NoisePair] = []
     for group in dict.fromkeys(record.group for record in target.records):
         columns = [target.names.index(f"{group}.{name}") for name in target.noise.adding]
-        normals = _log_normals(target, columns, free)
+        normals = log_normals(target, columns, free)
         if len(normals) == 2:
             white, correlated = (float(np.log(p.median)) for p in normals)
             pairs.append(
@@ -123,7 +123,7 @@ def gent_pairs(target: LogPosterior, free: frozenset[int]) -> list[GentPair]:
     experiments = [record.experiment for record in target.records]
     for spring in target.system.stretched_springs(experiments):
         columns = [target.names.index(name) for name in (spring.modulus, spring.limit)]
-        normals = _log_normals(target, columns, free)
+        normals = log_normals(target, columns, free)
         if len(normals) == 2:
             modulus, limit = normals
             intercept = float(np.log(limit.median))
@@ -132,7 +132,7 @@ def gent_pairs(target: LogPosterior, free: frozenset[int]) -> list[GentPair]:
     return pairs
 
 
-def _log_normals(
+def log_normals(
     target: LogPosterior, columns: Sequence[int], free: frozenset[int]
 ) -> list[LogNormal]:
     """The priors of columns that are log-normal and the columns' own."""

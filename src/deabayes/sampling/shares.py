@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.posterior import LogPosterior
+from deabayes.sampling.pairs import log_normals
+from deabayes.sampling.units import units_of
 
 
 @dataclass(frozen=True)
@@ -85,38 +86,30 @@ def shown_for(experiment: Experiment) -> float:
     return 0.0
 
 
-def unit_shares(target: LogPosterior, natural: frozenset[int]) -> list[Shares]:
-    """One for each ordered group of which each member has one log-normal modulus.
+def unit_shares(
+    target: LogPosterior, free: frozenset[int], logarithms: frozenset[int]
+) -> list[Shares]:
+    """One for each group of units that have one log-normal modulus each.
 
     Parameters
     ----------
-    natural : columns of which the logarithm has been taken.
+    free : columns with priors of their own.
+    logarithms : columns of which the logarithm has been taken.
     """
-    prior, found = target.prior, list[Shares]()
     durations = [duration for r in target.records if (duration := shown_for(r.experiment))]
     if target.system.units_add is None or not durations:
-        return found
+        return []
     sign = 1.0 if target.system.units_add == "moduli" else -1.0
-    inherited = {n for block in prior.inherited for n in block.names}
-    for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
-        times = tuple(k for k, p in enumerate(prior.parameters) if p.ordered == group)
-        owned = [
-            [k for k, p in enumerate(prior.parameters) if p.belongs_to == target.names[time]]
-            for time in times
-        ]
-        moduli = [k for each in owned for k in each]
-        priors = [prior.parameters[k].prior for k in moduli]
-        alone = all(len(each) == 1 for each in owned) and len(times) > 1
-        normal = [p for p in priors if isinstance(p, LogNormal)]
-        free = natural.issuperset(times) and inherited.isdisjoint(target.names[k] for k in moduli)
-        if alone and free and len(normal) == len(moduli):
+    found: list[Shares] = []
+    for units in units_of(target.prior):
+        times, *companions = (tuple(row.tolist()) for row in units.columns)
+        if len(companions) != 1 or not logarithms.issuperset(times):
+            continue
+        normals = log_normals(target, companions[0], free)
+        if len(normals) == units.count:
+            medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
+            longest = float(np.log(max(durations)))
             found.append(
-                Shares(
-                    times,
-                    tuple(moduli),
-                    sign * np.log([p.median for p in normal]),
-                    sign * np.array([p.sigma for p in normal]),
-                    float(np.log(max(durations))),
-                )
+                Shares(times, companions[0], sign * np.log(medians), sign * sigmas, longest)
             )
     return found

@@ -18,29 +18,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.prior import Prior
 from deabayes.sampling.mixture import RandomSource
-
-Columns = NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Units:
-    """An ordered group of n parameters and what belongs to each, as columns of theta.
-
-    Attributes
-    ----------
-    columns : (1 + companions, n), the ordered parameters first.
-    """
-
-    columns: Columns
-
-    @property
-    def count(self) -> int:
-        return self.columns.shape[1]
+from deabayes.sampling.units import Units, units_of
 
 
 @dataclass(frozen=True)
@@ -53,17 +35,8 @@ class UnitHop:
     @classmethod
     def of(cls, prior: Prior) -> Self | None:
         """The hop of a prior; None where no group has two units to number."""
-        names, groups = list(prior.names), []
-        for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
-            members = [p.name for p in prior.parameters if p.ordered == group]
-            owned = [
-                [p.name for p in prior.parameters if m in (p.belongs_to, p.half_product_with)]
-                for m in members
-            ]
-            if len(members) > 1 and len({len(each) for each in owned}) == 1:
-                rows = [members, *zip(*owned, strict=True)]
-                groups.append(Units(np.array([[names.index(n) for n in row] for row in rows])))
-        return cls(prior, tuple(groups)) if groups else None
+        groups = units_of(prior)
+        return cls(prior, groups) if groups else None
 
     def __call__(self, z: FloatArray, random: RandomSource) -> tuple[FloatArray, FloatArray]:
         """Proposed z' (W, d), and the log of what L'N(z')/(L N(z)) is to be multiplied by, (W,).

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class Membrane(System):
     protocols = ("step", "creep", "sine", "sweep")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
     even = ("voltage",)
-    units_add: ClassVar[Literal["moduli", "compliances"] | None] = "moduli"
+    units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",

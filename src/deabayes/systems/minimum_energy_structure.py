@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +80,7 @@ class MinimumEnergyStructure(System):
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
     even = ("voltage",)
-    units_add: ClassVar[Literal["moduli", "compliances"] | None] = "moduli"
+    units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}
     required_quantities: ClassVar[Mapping[str, str]] = {
         "link_length": "m",

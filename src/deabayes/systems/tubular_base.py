@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class TubularBase(System):
     name: ClassVar[str] = "tubular"
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
-    units_add: ClassVar[Literal["moduli", "compliances"] | None] = "compliances"
+    units_add = "compliances"
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",
         "displacement": "m",
