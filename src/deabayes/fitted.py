@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
@@ -96,7 +96,8 @@ class Fitted:
             ends = self._folded(r.excitation_name, np.array([r.lowest, r.highest]))
             excitation[r.excitation_name] = (min(low, ends.min()), max(high, ends.max()))
             span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
-        return Calibrated(excitation, span)
+        timed = [r.fastest for r in self.records if r.coordinate_name == "time"]
+        return Calibrated(excitation, span, max(timed, default=float("nan")))
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
         """Whose noise an experiment is taken to have (see `find_noise`)."""
@@ -144,10 +145,8 @@ class Fitted:
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""
         driven = experiment.excitation
-        driven = replace(driven, values=self._folded(driven.name, driven.values))
-        return self.calibrated().extrapolation(
-            driven, experiment.coordinate_name, experiment.coordinate
-        )
+        values = self._folded(driven.name, driven.values)
+        return self.calibrated().extrapolation(experiment, values)
 
     def _folded(self, excitation: str, values: FloatArray) -> FloatArray:
         """Magnitudes where the sign makes no difference; between two signs lies zero."""

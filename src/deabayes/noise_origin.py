@@ -11,6 +11,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
+from deabayes.rapidity import fastest
 from deabayes.record_noise import is_ratio
 from deabayes.systems.base import Draws, System
 
@@ -31,6 +32,8 @@ class CalibratedRecord:
     highest: float
     response_range: float = float("nan")
     """NaN in files written before it was kept."""
+    fastest: float = float("nan")
+    """Likewise; the highest frequency it tells of [Hz] (see `rapidity.fastest`)."""
 
     @classmethod
     def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
@@ -47,6 +50,7 @@ class CalibratedRecord:
             float(values.min()),
             float(values.max()),
             experiment.response_range,
+            fastest(experiment),
         )
 
 

@@ -139,6 +139,19 @@ def test_the_sign_of_the_voltage_is_no_extrapolation():
     assert "-2000" in replace(found, system=Odd()).extrapolation(driven)
 
 
+def test_faster_changes_than_calibrated_are_flagged():
+    slow = experiment("slow", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
+    quick = experiment("quick", "sine", sine(0.2), np.arange(1.0, 90.0, 0.5), "displacement")
+    note = fitted([slow]).extrapolation(quick)
+    assert note == (
+        "it shows what happens at up to 0.2 Hz, the calibration records at up to 0.05 Hz"
+    )
+    assert fitted([slow, quick]).extrapolation(quick) == ""
+    assert fitted([quick]).extrapolation(slow) == ""
+    old = replace(fitted([slow]).records[0], fastest=float("nan"))
+    assert replace(fitted([slow]), records=(old,)).extrapolation(quick) == ""
+
+
 class Odd:
     """A system for which the sign counts."""
 
