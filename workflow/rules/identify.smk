@@ -17,8 +17,10 @@ MODEL = modules(
 POOLED = modules("sampling/pooling.py", "sampling/refit.py")
 SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
+    "noise_origin.py",
     "power_scaling.py",
     "posterior_*.py",
+    "rapidity.py",
     "storage.py",
 )
 

@@ -5,6 +5,7 @@ rule predict:
         modules=modules(
             "prediction.py",
             "noise_origin.py",
+            "rapidity.py",
             "fitted.py",
             "errors.py",
             "errors_table.py",
