@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ SHARE = 0.2
 SINE = 2.0 * math.asin(SHARE)
 """Phase [rad] in which a sine changes by that share of its range, where it is steepest."""
 BISECTIONS = 12
+INSTANT = 1e-9
 LATE = 1.1
 """What takes this many times as long is still as fast."""
 
@@ -28,14 +30,29 @@ def fastest(experiment: Experiment) -> float:
     """
     if experiment.coordinate_name != "time":
         return float("nan")
-    if np.ptp(experiment.excitation.values) == 0.0:
+    span = float(np.ptp(experiment.excitation.coordinate))
+    excitation = _from_rest(experiment.excitation, span)
+    if span == 0.0 or np.ptp(excitation.values) == 0.0:
         return 0.0
-    time, omega = _shortest_change(experiment.excitation), 0.0
-    span = np.ptp(experiment.excitation.coordinate)
+    time, omega = _shortest_change(excitation), 0.0
     while omega < SINE / time and time < span:
-        omega = max(omega, min(SINE / time, 1.0 / _soonest(experiment, time)))
+        soonest = _soonest(excitation, experiment.coordinate, time)
+        omega = max(omega, min(SINE / time, 1.0 / soonest))
         time *= LATE
     return omega / (2.0 * math.pi)
+
+
+def _from_rest(excitation: Excitation, span: float) -> Excitation:
+    """A voltage is zero before its first knot: a first value other than that is a step."""
+    if excitation.unit != "V":
+        return excitation
+    knots, first = excitation.coordinate, excitation.coordinate[0]
+    risen = first + INSTANT * span
+    return replace(
+        excitation,
+        coordinate=np.concatenate([[first, risen], knots[1:]]),
+        values=np.append(0.0, excitation.values),
+    )
 
 
 def _shortest_change(excitation: Excitation) -> float:
@@ -62,14 +79,14 @@ def _changes(excitation: Excitation, time: float) -> FloatArray:
     return np.abs(np.stack([after, before]))
 
 
-def _soonest(experiment: Experiment, time: float) -> float:
+def _soonest(excitation: Excitation, read: FloatArray, time: float) -> float:
     """From the beginning of a change within about `time` to a reading after it, at least [s]."""
-    time, excitation = LATE * time, experiment.excitation
+    time *= LATE
     begins, ends = _changes(excitation, time) >= SHARE * float(np.ptp(excitation.values))
     knots = excitation.coordinate
     starts = np.concatenate([knots[begins], knots[ends] - time])
-    following = np.searchsorted(experiment.coordinate, starts + time)
-    read = following < experiment.coordinate.size
-    if not read.any():
+    following = np.searchsorted(read, starts + time)
+    followed = following < read.size
+    if not followed.any():
         return math.inf
-    return float(np.min(experiment.coordinate[following[read]] - starts[read]))
+    return float(np.min(read[following[followed]] - starts[followed]))

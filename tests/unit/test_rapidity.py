@@ -1,5 +1,7 @@
 """How fast excitations change: sines, ramps and steps with a known answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ def experiment(knots, values, read, coordinate_name="time"):
         response_unit="m",
         response=np.zeros(read.size),
         samples_averaged=np.ones(read.size),
-        excitation=Excitation("voltage", "V", np.asarray(knots, float), np.asarray(values, float)),
+        excitation=Excitation("stretch", "1", np.asarray(knots, float), np.asarray(values, float)),
     )
 
 
@@ -74,8 +76,16 @@ def test_a_step_that_nothing_was_read_after_leaves_the_word_to_the_sine():
     assert cropped == pytest.approx(10.0, rel=0.1)
 
 
+def test_a_voltage_is_zero_before_it_begins():
+    """As every system takes it: a constant voltage is a step, a constant stretch is none."""
+    held = experiment([0.0, 1.0], [5.0, 5.0], [0.0, 0.001, 0.5])
+    assert fastest(held) == 0.0
+    driven = replace(held, excitation=replace(held.excitation, name="voltage", unit="V"))
+    assert fastest(driven) == pytest.approx(1.0 / (2.0 * np.pi * 0.001), rel=1e-3)
+
+
 def test_nothing_changes_or_nothing_was_read_afterwards():
-    assert fastest(experiment([0.0, 1.0], [5.0, 5.0], [0.5])) == 0.0
+    assert fastest(experiment([0.0, 1.0], [0.0, 0.0], [0.5])) == 0.0
     assert fastest(experiment([0.0, 1.0, 1.1, 2.0], [0.0, 0.0, 1.0, 1.0], [0.2, 0.4])) == 0.0
 
 
