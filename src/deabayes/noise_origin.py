@@ -13,6 +13,7 @@ from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.rapidity import fastest
 from deabayes.record_noise import is_ratio
+from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
 
@@ -34,15 +35,17 @@ class CalibratedRecord:
     """NaN in files written before it was kept."""
     fastest: float = float("nan")
     """Likewise; the highest frequency it tells of [Hz] (see `rapidity.fastest`)."""
+    proportional: bool = False
+    """Whether its residuals, and so its noise, are of the logarithm (see `ResidualScale`)."""
 
     @classmethod
-    def of(cls, experiment: Experiment, group: str, scale: float) -> CalibratedRecord:
+    def of(cls, experiment: Experiment, group: str, scale: ResidualScale) -> CalibratedRecord:
         values = experiment.excitation.values
         return cls(
             experiment.name,
             experiment.protocol,
             group,
-            scale,
+            float(scale.scale),
             experiment.response_name,
             experiment.coordinate_name,
             float(np.ptp(experiment.coordinate)),
@@ -51,6 +54,7 @@ class CalibratedRecord:
             float(values.max()),
             experiment.response_range,
             fastest(experiment),
+            scale.proportional,
         )
 
 

@@ -124,9 +124,7 @@ def _prior_predictive(content: PosteriorContent, theta: FloatArray) -> xr.Datase
 
 def _attributes(content: PosteriorContent) -> dict[str, str]:
     target, study = content.target, content.study
-    records = [
-        CalibratedRecord.of(r.experiment, r.group, float(r.scale.scale)) for r in target.records
-    ]
+    records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in target.records]
     return {
         "study": json.dumps(to_settings(study)),
         "study_name": study.name,

@@ -179,6 +179,22 @@ def test_noise_share_is_relative_to_the_records_variance(measured: StudyResults)
     assert shares["correlated"][1] == pytest.approx(np.median(sigma**2) / observed.var())
 
 
+def test_noise_of_ratios_is_relative_to_the_variance_of_the_logarithm(
+    measured: StudyResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deabayes.figures.noise_share import correlated_shares
+
+    results = measured.recommended
+    name = next(iter(correlated_shares(results)))
+    sigma = results.posterior[f"{results.noise_group(name)}.sigma_ou"].values
+    gain = 1e-6 * (2.0 + np.sin(np.arange(results.predictions[name]["observed"].size)))
+    shown = results.predictions[name].assign(observed=("coordinate", gain))
+    monkeypatch.setitem(results.predictions, name, shown)
+    monkeypatch.setitem(results.records, name, {**results.records[name], "proportional": True})
+    found = correlated_shares(results)[name]["correlated"][1]
+    assert found == pytest.approx(np.median(sigma**2) / np.log(gain).var())
+
+
 def test_save_all_writes_svg_and_png_and_an_index(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

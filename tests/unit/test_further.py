@@ -16,6 +16,7 @@ from deabayes.further import contenders, further_table, outlook
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.noise_origin import CalibratedRecord
 from deabayes.planned import altered, faults, plan
+from deabayes.residual_scale import ResidualScale
 
 TIME = np.linspace(1.0, 60.0, 40)
 SLOW = {
@@ -38,7 +39,7 @@ def fitted(candidate, seed, count=150, calibrated=None):
     values = SLOW | (STIFFER if system.order == 1 else {})
     draws = {n: values[n] * np.exp(0.003 * rng.standard_normal(count)) for n in names}
     draws["step.sigma_white"] = np.full(count, 9e-5)
-    kept = (CalibratedRecord.of(calibrated or record(), "step", 1.0),)
+    kept = (CalibratedRecord.of(calibrated or record(), "step", ResidualScale()),)
     return Fitted(candidate, PLAIN, system, NOISE["white"](), False, "record", draws, kept, True)
 
 

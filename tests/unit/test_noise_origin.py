@@ -15,6 +15,7 @@ from deabayes.faults import UserError
 from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.noise_origin import CalibratedRecord, records_to_json
+from deabayes.residual_scale import ResidualScale
 
 TIME = np.linspace(1.0, 600.0, 300)
 COUNT = 400
@@ -31,7 +32,7 @@ def fitted(calibrated=None, specimen=PLAIN, relative=False):
     draws |= {name: np.full(COUNT, value) for name, value in NOISE_DRAWS.items()}
     scales = [each.response_range if relative else 1.0 for each in calibrated]
     records = tuple(
-        CalibratedRecord.of(each, "step", scale)
+        CalibratedRecord.of(each, "step", ResidualScale(scale))
         for each, scale in zip(calibrated, scales, strict=True)
     )
     system = membrane("kv_gm_3", specimen=specimen)
@@ -104,8 +105,8 @@ def test_relative_noise_is_carried_over_in_proportion_to_the_range():
 def test_a_record_of_the_same_unit_comes_before_one_of_the_same_protocol():
     driven = experiment("sine", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
     records = [
-        CalibratedRecord.of(record(4e3, "area"), "areas", 1.0),
-        CalibratedRecord.of(driven, "sines", 1.0),
+        CalibratedRecord.of(record(4e3, "area"), "areas", ResidualScale()),
+        CalibratedRecord.of(driven, "sines", ResidualScale()),
     ]
     found = replace(fitted(), records=tuple(records))
     assert found.noise_of(record(2e3)).group == "sines"

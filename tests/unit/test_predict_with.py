@@ -140,9 +140,8 @@ def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
     fitted = build(study, "voigt_kelvin_2" + ENDING, SPECIMEN, experiments(100))
     from deabayes.noise_origin import CalibratedRecord, find_noise
 
-    records = [
-        CalibratedRecord.of(r.experiment, r.group, float(r.scale.scale)) for r in fitted.records
-    ]
+    records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in fitted.records]
+    assert {r.response_name: r.proportional for r in records} == {"gain": True, "phase": False}
     for relative in (False, True):
         gain, phase = (
             find_noise(e, records, fitted.system, relative, "record") for e in experiments(500)

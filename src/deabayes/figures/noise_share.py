@@ -61,11 +61,11 @@ def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, Float
             or f"{group}.sigma_white" not in results.posterior
         ):
             continue
-        observed = prediction["observed"].values
+        record, observed = results.records.get(name, {}), prediction["observed"].values
         relative = results.settings.get("noise_scale") == "range"
-        scale = float(
-            results.records.get(name, {}).get("scale", np.ptp(observed) if relative else 1.0)
-        )
+        scale = float(record.get("scale", np.ptp(observed) if relative else 1.0))
+        if record.get("proportional", False):
+            observed = np.log(observed)
         shares[name] = {
             kind: _quantiles((results.posterior[parameter].values * scale) ** 2 / observed.var())
             for kind, parameter in (
