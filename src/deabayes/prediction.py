@@ -73,9 +73,9 @@ class Calibrated:
         rate = fastest(experiment)
         if not rate > FASTEST_EXTRAPOLATION * self.fastest:
             return ""
+        shown, calibrated = (f"{float(f'{hertz:.2g}'):g} Hz" for hertz in (rate, self.fastest))
         return (
-            f"it shows what happens at up to {rate:.2g} Hz, the calibration records at up to "
-            f"{self.fastest:.2g} Hz"
+            f"it shows what happens at up to {shown}, the calibration records at up to {calibrated}"
         )
 
 

@@ -147,6 +147,8 @@ def test_faster_changes_than_calibrated_are_flagged():
     assert note == (
         "it shows what happens at up to 0.2 Hz, the calibration records at up to 0.05 Hz"
     )
+    sudden = replace(quick, excitation=step(2e3), coordinate=np.array([1e-4, 1.0, 50.0]))
+    assert "at up to 1600 Hz, " in fitted([slow]).extrapolation(sudden)
     assert fitted([slow, quick]).extrapolation(quick) == ""
     assert fitted([quick]).extrapolation(slow) == ""
     old = replace(fitted([slow]).records[0], fastest=float("nan"))
