@@ -107,15 +107,29 @@ def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
     return float(np.sum(difference)), standard_error(difference)
 
 
+def _clear(gains: FloatArray) -> bool:
+    return float(np.sum(gains)) > max(SMALLEST_ELPD_GAIN, 2.0 * standard_error(gains))
+
+
+def left_out_blocks_favour(larger: Score, smaller: Score) -> bool:
+    """Whether the elpd gain exceeds max(4, 2 SE), with all blocks or without the best one.
+
+    One block with most of the gain makes the standard error more than half of the sum,
+    however large that is; what the other blocks gain then decides.
+    """
+    assert larger.loo is not None and smaller.loo is not None
+    gains = np.sort(larger.loo.terms - smaller.loo.terms)
+    return _clear(gains) or _clear(gains[:-1])
+
+
 def judge(larger: Score, smaller: Score) -> str:
     """Compare two candidates: `larger`, `smaller` or `conflict`.
 
-    The larger wins only if its elpd gain exceeds max(4, 2 SE) and the evidence
-    agrees; the smaller wins if neither criterion speaks for the larger. All
-    else is a conflict: these data do not resolve it.
+    The larger wins only if it tells left-out blocks better (`left_out_blocks_favour`)
+    and the evidence agrees; the smaller wins if neither criterion speaks for the
+    larger. All else is a conflict: these data do not resolve it.
     """
-    gain, se = elpd_difference(larger, smaller)
-    elpd_for_larger = gain > max(SMALLEST_ELPD_GAIN, 2.0 * se)
+    elpd_for_larger = left_out_blocks_favour(larger, smaller)
     evidence_gain = larger.log_evidence - smaller.log_evidence
     error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
     evidence_for_larger = evidence_gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)

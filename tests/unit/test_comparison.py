@@ -33,6 +33,25 @@ def test_anything_less_keeps_the_smaller_or_says_so(evidence, terms, expected):
     assert judge(score("b", 5, evidence, terms), score("a", 3, 0.0, ONES)) == expected
 
 
+def test_one_block_with_most_of_the_gain_does_not_hide_what_the_others_gain():
+    """The gains of a simulated specimen: two standard errors of their sum exceed any such sum."""
+    gains = np.array([8.3, 16.7, 1.3, 70.9, 3.6, 5.2, 3.9, 7.1, 3.5])
+    small = score("a", 3, 0.0, np.zeros(9))
+    assert judge(score("b", 5, 112.0, gains), small) == "larger"
+    assert judge(score("b", 5, 112.0, gains * np.where(gains > 20, 9.0, 1.0)), small) == "larger"
+    assert judge(score("b", 5, -1.0, gains), small) == "conflict"
+
+
+def test_no_block_decides_alone():
+    """What is left without the best block must pass by itself: here 4 nats are not reached."""
+    small = score("a", 3, 0.0, np.zeros(9))
+    gains = np.array([70.0, 0.6, 0.4, 0.5, 0.6, 0.4, 0.5, 0.4, 0.5])
+    assert judge(score("b", 5, 70.0, gains), small) == "conflict"
+    scattered = np.array([70.0, 9.0, -8.0, 9.0, -8.0, 9.0, -8.0, 9.0, -5.0])
+    assert judge(score("b", 5, 70.0, scattered), small) == "conflict"
+    assert judge(score("b", 5, 70.0, np.array([70.0])), score("a", 3, 0.0, [0.0])) == "conflict"
+
+
 def test_decision_walks_up_and_names_the_unresolved():
     scores = [
         score("n3", 7, 12.0, 1.6 * ONES),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 from tests.unit import structure_contexts as made_up
 from tests.unit.fake_results import Fake, write_study
@@ -102,7 +103,29 @@ def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
 def test_long_tails_do_not_set_the_limits_of_pairs() -> None:
     rng = np.random.default_rng(1)
     values = rng.standard_normal(5000)
-    low, high = pairs._limits(values, 0.002)
+    low, high = pairs._Column(values, "", False).limits(0.002)
     assert (low, high) == pytest.approx(tuple(np.quantile(values, [0.002, 0.998])))
-    low, high = pairs._limits(np.append(values, np.full(50, 1e4)), 0.002)
+    long = np.append(values, [*np.full(50, 1e4), np.inf, np.nan])
+    low, high = pairs._Column(long, "", False).limits(0.002)
     assert low > -4.0 and high < 6.0
+
+
+def test_pairs_that_span_decades_have_logarithmic_axes() -> None:
+    rng = np.random.default_rng(1)
+    wide = 10 ** rng.normal(2.0, 0.5, 4000)
+    columns = [
+        pairs._Column(np.log10(wide), "wide", True),
+        pairs._Column(1.0 + 0.01 * np.log10(wide), "narrow", False),
+    ]
+    figure = Figure()
+    axes = figure.subplots(2, 2, squeeze=False, sharex="col")
+    for row, column in ((0, 0), (1, 0), (1, 1)):
+        y = columns[row] if column < row else None
+        pairs._cell(axes[row, column], columns[column], y)
+        pairs._label(axes[row, column], columns, row, column, 6.0)
+    assert [axes[1, 0].get_xscale(), axes[1, 0].get_yscale()] == ["log", "linear"]
+    low, high = axes[1, 0].get_xlim()
+    assert (low, high) == pytest.approx(tuple(np.quantile(wide, [0.002, 0.998])), rel=0.05)
+    region = axes[1, 0].collections[0].get_paths()[0].vertices
+    assert region[:, 0].min() > low and region[:, 0].max() > 0.3 * high
+    assert np.corrcoef(np.log10(region[:, 0]), region[:, 1])[0, 1] > 0.85

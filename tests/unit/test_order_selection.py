@@ -9,6 +9,10 @@ import pandas as pd
 import pytest
 from tests.validation import order_selection
 from tests.validation.sampled import Sampled
+from tests.validation.tally import verdict
+
+from deabayes.comparison import decide
+from deabayes.ranking import score_all
 
 TASK = {"family": "voigt_kelvin", "world": "closed", "truth": 1, "replicate": 0}
 
@@ -31,20 +35,29 @@ def made_up(converged):
 
 def test_a_replicate_is_decided_by_the_shipped_rule(monkeypatch):
     monkeypatch.setattr(order_selection, "sample", made_up(lambda target: True))
+    decided = []
+    monkeypatch.setattr(
+        order_selection, "score_all", lambda r: decided.append(score_all(r)) or decided[0]
+    )
     row = order_selection.replicate(TASK)
-    assert row["outcome"] in ("right", "wrong", "not resolved")
-    assert row["chosen"] in ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
-    assert row["right"] == "voigt_kelvin_1" and row["all_converged"] == 1
-    for order in order_selection.CANDIDATES:
-        assert np.isfinite(float(row[f"log_evidence:{order}"]))
-        assert np.isfinite(float(row[f"elpd:{order}"]))
+    found = verdict({**TASK, **row})
+    assert found["right"] == "voigt_kelvin_1" and found["all_converged"]
+    assert found["chosen"] == decide(decided[0]).chosen
+    blocks = {len(row[f"terms:{order}"].split()) for order in order_selection.CANDIDATES}
+    assert len(blocks) == 1 and blocks.pop() > 5
+    for order, score in zip(order_selection.CANDIDATES, decided[0], strict=True):
+        assert float(row[f"log_evidence:{order}"]) == pytest.approx(score.log_evidence, abs=1e-3)
+        terms = np.array(row[f"terms:{order}"].split(), float)
+        np.testing.assert_allclose(terms, score.loo.terms, atol=1e-3)
 
 
 def test_what_did_not_converge_is_not_ranked(monkeypatch):
     only_first = made_up(lambda target: target.system.order == 1)
     monkeypatch.setattr(order_selection, "sample", only_first)
     row = order_selection.replicate(TASK)
-    assert row["outcome"] == "no verdict" and row["elpd:2"] == "" and row["all_converged"] == 0
+    assert row["terms:1"] and row["terms:2"] == ""
+    found = verdict({**TASK, **row})
+    assert found["outcome"] == "no verdict" and not found["all_converged"]
 
 
 @pytest.mark.parametrize("truth", [1, 3])

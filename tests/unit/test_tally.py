@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
-from tests.validation.tally import outcome, single_picks, tally, unflagged_conflict
+from tests.validation.tally import (
+    outcome,
+    scores_of,
+    single_picks,
+    tally,
+    unflagged_conflict,
+    verdict,
+)
 
 from deabayes.comparison import BlockLoo, Decision, Score, decide
 
@@ -61,20 +67,48 @@ def test_single_picks_pass_over_what_did_not_converge():
     assert set(single_picks(scores).values()) == {"m_2"}
 
 
-def test_tally_counts_undecided_apart():
-    outcomes = ["right", "right", "wrong", "not resolved", "no verdict"]
-    replicates = pd.DataFrame(
-        {
-            "family": "m", "world": "closed", "truth": 2, "right": "m_2", "outcome": outcomes,
-            "chosen": ["m_2", "m_2", "m_1", "m_2", None],
-            "best_evidence": ["m_2", "m_2", "m_2", "m_2", None],
-            "best_bic": ["m_1"] * 4 + [None], "best_elpd": ["m_3"] * 4 + [None],
-            "unflagged_conflict": [0, 0, 1, 0, 0], "all_converged": [1, 1, 1, 1, 0],
+def stored(truth, *scores):
+    """A row as `order_selection` stores it."""
+    row = {"family": "m", "world": "closed", "truth": str(truth)}
+    for each in scores:
+        row |= {
+            f"parameters:{each.order}": str(each.n_parameters),
+            f"log_evidence:{each.order}": f"{each.log_evidence}",
+            f"mcse:{each.order}": f"{each.log_evidence_mcse}",
+            f"bic:{each.order}": f"{each.bic}",
+            f"terms:{each.order}": " ".join(map(str, each.loo.terms)) if each.loo else "",
         }
-    )  # fmt: skip
-    row = tally(replicates).iloc[0]
+    return row
+
+
+CONFLICT = [score(1, 0.0, [0.0] * 20), score(2, 9.0, [0.01] * 20), score(3, -9.0, [-1.0] * 20)]
+NONE = [score(order, 0.0, [], converged=False) for order in (1, 2, 3)]
+
+
+def test_a_row_holds_all_that_the_rule_goes_by():
+    mixed = [*CLEAR[:2], score(3, 99.0, [9.0] * 20, converged=False)]
+    for scores in (CLEAR, CONFLICT, mixed):
+        again = scores_of(stored(2, *scores))
+        assert decide(again) == decide(scores)
+        assert single_picks(again) == single_picks(scores)
+
+
+@pytest.mark.parametrize(("truth", "right"), [(1, "m_1"), (3, "m_3"), (4, "m_3")])
+def test_right_is_the_true_order_or_the_largest_there_is(truth, right):
+    found = verdict(stored(truth, *CLEAR))
+    assert found["right"] == right
+    assert found["outcome"] == "wrong" and found["chosen"] == "m_2"
+
+
+def test_tally_counts_undecided_apart():
+    rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *NONE)]
+    rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:]), stored(1, *CLEAR)]
+    first, row = (line for _, line in tally(rows).iterrows())
+    assert (first["true units"], first["wrong"]) == ("1", 1)
     assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 1, 1, 1)
     assert row["share right of all judged"] == "0.50"
     assert row["share right of those decided"] == "0.67"
-    assert row["best evidence right"] == "1.00" and row["best bic right"] == "0.00"
-    assert row["unflagged conflicts"] == 1 and row["picks"] == "m_1: 1, m_2: 3"
+    for criterion in ("evidence", "bic", "elpd"):
+        assert row[f"best {criterion} right"] == "0.75"
+    assert row["unflagged conflicts"] == 0 and row["picks"] == "m_1: 2, m_2: 2"
+    assert row["every candidate converged"] == 4

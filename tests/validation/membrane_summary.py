@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 import pandas as pd
@@ -9,6 +10,7 @@ import pandas as pd
 from tests.validation import membrane_recovery, nested, rank_figure
 from tests.validation.ecdf import inside
 from tests.validation.membrane_recovery import RANKS, VARIANTS
+from tests.validation.rows import read
 from tests.validation.tally import tally
 
 ORDERS = (1, 2, 3)
@@ -49,7 +51,7 @@ def write(folder: Path) -> list[str]:
             draw_ranks(order, table, folder / f"membrane_recovery_kv_gm_{order}.png")
     orders = sorted(folder.glob("order_selection_*.csv"))
     if orders:
-        _save(tally(pd.concat(map(pd.read_csv, orders))), folder / "order_selection.csv")
+        _save(tally(chain.from_iterable(map(read, orders))), folder / "order_selection.csv")
     else:
         missing.append("order_selection_*.csv")
     if (folder / RECIPES).exists():

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
 import pandas as pd
 
-from deabayes.comparison import Decision, Score, judge
+from deabayes.comparison import BlockLoo, Decision, Score, decide, judge
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
 
@@ -54,18 +55,64 @@ def single_picks(scores: Sequence[Score]) -> Mapping[str, str]:
     }
 
 
-def tally(replicates: pd.DataFrame) -> pd.DataFrame:
+def scores_of(row: Mapping[str, object]) -> list[Score]:
+    """The candidates' scores that a row of `order_selection` holds."""
+    orders = [int(name.split(":")[1]) for name in row if name.startswith("terms:")]
+    return [_score(row, order) for order in orders]
+
+
+def _score(row: Mapping[str, object], order: int) -> Score:
+    terms = np.array(str(row[f"terms:{order}"]).split(), dtype=float)
+    return Score(
+        candidate=candidate(row, order),
+        order=order,
+        n_parameters=int(str(row[f"parameters:{order}"])),
+        converged=bool(terms.size),
+        log_evidence=float(str(row[f"log_evidence:{order}"])),
+        log_evidence_mcse=float(str(row[f"mcse:{order}"])),
+        bic=float(str(row[f"bic:{order}"])),
+        leave_one_experiment_out=float("nan"),
+        loo=BlockLoo(terms, np.zeros_like(terms)) if terms.size else None,
+    )
+
+
+def candidate(row: Mapping[str, object], order: int) -> str:
+    """Name of a candidate of the row's family."""
+    return f"{row['family']}_{order}"
+
+
+def verdict(row: Mapping[str, object]) -> dict[str, object]:
+    """What the shipped rule, and each criterion alone, makes of a row.
+
+    Right is the true order, or the largest candidate where the truth has more units.
+    """
+    scores = scores_of(row)
+    decision = decide(scores)
+    right = candidate(row, min(int(str(row["truth"])), max(score.order for score in scores)))
+    return {
+        "right": right,
+        "outcome": outcome(decision, right),
+        "chosen": decision.chosen,
+        "unresolved": " ".join(decision.unresolved),
+        "unflagged_conflict": unflagged_conflict(scores, decision),
+        "all_converged": all(score.converged for score in scores),
+        **{f"best_{criterion}": pick for criterion, pick in single_picks(scores).items()},
+    }
+
+
+def tally(replicates: Iterable[Mapping[str, object]]) -> pd.DataFrame:
     """One row per family, world and truth: picks, share right, flags, conflicts.
 
     Parameters
     ----------
-    replicates : the rows that `order_selection` stores.
+    replicates : the rows that `order_selection` stores, as `rows.read` gives them.
     """
-    groups = replicates.groupby(["family", "world", "truth"], sort=True)
+    judged = pd.DataFrame([{**row, **verdict(row)} for row in replicates])
+    groups = judged.groupby(["family", "world", "truth"], sort=True)
     return pd.DataFrame([_tallied(keys, group) for keys, group in groups])
 
 
-def _tallied(keys: tuple[str, str, int], group: pd.DataFrame) -> dict[str, object]:
+def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, object]:
     family, world, truth = keys
     counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
     judged = len(group) - counts["no verdict"]

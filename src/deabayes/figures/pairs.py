@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import style
+from deabayes.figures import panels, style
 from deabayes.figures.quantities import display_unit, symbol_text
 from deabayes.figures.results import CandidateResults
 
@@ -16,11 +19,14 @@ SCOPE = "candidate"
 TITLE = "Pairs of parameters"
 CAPTION = (
     "Joint posterior of the material parameters: regions holding 50 % and 90 % of the draws. A "
-    "thin slanted ellipse means that the data fix a combination of the two rather than each."
+    "thin slanted region means that the data fix a combination of the two rather than each. Axes "
+    "are logarithmic where the draws span more than a factor of five."
 )
 LARGEST = 12
 DRAWS = 20000
 BINS = 32
+WIDE = 5.0
+"""Ratio of the 95 to the 5 % quantile from which on an axis is logarithmic."""
 
 
 def draw(results: CandidateResults) -> list[Figure]:
@@ -54,55 +60,74 @@ def _matrix(results: CandidateResults, names: list[str]) -> Figure:
     return figure
 
 
-def _column(results: CandidateResults, name: str) -> tuple[FloatArray, str]:
-    """Draws in display units, thinned for drawing, and the axis label."""
+@dataclass(frozen=True)
+class _Column:
+    """Draws as they are drawn: in display units, or the logarithm of these to base ten."""
+
+    drawn: FloatArray
+    label: str
+    log: bool
+
+    def limits(self, tail: float) -> tuple[float, float]:
+        """Between the tails' quantiles; if these are far out, the 5 to 95 % range three times."""
+        values = self.drawn[np.isfinite(self.drawn)]
+        low, inner_low, inner_high, high = np.quantile(values, [tail, 0.05, 0.95, 1.0 - tail])
+        width = inner_high - inner_low
+        return max(low, inner_low - width), min(high, inner_high + width)
+
+    def on_axis(self, drawn: FloatArray) -> FloatArray:
+        """From what is drawn to what the axis shows."""
+        return np.power(10.0, drawn) if self.log else drawn
+
+
+def _column(results: CandidateResults, name: str) -> _Column:
+    """Draws thinned for drawing, and the axis label."""
     values = np.asarray(results.posterior[name].values, dtype=float).ravel()
     values = values[:: max(values.size // DRAWS, 1)]
     label = results.label(name)
     unit = display_unit(label["unit"], np.nanmedian(values), name)
-    text = symbol_text(name, label["symbol"])
-    return values / unit.factor, text + (f"\n({unit.label})" if unit.label else "")
+    text = symbol_text(name, label["symbol"]) + (f"\n({unit.label})" if unit.label else "")
+    values = values / unit.factor
+    low, high = np.nanquantile(values, [0.05, 0.95])
+    log = bool(np.nanmin(values) > 0 and high > WIDE * low)
+    return _Column(np.log10(values) if log else values, text, log)
 
 
-def _cell(ax: Axes, x: tuple[FloatArray, str], y: tuple[FloatArray, str] | None) -> None:
-    limits = np.array(_limits(x[0][np.isfinite(x[0])], 0.002))
+def _cell(ax: Axes, x: _Column, y: _Column | None) -> None:
+    limits = np.array(x.limits(0.002))
     if limits[0] == limits[1]:
         limits = limits + np.array([-0.5, 0.5])
     if y is None:
-        ax.hist(x[0], BINS, range=tuple(limits), color=style.BLUE, alpha=0.6, histtype="stepfilled")
+        heights, edges = np.histogram(x.drawn, BINS, range=tuple(limits))
+        ax.stairs(heights, x.on_axis(edges), fill=True, color=style.BLUE, alpha=0.6)
+        ax.set_ylim(bottom=0)
         ax.set_yticks([])
         ax.spines["left"].set_visible(False)
     else:
-        contours(ax, x[0], y[0])
-    ax.set_xlim(*limits)
+        _contours(ax, x, y)
+    ax.set_xlim(*x.on_axis(limits))
 
 
-def contours(ax: Axes, x: FloatArray, y: FloatArray) -> None:
-    """Filled regions of highest density holding 50 % and 90 % of the points."""
+def _contours(ax: Axes, x: _Column, y: _Column) -> None:
+    """Filled regions of highest density holding 50 % and 90 % of the draws."""
     from scipy.ndimage import gaussian_filter
 
-    kept = np.isfinite(x) & np.isfinite(y)
-    ranges = [_limits(v[kept], 0.001) for v in (x, y)]
+    kept = np.isfinite(x.drawn) & np.isfinite(y.drawn)
+    ranges = [column.limits(0.001) for column in (x, y)]
     if any(low == high for low, high in ranges):
         return
-    density, x_edges, y_edges = np.histogram2d(x[kept], y[kept], BINS, range=ranges)
+    density, *edges = np.histogram2d(x.drawn[kept], y.drawn[kept], BINS, range=ranges)
     density = gaussian_filter(np.pad(density, 2), 1.4)
     ordered = np.sort(density.ravel())[::-1]
     held = np.cumsum(ordered) / kept.sum()
     last = ordered.size - 1
     outer, inner = (float(ordered[min(int(np.searchsorted(held, p)), last)]) for p in (0.9, 0.5))
-    centres = [_padded(0.5 * (edges[1:] + edges[:-1])) for edges in (x_edges, y_edges)]
+    centres = [_padded(0.5 * (each[1:] + each[:-1])) for each in edges]
+    shown = [column.on_axis(each) for column, each in zip((x, y), centres, strict=True)]
     if outer < inner < density.max():
-        ax.contourf(*centres, density.T, [outer, inner, density.max()],
+        ax.contourf(*shown, density.T, [outer, inner, density.max()],
                     colors=["#a6d3ee", style.BLUE])  # fmt: skip
-    ax.set_ylim(*ranges[1])
-
-
-def _limits(values: FloatArray, tail: float) -> tuple[float, float]:
-    """Between the tails' quantiles; where these are far out, the 5 to 95 % range three times."""
-    low, inner_low, inner_high, high = np.quantile(values, [tail, 0.05, 0.95, 1.0 - tail])
-    width = inner_high - inner_low
-    return max(low, inner_low - width), min(high, inner_high + width)
+    ax.set_ylim(*y.on_axis(np.array(ranges[1])))
 
 
 def _padded(centres: FloatArray) -> FloatArray:
@@ -110,19 +135,25 @@ def _padded(centres: FloatArray) -> FloatArray:
     return centres[0] + step * np.arange(-2, centres.size + 2)
 
 
-def _label(
-    ax: Axes, columns: list[tuple[FloatArray, str]], row: int, column: int, size: float
-) -> None:
+def _ticks(ax: Axes, column: _Column, which: Literal["x", "y"], few: int) -> None:
+    if column.log:
+        panels.logarithmic(ax, column.on_axis(np.array(column.limits(0.002))), few, which)
+    else:
+        axis = ax.xaxis if which == "x" else ax.yaxis
+        axis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
+
+
+def _label(ax: Axes, columns: list[_Column], row: int, column: int, size: float) -> None:
     last, few = row == len(columns) - 1, 3 if len(columns) <= 9 else 2
     ax.tick_params(labelsize=size - 1, length=1.5, pad=1.5)
-    ax.xaxis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
+    _ticks(ax, columns[column], "x", few)
     ax.tick_params(axis="x", labelbottom=last, rotation=45)
     if column < row:
-        ax.yaxis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
+        _ticks(ax, columns[row], "y", few)
         ax.tick_params(axis="y", labelleft=column == 0)
     if last:
-        ax.set_xlabel(columns[column][1], fontsize=size)
+        ax.set_xlabel(columns[column].label, fontsize=size)
         ax.xaxis.set_label_coords(0.5, -0.33 / ax.get_window_extent().height * ax.figure.dpi)
     if column == 0 and row > 0:
-        ax.set_ylabel(columns[row][1], fontsize=size)
+        ax.set_ylabel(columns[row].label, fontsize=size)
         ax.yaxis.set_label_coords(-0.36 / ax.get_window_extent().width * ax.figure.dpi, 0.5)

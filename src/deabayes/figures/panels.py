@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -245,16 +245,19 @@ def set_horizontal(ax: Axes, x: Axis) -> None:
         ax.xaxis.set_major_locator(MaxNLocator(5))
 
 
-def logarithmic(ax: Axes, values: FloatArray, ticks: int = 5) -> None:
-    """A logarithmic horizontal axis with few, readable labels."""
+def logarithmic(
+    ax: Axes, values: FloatArray, ticks: int = 5, which: Literal["x", "y"] = "x"
+) -> None:
+    """A logarithmic axis, horizontal unless told, with few, readable labels."""
     positive = values[values > 0]
     decades = np.log10(positive.max() / positive.min()) if positive.size else 1.0
-    ax.set_xscale("log")
-    ax.xaxis.set_major_locator(LogLocator(numticks=ticks))
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    ax.set(**{f"{which}scale": "log"})
+    axis.set_major_locator(LogLocator(numticks=ticks))
     if decades < 2:
         few = (1.0, 2.0, 5.0) if decades > 0.6 else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-        ax.xaxis.set_major_locator(LogLocator(subs=few, numticks=20))
-        ax.xaxis.set_major_formatter("{x:g}")
+        axis.set_major_locator(LogLocator(subs=few, numticks=20))
+        axis.set_major_formatter("{x:g}")
     else:
-        ax.xaxis.set_major_formatter(LogFormatterMathtext())
-    ax.xaxis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter(LogFormatterMathtext())
+    axis.set_minor_formatter(NullFormatter())
