@@ -2,6 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes            # case A, small
     OMP_NUM_THREADS=1 python -m benchmarks.membrane_recipes --full     # cases A, B, P, full size
+    ... --full --walkers 48 --steps 8000                               # a seventh of that
 
 Cases A, B and P of mixing.md (tests/validation/cases.py), three units, noise parameters per
 record (20 parameters). Small: two ensembles of 64 walkers, 2000 steps; full: the four of 128
@@ -18,6 +19,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -187,13 +189,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     everything = ["shipped", *MOVES]
     parser.add_argument("--full", action="store_true", help="cases A, B, P at full size")
+    parser.add_argument("--walkers", type=int, help="per ensemble, instead of the size's own")
+    parser.add_argument("--steps", type=int, help="the budget, instead of the size's own")
     parser.add_argument("--cases", nargs="+", choices=["A", "B", "P"])
     parser.add_argument("--recipes", nargs="+", choices=everything, default=everything)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
     names = options.cases or (["A", "B", "P"] if options.full else ["A"])
     options.output.parent.mkdir(parents=True, exist_ok=True)
-    run(names, options.recipes, FULL if options.full else SMALL, options.output)
+    size = FULL if options.full else SMALL
+    settings = replace(
+        size, walkers=options.walkers or size.walkers, max_steps=options.steps or size.max_steps
+    )
+    run(names, options.recipes, settings, options.output)
 
 
 if __name__ == "__main__":
