@@ -8,8 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.validation import order_selection
+from tests.validation.order_signal import SHOWN, signal, true_curves, whitened
 from tests.validation.sampled import Sampled
 from tests.validation.tally import verdict
+from tests.validation.worlds import tubular
 
 from deabayes.comparison import decide
 from deabayes.ranking import score_all
@@ -73,3 +75,44 @@ def test_the_same_replicate_has_the_same_data(monkeypatch, truth):
         with pytest.raises(InterruptedError):
             order_selection.replicate({**TASK, "truth": truth})
     np.testing.assert_array_equal(*seen)
+
+
+def specimen(order, **changes):
+    """The prior's median specimen with some of its parameters changed."""
+    target = tubular().target(order)
+    draws = dict(target.draws(target.prior.to_parameters(np.zeros((1, target.dimension)))))
+    assert set(changes) <= set(draws)
+    return draws | {name: np.array([value]) for name, value in changes.items()}
+
+
+def test_a_unit_shows_as_far_as_the_next_smaller_model_misses_it():
+    strong = specimen(2, E_2=10e6, tau_1=5e-3, tau_2=0.1)
+    weak = specimen(2, E_2=1e10, tau_1=5e-3, tau_2=0.1)
+    seen = signal(tubular(), 2, 1, strong)
+    assert seen > 10 * SHOWN
+    assert signal(tubular(), 2, 1, weak) < 1e-2
+    assert signal(tubular(), 2, 2, strong) < 1e-6
+    assert signal(tubular(), 1, 0, specimen(1)) == np.inf
+    noise = {name: 2.0 * value for name, value in strong.items() if "sigma" in name}
+    assert signal(tubular(), 2, 1, strong | noise) == pytest.approx(seen / 4, rel=1e-3)
+
+
+def test_what_shows_is_the_distance_under_the_whole_covariance():
+    """r' C^-1 r / 2 with a dense covariance, of the closest curve found."""
+    truth = specimen(2, E_2=10e6, tau_1=5e-3, tau_2=0.1)
+    world = tubular()
+    target = world.conditioned(1, true_curves(world, 2, truth))
+    material = [k for k, name in enumerate(target.names) if "." not in name]
+    z = np.random.default_rng(2).standard_normal((3, len(material)))
+    found = np.sum(whitened(target, material, z, truth) ** 2, axis=1) / 2
+    whole = np.zeros((3, target.dimension))
+    whole[:, material] = z
+    record = target.records[0]
+    curves = record.simulate(target.draws(target.prior.to_parameters(whole)))
+    noise = {k: float(v[0]) for k, v in target.noise_draws(truth, record.group).items()}
+    apart = np.abs(np.subtract.outer(record.noise_coordinate, record.noise_coordinate))
+    covariance = noise["sigma_ou"] ** 2 * np.exp(-apart / noise["tau_ou"])
+    covariance += noise["sigma_white"] ** 2 * np.eye(len(apart))
+    misses = record.experiment.response - curves
+    exact = 0.5 * np.einsum("sn,sn->s", misses, np.linalg.solve(covariance, misses.T).T)
+    np.testing.assert_allclose(found, exact, rtol=1e-6)

@@ -67,9 +67,9 @@ def test_single_picks_pass_over_what_did_not_converge():
     assert set(single_picks(scores).values()) == {"m_2"}
 
 
-def stored(truth, *scores):
+def stored(truth, *scores, signal="99.00"):
     """A row as `order_selection` stores it."""
-    row = {"family": "m", "world": "closed", "truth": str(truth)}
+    row = {"family": "m", "world": "closed", "truth": str(truth), "signal": signal}
     for each in scores:
         row |= {
             f"parameters:{each.order}": str(each.n_parameters),
@@ -102,12 +102,15 @@ def test_right_is_the_true_order_or_the_largest_there_is(truth, right):
 
 def test_tally_counts_undecided_apart():
     rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *NONE)]
-    rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:]), stored(1, *CLEAR)]
+    rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:], signal="16.90")]
+    rows += [stored(1, *CLEAR, signal="inf")]
     first, row = (line for _, line in tally(rows).iterrows())
     assert (first["true units"], first["wrong"]) == ("1", 1)
     assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 1, 1, 1)
     assert row["share right of all judged"] == "0.50"
     assert row["share right of those decided"] == "0.67"
+    assert row["last unit is shown"] == 4 and row["share right of these"] == "0.50"
+    assert first["last unit is shown"] == 1 and first["share right of these"] == "0.00"
     for criterion in ("evidence", "bic", "elpd"):
         assert row[f"best {criterion} right"] == "0.75"
     assert row["unflagged conflicts"] == 0 and row["picks"] == "m_1: 2, m_2: 2"

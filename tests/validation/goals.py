@@ -137,6 +137,10 @@ def compared(folder: Path) -> Iterator[Found]:
         of = f"order, {row['family']}, {row['world']}, {row['true units']} true units"
         met = "yes" if float(right) >= limit and conflicts == 0 else "NO"
         yield of, f"{right} right, {conflicts} unflagged conflicts", met
+        shown, count = row["share right of these"], int(row["last unit is shown"])
+        if 0 < count < int(row["replicates"]):
+            met = "yes" if float(shown) >= limit else "NO"
+            yield f"{of}, where the last unit is shown", f"{shown} right of {count}", met
 
 
 def held_out(folder: Path) -> Iterator[Found]:

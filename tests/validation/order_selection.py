@@ -9,8 +9,9 @@ for the shipped rule (`comparison.decide`): bridge evidence, BIC, block-LOO. Wor
 - `one_more`: the truth has four units; the right pick is three, the best there is.
 
 The truth's units are drawn as the prior has them, so a second or third unit may be too weak,
-or too close to another, to be seen in any data: `smallest_ratio` (of neighbouring times) and
-`noise_share` (of the records' range) are stored so that such specimens can be told.
+or too close to another, to be seen in any data: `signal` says in nats how much of the last
+unit the records can show (`order_signal`), `smallest_ratio` and `noise_share` are the ratio of
+neighbouring times and the noise over the records' range.
 
     python -m tests.validation.order_selection voigt_kelvin closed 2 --replicates 100
     python -m tests.validation.order_selection kv_gm one_more 4
@@ -38,6 +39,7 @@ from deabayes.comparison import Score
 from deabayes.posterior import LogPosterior
 from deabayes.ranking import Ranked, score_all
 from tests.validation import rows
+from tests.validation.order_signal import signal
 from tests.validation.sampled import Sampled, sample
 from tests.validation.worlds import (
     Discrepancy,
@@ -83,7 +85,7 @@ def replicate(task: rows.Task) -> rows.Row:
     ]
     scores = score_all([ranked for ranked, _ in fits])
     return {
-        **_specimen(truth, data),
+        **_specimen(world, truth, data),
         **{name: value for score in scores for name, value in _score(score).items()},
         "all_converged": int(all(s.converged for s in scores)),
         "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
@@ -128,14 +130,17 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
     }
 
 
-def _specimen(truth: LogPosterior, data: Simulated) -> rows.Row:
-    """How hard the specimen is to tell: its closest times, its noise over the records' range."""
+def _specimen(world: World, truth: LogPosterior, data: Simulated) -> rows.Row:
+    """How hard the specimen's order is to tell."""
+    order = truth.system.order
+    fewer = min(order, max(CANDIDATES)) - 1
     times = [float(v[0]) for n, v in data.truth.items() if n.startswith("tau")]
     ratios = [later / earlier for earlier, later in pairwise(times)]
     noise = truth.noise_draws(data.truth, truth.records[0].group)
     extent = max(record.response_range for record in data.records)
     size = float(np.hypot(noise["sigma_ou"][0], noise["sigma_white"][0]))
     return {
+        "signal": f"{signal(world, order, fewer, data.truth):.2f}",
         "smallest_ratio": f"{min(ratios):.3f}" if ratios else "",
         "noise_share": f"{size / extent:.5f}",
     }

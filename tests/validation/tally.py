@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from deabayes.comparison import BlockLoo, Decision, Score, decide, judge
+from tests.validation.order_signal import SHOWN
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
 
@@ -117,6 +118,8 @@ def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, objec
     counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
     judged = len(group) - counts["no verdict"]
     decided = counts["right"] + counts["wrong"]
+    shown = group[group["signal"].astype(float) >= SHOWN]
+    shown_right = int((shown["outcome"] == "right").sum())
     picks = group["chosen"].value_counts()
     right = group["right"].iloc[0]
     return {
@@ -128,6 +131,8 @@ def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, objec
         **counts,
         "picks": ", ".join(f"{name}: {count}" for name, count in sorted(picks.items())),
         "share right of all judged": share(counts["right"], judged),
+        "last unit is shown": len(shown),
+        "share right of these": share(shown_right, len(shown)),
         "share right of those decided": share(counts["right"], decided),
         **{
             f"best {criterion} right": share(
