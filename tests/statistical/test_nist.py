@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.validation.nist import SETTINGS, target
+from tests.validation.nist import target
 from tests.validation.nist_sets import certified
-from tests.validation.sampled import sample
+from tests.validation.sampled import SETTINGS, sample
 
 
 def test_posterior_mean_and_sd_reproduce_the_certified_ones():
