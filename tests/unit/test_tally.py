@@ -82,7 +82,11 @@ def stored(truth, *scores, signal="99.00"):
 
 
 CONFLICT = [score(1, 0.0, [0.0] * 20), score(2, 9.0, [0.01] * 20), score(3, -9.0, [-1.0] * 20)]
-NONE = [score(order, 0.0, [], converged=False) for order in (1, 2, 3)]
+ALONE = [
+    score(1, 0.0, [], converged=False),
+    score(2, 0.0, [0.0] * 20),
+    score(3, 0.0, [], converged=False),
+]
 
 
 def test_a_row_holds_all_that_the_rule_goes_by():
@@ -101,7 +105,7 @@ def test_right_is_the_true_order_or_the_largest_there_is(truth, right):
 
 
 def test_tally_counts_undecided_apart():
-    rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *NONE)]
+    rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *ALONE)]
     rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:], signal="16.90")]
     rows += [stored(1, *CLEAR, signal="inf")]
     first, row = (line for _, line in tally(rows).iterrows())
@@ -109,7 +113,7 @@ def test_tally_counts_undecided_apart():
     assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 1, 1, 1)
     assert row["share right of all judged"] == "0.50"
     assert row["share right of those decided"] == "0.67"
-    assert row["last unit is shown"] == 4 and row["share right of these"] == "0.50"
+    assert row["last unit is shown"] == 3 and row["share right of these"] == "0.67"
     assert first["last unit is shown"] == 1 and first["share right of these"] == "0.00"
     for criterion in ("evidence", "bic", "elpd"):
         assert row[f"best {criterion} right"] == "0.75"

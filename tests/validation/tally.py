@@ -116,9 +116,9 @@ def tally(replicates: Iterable[Mapping[str, object]]) -> pd.DataFrame:
 def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, object]:
     family, world, truth = keys
     counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
-    judged = len(group) - counts["no verdict"]
+    judged = group[group["outcome"] != "no verdict"]
     decided = counts["right"] + counts["wrong"]
-    shown = group[group["signal"].astype(float) >= SHOWN]
+    shown = judged[judged["signal"].astype(float) >= SHOWN]
     shown_right = int((shown["outcome"] == "right").sum())
     picks = group["chosen"].value_counts()
     right = group["right"].iloc[0]
@@ -130,13 +130,13 @@ def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, objec
         "replicates": len(group),
         **counts,
         "picks": ", ".join(f"{name}: {count}" for name, count in sorted(picks.items())),
-        "share right of all judged": share(counts["right"], judged),
+        "share right of all judged": share(counts["right"], len(judged)),
         "last unit is shown": len(shown),
         "share right of these": share(shown_right, len(shown)),
         "share right of those decided": share(counts["right"], decided),
         **{
             f"best {criterion} right": share(
-                int((group[f"best_{criterion}"] == right).sum()), judged
+                int((judged[f"best_{criterion}"] == right).sum()), len(judged)
             )
             for criterion in ("evidence", "bic", "elpd")
         },
