@@ -144,7 +144,7 @@ def time_case(
     quantities = {name: quantity.value for name, quantity in QUANTITIES.items()}
     whole = best(lambda: deabayes.simulate(
         "membrane", "kv_gm_3", draws, quantities, time=times, voltage=voltage
-    ), 5) / WALKERS  # fmt: skip
+    ), 30) / WALKERS  # fmt: skip
     print(f"\n{name}: {times.size} points, {WALKERS} draws")
     print(f"{'':<24}{'us per draw':>12}{'worst error':>13}{'over kernel':>12}{'over simulate':>15}")
     print(f"{'deabayes, kernel':<24}{1e6 * kernel:>12.2f}{error:>13.1e}{1:>12}")

@@ -78,7 +78,8 @@ def simulate(
     draws, scalar = _draws(model, parameters)
     values = model.predict(driven, coordinate, response, draws)
     failed = ~np.all(np.isfinite(values), axis=1)
-    values = np.where(failed[:, None], np.nan, values)
+    if failed.any():
+        values = np.where(failed[:, None], np.nan, values)
     dataset = _dataset(model, driven, coordinate_name, coordinate, response, values, draws)
     dataset.attrs["failed_draws"] = int(failed.sum())
     if failed.any():
