@@ -245,6 +245,7 @@ def test_recommended_follows_the_verdict(tmp_path: Path) -> None:
         ("ohm", 1e9, "GΩ", 1e9),
         ("m**2", 6e-4, "mm²", 1e-6),
         ("1", 4.7, "", 1.0),
+        ("F/m", 4.11e-11, "pF/m", 1e-12),
     ],
 )
 def test_display_units(unit: str, value: float, label: str, factor: float) -> None:

@@ -26,7 +26,7 @@ PREFIXED: Mapping[str, tuple[tuple[float, str], ...]] = {
     "1/Pa": ((1e-9, "1/GPa"), (1e-6, "1/MPa"), (1e-3, "1/kPa"), (1.0, "1/Pa")),
     "1/V": ((1e-6, "1/MV"), (1e-3, "1/kV"), (1.0, "1/V")),
 }
-COMPOUND_HEADS = ("Pa", "N", "Ω")
+COMPOUND_HEADS = ("Pa", "N", "Ω", "F")
 DIMENSIONLESS = {"", "1", "-", "none", "dimensionless"}
 PERCENT_QUANTITIES = ("strain",)
 ROLES = {"calibrate": "calibration", "validate": "held out"}
