@@ -18,7 +18,8 @@ TITLE = "Which model order"
 CAPTION = (
     "Differences to the reference candidate (dotted); further right is better. Evidence with its "
     "Monte Carlo error, expected log predictive density (elpd) with two standard errors where the "
-    "paired error was stored. Candidates that did not converge are named but not ranked."
+    "paired error was stored; where one block holds most of a difference its error is large, and "
+    "the other blocks decide. Candidates that did not converge are named but not ranked."
 )
 CRITERIA = (
     ("log_evidence", "log_evidence_mcse", "Δ log evidence"),
