@@ -77,6 +77,22 @@ def test_the_same_replicate_has_the_same_data(monkeypatch, truth):
     np.testing.assert_array_equal(*seen)
 
 
+def test_in_the_world_shown_every_last_unit_is(monkeypatch):
+    monkeypatch.setattr(order_selection, "sample", made_up(lambda target: False))
+    seen = {
+        world: [
+            float(
+                order_selection.replicate({**TASK, "world": world, "truth": 2, "replicate": k})[
+                    "signal"
+                ]
+            )
+            for k in range(5)
+        ]
+        for world in ("closed", "shown")
+    }
+    assert min(seen["closed"]) < SHOWN <= min(seen["shown"])
+
+
 def specimen(order, **changes):
     """The prior's median specimen with some of its parameters changed."""
     target = tubular().target(order)

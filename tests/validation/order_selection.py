@@ -4,6 +4,7 @@ Specimens are drawn from the priors of `worlds`; every order from 1 to 3 is fitt
 for the shipped rule (`comparison.decide`): bridge evidence, BIC, block-LOO. Worlds:
 
 - `closed`: the truth is one of the candidates.
+- `shown`: the same, and drawn again until the records can show its last unit (`order_signal`).
 - `discrepancy`: the records carry in addition a smooth error of 1 % of their range, even in
   the logarithm of time, that no candidate has; the right pick is still the true order.
 - `one_more`: the truth has four units; the right pick is three, the best there is.
@@ -39,7 +40,7 @@ from deabayes.comparison import Score
 from deabayes.posterior import LogPosterior
 from deabayes.ranking import Ranked, score_all
 from tests.validation import rows
-from tests.validation.order_signal import signal
+from tests.validation.order_signal import SHOWN, signal
 from tests.validation.sampled import Sampled, sample
 from tests.validation.worlds import (
     Discrepancy,
@@ -60,6 +61,7 @@ STORED_DRAWS = 2000
 FAMILIES: Mapping[str, Callable[[], World]] = {"kv_gm": membrane, "voigt_kelvin": tubular}
 WORLDS: Mapping[str, Discrepancy | None] = {
     "closed": None,
+    "shown": None,
     "discrepancy": smooth_in_log_time,
     "one_more": None,
 }
@@ -78,14 +80,15 @@ def replicate(task: rows.Task) -> rows.Row:
     data_stream, *streams = stream.spawn(1 + len(CANDIDATES))
     world = FAMILIES[family]()
     truth = world.target(order)
-    data = simulate(world, truth, np.random.default_rng(data_stream), WORLDS[world_name])
+    data, seen = _simulated(world, truth, world_name, np.random.default_rng(data_stream))
     fits = [
         fitted(world.conditioned(candidate, data.records), seed)
         for candidate, seed in zip(CANDIDATES, streams, strict=True)
     ]
     scores = score_all([ranked for ranked, _ in fits])
     return {
-        **_specimen(world, truth, data),
+        "signal": f"{seen:.2f}",
+        **_specimen(truth, data),
         **{name: value for score in scores for name, value in _score(score).items()},
         "all_converged": int(all(s.converged for s in scores)),
         "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
@@ -130,17 +133,27 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
     }
 
 
-def _specimen(world: World, truth: LogPosterior, data: Simulated) -> rows.Row:
-    """How hard the specimen's order is to tell."""
+def _simulated(
+    world: World, truth: LogPosterior, world_name: str, rng: np.random.Generator
+) -> tuple[Simulated, float]:
+    """A specimen of a world, and how much of its last unit its records can show."""
     order = truth.system.order
     fewer = min(order, max(CANDIDATES)) - 1
+    while True:
+        data = simulate(world, truth, rng, WORLDS[world_name])
+        seen = signal(world, order, fewer, data.truth)
+        if world_name != "shown" or seen >= SHOWN:
+            return data, seen
+
+
+def _specimen(truth: LogPosterior, data: Simulated) -> rows.Row:
+    """How close the specimen's times are, and how noisy its records."""
     times = [float(v[0]) for n, v in data.truth.items() if n.startswith("tau")]
     ratios = [later / earlier for earlier, later in pairwise(times)]
     noise = truth.noise_draws(data.truth, truth.records[0].group)
     extent = max(record.response_range for record in data.records)
     size = float(np.hypot(noise["sigma_ou"][0], noise["sigma_white"][0]))
     return {
-        "signal": f"{signal(world, order, fewer, data.truth):.2f}",
         "smallest_ratio": f"{min(ratios):.3f}" if ratios else "",
         "noise_share": f"{size / extent:.5f}",
     }
