@@ -161,17 +161,23 @@ def draw_recipes(table: pd.DataFrame, path: Path) -> None:
     from deabayes.figures import style
 
     cases = sorted(table["case"].unique())
+    table = table.assign(label=table["recipe"] + ", " + table["walkers"].str.replace(" x ", " × "))
+    colors = dict(zip(sorted(table["label"].unique()), style.SERIES, strict=False))
     with style.applied():
         figure, axes = plt.subplots(
-            1, len(cases), figsize=(7.2, 2.8), sharey=True, squeeze=False, layout="constrained"
+            1, len(cases), figsize=(7.2, 3.0), sharey=True, squeeze=False, layout="constrained"
         )
         for axis, name in zip(axes.flat, cases, strict=True):
             axis.axhline(0.01, color=rank_figure.GREY, ls="--")
-            for recipe, rows in table[table["case"] == name].groupby("recipe"):
+            for label, rows in table[table["case"] == name].groupby("label"):
                 seconds = rows["cpu_seconds"] + rows["warm_up_seconds"].fillna(0.0)
-                axis.loglog(seconds, rows["r_hat"] - 1.0, marker="o", label=recipe)
-            axis.set(title=f"case {name}", xlabel="CPU seconds")
-        axes[0, 0].set_ylabel("largest R-hat - 1")
-        axes[0, 0].legend(fontsize=7, frameon=False)
+                axis.semilogy(
+                    seconds, rows["r_hat"] - 1.0, marker="o", label=label, color=colors[label]
+                )
+            axis.set(title=f"case {name}", xlabel="CPU time (s)")
+        axes[0, 0].set_ylabel("largest R-hat − 1")
+        lines = {line.get_label(): line for axis in axes.flat for line in axis.get_lines()}
+        shown = {label: lines[label] for label in colors}
+        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=3)
         figure.savefig(path, dpi=160)
         plt.close(figure)
