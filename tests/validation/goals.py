@@ -137,11 +137,11 @@ def compared(folder: Path) -> Iterator[Found]:
         of = f"order, {row['family']}, {row['world']}, {row['true units']} true units"
         met = "yes" if float(right) >= limit and conflicts == 0 else "NO"
         judged = int(row["replicates"]) - int(row["no verdict"])
-        yield of, f"{right} of {judged} right, {conflicts} unflagged conflicts", met
+        yield of, f"{right} right of {judged}, {conflicts} unflagged conflicts", met
         shown, count = row["share right of these"], int(row["last unit is shown"])
         if 0 < count < judged:
             met = "yes" if float(shown) >= limit else "NO"
-            yield f"{of}, where the last unit is shown", f"{shown} of {count} right", met
+            yield f"{of}, where the last unit is shown", f"{shown} right of {count}", met
 
 
 def held_out(folder: Path) -> Iterator[Found]:
