@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain
+from itertools import chain, cycle
 from pathlib import Path
 
 import pandas as pd
@@ -162,7 +162,7 @@ def draw_recipes(table: pd.DataFrame, path: Path) -> None:
 
     cases = sorted(table["case"].unique())
     table = table.assign(label=table["recipe"] + ", " + table["walkers"].str.replace(" x ", " × "))
-    colors = dict(zip(sorted(table["label"].unique()), style.SERIES, strict=False))
+    colors = dict(zip(sorted(table["label"].unique()), cycle(style.SERIES), strict=False))
     with style.applied():
         figure, axes = plt.subplots(
             1, len(cases), figsize=(7.2, 3.0), sharey=True, squeeze=False, layout="constrained"

@@ -90,7 +90,6 @@ def replicate(task: rows.Task) -> rows.Row:
         "signal": f"{seen:.2f}",
         **_specimen(truth, data),
         **{name: value for score in scores for name, value in _score(score).items()},
-        "all_converged": int(all(s.converged for s in scores)),
         "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
     }
 

@@ -23,8 +23,6 @@ FURTHEST = 6.0
 STEP = 1e-4
 FAILED = 1e4
 """A residual in noise sds where a curve does not exist."""
-
-
 SHOWN = 17.0
 """Nats from which on a unit counts as shown: D - 2 sqrt(2 D) > 4, so that in 39 of 40
 specimens the records themselves speak for it by the 4 nats that the rule asks for."""
