@@ -237,7 +237,7 @@ class Prior:
         theta = np.empty_like(z, dtype=float)
         for block in self.blocks:
             theta[:, block.columns] = block.to_parameters(z[:, block.columns])
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             return theta / self._products(theta)
 
     def _to_default(self, theta: FloatArray) -> FloatArray:

@@ -165,6 +165,16 @@ def test_half_product_is_positive_whatever_the_exponent():
     assert np.any(theta[:, :3] < 0.0)
 
 
+def test_an_exponent_next_to_zero_is_out_of_the_support_without_a_warning():
+    exponent = ordered("alpha", Uniform(0.0, 5.0), unit="1", size=1)
+    prior = Prior((MU[0], *exponent))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        theta = prior.to_parameters(np.array([[12.0, -38.0]]))
+        assert np.isinf(theta[0, 0])
+        assert prior.log_density(theta)[0] == -np.inf
+
+
 STRETCHES = (3.5, 0.06)
 STRESS_PARTS = tuple(
     parameter(f"mu_{k}", LogNormal(1e6, 1.0), "Pa", half_product_with=f"alpha_{k}",
