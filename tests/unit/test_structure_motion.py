@@ -216,7 +216,7 @@ def test_uncertain_geometry_moves_the_response():
     exact = structure("ogden_4_units_1").predict(
         sine(5.0, 1), np.linspace(0.0, 0.2, 30), "displacement", paper_draws(1)
     )
-    assert found[0] == pytest.approx(exact[0], abs=1e-9)
+    assert np.array_equal(found[0], exact[0]), "the other draw's rest angle is in it"
     assert np.max(np.abs(found[1] - found[0])) > 1e-5
 
 

@@ -66,16 +66,16 @@ def constants_of(
     # A range of the angle that the draw alone tells before integration.
     push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
     allowed = ESTIMATE * tolerance * np.where(push > 0.0, push / stiff, 1e-12)
-    low, high = FLATTEST, min(float(np.nanmax(rest)) + STEEPER, STEEPEST)
+    low, high = np.full_like(rest, FLATTEST), np.minimum(rest + STEEPER, STEEPEST)
     middle, scale, film = film_polynomial(structure, low, high)
     friction = positive(draws["friction_force" if model.dry else "eta_0"])
     none = np.zeros_like(rest)
     columns = (
-        start, FIRST_STEP * slow, none + low, none + high,
+        start, FIRST_STEP * slow, low, high,
         structure.inertia, structure.turning, structure.electric, structure.hinge,
         structure.weight, 2.0 * structure.length, np.cos(rest),
         none if model.dry else friction, friction if model.dry else none,
-        total, slow, none + middle, none + scale, 1.0 / allowed,
+        total, slow, middle, scale, 1.0 / allowed,
     )  # fmt: skip
     moved = 2.0 * structure.length * (np.cos(start) - np.cos(rest))
     weight = stiffness * column(lever / stiff)
@@ -85,15 +85,15 @@ def constants_of(
 
 
 def film_polynomial(
-    structure: Structure, low: float, high: float
-) -> tuple[float, float, FloatArray]:
+    structure: Structure, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """S = A_0 t_0 sigma at zero voltage as a polynomial in z = scale (cos theta - middle).
 
-    Interpolated at Chebyshev's nodes between the angles `low` and `high`.
+    Interpolated at Chebyshev's nodes between the angles `low` and `high`, each draw's own, (W,).
 
     Returns
     -------
-    middle, scale, and coefficients (W, FILM_DEGREE + 1), the highest power last.
+    middle and scale (W,), and coefficients (W, FILM_DEGREE + 1), the highest power last.
     """
     from deabayes.systems.structure_kernel import FILM_DEGREE
 
@@ -102,5 +102,5 @@ def film_polynomial(
     nodes = np.cos(np.pi * (np.arange(FILM_DEGREE + 1) + 0.5) / (FILM_DEGREE + 1))
     to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
     # einsum, as a product by BLAS would make a draw's last digits depend on its neighbours.
-    values = structure.film(middle + nodes / scale)
+    values = structure.film(column(middle) + nodes / column(scale))
     return middle, scale, np.einsum("wn,pn->wp", values, to_powers)
