@@ -43,7 +43,7 @@ def test_draws_past_pull_in_are_left_out_and_the_voltage_is_said():
     _, samples = response([STABLE, STABLE, UNSTABLE])
     assert samples.parameter.shape == (2, TIME.size)
     assert samples.failed == 1
-    assert samples.failure.startswith("1 of 3 draws have no response (1 × pull-in; at ")
+    assert samples.failure.startswith("1 of 3 draws have no response (pull-in; at ")
     kilovolts = float(samples.failure.split("under ")[1].split(" kV")[0])
     assert 3.75 < kilovolts < 4.3  # the fold, and what viscosity delays
 

@@ -144,6 +144,27 @@ def test_simulate_follows_the_excitation(tmp_path: Path) -> None:
     assert len(rows) == 3
 
 
+def test_simulate_says_why_a_response_is_missing(tmp_path: Path) -> None:
+    drive, response = tmp_path / "drive.csv", tmp_path / "response.csv"
+    drive.write_text("time [s],voltage [kV]\n0,0\n1,0\n1.01,8\n5,8\n")
+    material = {"mu_alpha": 35e3, "zeta_alpha": 1e3, "J_alpha": 400, "J_beta": 400}
+    unit = {"mu_beta_1": 2e4, "tau_beta_1": 100}
+    run = deabayes(
+        *("simulate", "membrane", "kv_gm_1", "--specimen", "data/membrane"),
+        *("--excitation", drive, "-o", response),
+        *(
+            word
+            for name, value in {**material, **unit}.items()
+            for word in ("--set", f"{name}={value}")
+        ),
+    )
+    assert run.returncode == 0, run.stderr
+    header, *rows = (line.split(",") for line in response.read_text().splitlines())
+    assert {row[header.index("stretch")] for row in rows} == {""}
+    assert f"{response}: cells are empty: pull-in; at 1.0" in run.stderr
+    assert "under 8 kV" in run.stderr
+
+
 def simulate_from(record: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
     return deabayes(
         *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),

@@ -146,8 +146,11 @@ def simulate_record(
     settings: Sequence[str],
     output: Path,
     config: Path,
-) -> None:
-    """Simulate the response to the drive in a record; write time, drive and response as CSV."""
+) -> str:
+    """Simulate the response to the drive in a record; write time, drive and response as CSV.
+
+    Returns why the response ends or is missing, empty where it is whole.
+    """
     from deabayes.files import write_atomically
     from deabayes.model_files import load_for
     from deabayes.simulation import simulate
@@ -159,6 +162,7 @@ def simulate_record(
     )
     table = response.to_dataframe().reset_index()
     write_atomically(lambda path: table.to_csv(path, index=False), output)
+    return str(response.attrs.get("failure", ""))
 
 
 def _drive(system: str, path: Path) -> dict[str, FloatArray]:

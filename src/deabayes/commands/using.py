@@ -30,7 +30,9 @@ def simulate(
     """Simulate the response of CANDIDATE of SYSTEM to an excitation record."""
     from deabayes.commands.by_hand import simulate_record
 
-    simulate_record(system, candidate, specimen, excitation, settings, output, config)
+    failure = simulate_record(system, candidate, specimen, excitation, settings, output, config)
+    if failure:
+        click.echo(f"{output}: cells are empty: {failure}", err=True)
 
 
 @click.command()

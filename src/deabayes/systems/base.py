@@ -155,6 +155,8 @@ class System(ABC):
     def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
         """Say why these draws (W,), which failed on a record, have no response."""
         words, counts = np.unique(self.why_failed(draws), return_counts=True)
+        if counts.sum() == 1:
+            return str(words[0])
         order = np.argsort(-counts)
         return ", ".join(f"{counts[k]} × {words[k]}" for k in order)
 

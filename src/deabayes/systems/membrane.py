@@ -235,6 +235,8 @@ class Membrane(System):
             return note
         low, middle, high = np.quantile(time[gone], [0.05, 0.5, 0.95])
         volts = np.quantile(np.abs(voltage[gone]), [0.05, 0.5, 0.95]) / 1e3
+        if gone.size == 1:
+            return f"{note}; at {middle:.3g} s under {volts[1]:.3g} kV"
         return (
             f"{note}; at {middle:.3g} s ({low:.3g} to {high:.3g}) under "
             f"{volts[1]:.3g} kV ({volts[0]:.3g} to {volts[2]:.3g})"
