@@ -83,6 +83,9 @@ def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
 def leave_one_block_out(terms: FloatArray) -> BlockLoo:
     """Pareto-smoothed importance sampling over blocks (Vehtari, Gelman & Gabry 2017).
 
+    Draws of the full posterior have weights 1 / p(block | theta_s), of which
+    `psislw` takes the log density and not its negative.
+
     Parameters
     ----------
     terms : (S, B) log p(block | what precedes it, theta_s).
@@ -92,7 +95,7 @@ def leave_one_block_out(terms: FloatArray) -> BlockLoo:
 
     log_weights, k_hat = [], []
     for block in terms.T:
-        smoothed, k = array_stats.psislw(-block, r_eff=1.0)
+        smoothed, k = array_stats.psislw(block, r_eff=1.0)
         log_weights.append(np.asarray(smoothed))
         k_hat.append(float(k))
     weights = np.stack(log_weights, axis=1)
@@ -127,11 +130,14 @@ def judge(larger: Score, smaller: Score) -> str:
 
     The larger wins only if it tells left-out blocks better (`left_out_blocks_favour`)
     and the evidence agrees; the smaller wins if neither criterion speaks for the
-    larger. All else is a conflict: these data do not resolve it.
+    larger. All else, and an evidence or error that is not known, is a conflict: these data do
+    not resolve it.
     """
     elpd_for_larger = left_out_blocks_favour(larger, smaller)
     evidence_gain = larger.log_evidence - smaller.log_evidence
     error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
+    if not np.isfinite([evidence_gain, error]).all():
+        return "conflict"
     evidence_for_larger = evidence_gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)
     if elpd_for_larger and evidence_for_larger:
         return "larger"
@@ -170,6 +176,8 @@ def decide(scores: Sequence[Score]) -> Decision:
     unresolved = tuple(s.candidate for s in ranked if s is not chosen and not _favoured(chosen, s))
     for s in ranked:
         verdicts[s.candidate] = _verdict(s, chosen, unresolved)
+    if not unresolved:
+        verdicts[chosen.candidate] = _chosen(chosen, scores)
     return Decision(chosen.candidate, unresolved, verdicts)
 
 
@@ -184,10 +192,20 @@ def _favoured(chosen: Score, other: Score) -> bool:
     return judge(other, chosen) == "smaller"
 
 
+def _chosen(chosen: Score, scores: Sequence[Score]) -> str:
+    if len(scores) == 1:
+        return "chosen: the only candidate of the study"
+    words = "chosen: the smallest order the data cannot do without"
+    smaller = [
+        s.candidate for s in scores if s.loo is None and s.n_parameters < chosen.n_parameters
+    ]
+    if not smaller:
+        return words
+    return f"{words} among those that converged; {', '.join(smaller)} did not"
+
+
 def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
     if score is chosen:
-        if not unresolved:
-            return "chosen: the smallest order the data cannot do without"
         return (
             f"not resolved by these data against {', '.join(unresolved)}; smallest adequate order"
         )
@@ -204,10 +222,13 @@ def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
 def evidence_conflict(score: Score) -> str:
     """Say that bridge and nested sampling do not agree on the evidence; empty if they do.
 
-    They may differ by 0.5 nat and their two standard errors taken together.
+    They may differ by 0.5 nat and their two standard errors taken together; an error that is not
+    known counts as none.
     """
     difference = score.log_evidence - score.log_evidence_nested
-    error = float(np.hypot(score.log_evidence_mcse, score.log_evidence_nested_error))
+    error = float(
+        np.hypot(*np.nan_to_num([score.log_evidence_mcse, score.log_evidence_nested_error]))
+    )
     if not abs(difference) > LARGEST_EVIDENCE_DIFFERENCE + error:
         return ""
     return (

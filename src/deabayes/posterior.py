@@ -98,8 +98,10 @@ class LogPosterior:
         draws = self.draws(theta)
         return {record.experiment.name: record.simulate(draws) for record in self.records}
 
-    def pointwise_log_likelihood(self, theta: FloatArray) -> dict[str, FloatArray]:
-        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment."""
+    def pointwise_log_likelihood(
+        self, theta: FloatArray, experiments: Sequence[str] | None = None
+    ) -> dict[str, FloatArray]:
+        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment, of all or of those named."""
         draws = self.draws(theta)
         return {
             record.experiment.name: self.noise.pointwise_log_prob(
@@ -107,6 +109,7 @@ class LogPosterior:
             )
             + record.scale.log_derivative(record.experiment.response)
             for record in self.records
+            if experiments is None or record.experiment.name in experiments
         }
 
     def log_likelihood(

@@ -1,20 +1,16 @@
-"""How well one candidate explains the records: evidence, BIC, left-out records."""
+"""How well one candidate explains the records: evidence and BIC."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.sampling.cloud import Schedule
-from deabayes.sampling.smc import anneal
 
 LogDensity = Callable[[FloatArray], FloatArray]
-ON_THE_WAY = Schedule(final_rounds=(0, 0))
-"""For a ratio of normalising constants: no draw at the end of the way counts."""
 
 
 @dataclass(frozen=True)
@@ -126,29 +122,3 @@ def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
         )
         best = max(best, -float(found.fun))
     return best
-
-
-def leave_one_experiment_out(
-    target: LogPosterior, z: FloatArray, seed: np.random.SeedSequence
-) -> dict[str, float]:
-    """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
-
-    The posterior's draws z (S, d) are annealed to the posterior without the
-    experiment, exp(log p(theta | y) - beta log L_e), beta 0 -> 1; the ratio of the
-    normalising constants along the way is the wanted density. Empty for a
-    single experiment.
-    """
-    rows: dict[str, list[str]] = {}
-    for record in target.records:
-        rows.setdefault(record.experiment.row, []).append(record.experiment.name)
-    if len(rows) < 2:
-        return {}
-    scores = {}
-    for (name, members), stream in zip(rows.items(), seed.spawn(len(rows)), strict=True):
-
-        def removed(z: FloatArray, members: Sequence[str] = tuple(members)) -> FloatArray:
-            return -target.log_likelihood(target.prior.to_parameters(z), members)
-
-        result = anneal(z, target, removed, np.random.default_rng(stream), ON_THE_WAY)
-        scores[name] = -result.log_evidence
-    return scores

@@ -1,9 +1,19 @@
 """The decision rule: what it picks, and when it declines to pick."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from deabayes.comparison import BlockLoo, Score, block_edges, block_terms, decide, judge
+from deabayes.comparison import (
+    BlockLoo,
+    Score,
+    block_edges,
+    block_terms,
+    decide,
+    evidence_conflict,
+    judge,
+)
 
 
 def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
@@ -77,6 +87,34 @@ def test_a_candidate_passed_over_may_still_contest_the_choice():
     assert decision.chosen == "n3"
     assert decision.unresolved == ("n2",)
     assert "not resolved" in decision.verdicts["n3"]
+
+
+def test_an_unknown_evidence_decides_nothing():
+    small = score("a", 3, 0.0, ONES)
+    for evidence, error in ((np.nan, 0.1), (9.0, np.nan)):
+        large = dataclasses.replace(score("b", 5, evidence, 1.5 * ONES), log_evidence_mcse=error)
+        assert judge(large, small) == "conflict"
+
+
+def test_the_verdict_says_what_was_compared():
+    alone = decide([score("a", 3, 0.0, ONES)])
+    assert alone.verdicts["a"] == "chosen: the only candidate of the study"
+    scores = [
+        score("n1", 3, 0.0, ONES, converged=False),
+        score("n2", 5, 9.0, 1.5 * ONES),
+        score("n3", 7, 8.0, 1.5 * ONES),
+    ]
+    words = decide(scores).verdicts["n2"]
+    assert words.startswith("chosen: the smallest order the data cannot do without among")
+    assert words.endswith("n1 did not")
+
+
+def test_evidence_checked_without_a_known_error_may_still_conflict():
+    checked = dataclasses.replace(
+        score("a", 3, 0.0, ONES), log_evidence_mcse=np.nan, log_evidence_nested=50.0,
+        log_evidence_nested_error=0.1,
+    )  # fmt: skip
+    assert "rely on neither" in evidence_conflict(checked)
 
 
 def test_nothing_is_chosen_when_nothing_converged():

@@ -39,7 +39,7 @@ def test_a_replicate_is_decided_by_the_shipped_rule(monkeypatch):
     monkeypatch.setattr(order_selection, "sample", made_up(lambda target: True))
     decided = []
     monkeypatch.setattr(
-        order_selection, "score_all", lambda r: decided.append(score_all(r)) or decided[0]
+        order_selection, "score_all", lambda *a: decided.append(score_all(*a)) or decided[0]
     )
     row = order_selection.replicate(TASK)
     found = verdict({**TASK, **row})

@@ -12,12 +12,12 @@ from tests.unit.tubes import QUANTITIES, golden_inputs
 
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
+from deabayes.left_out import leave_one_experiment_out
 from deabayes.noise.default_priors import CORRELATED_FRACTION
 from deabayes.posterior import build
 from deabayes.preparation import measured_rows, prepare
 from deabayes.preparation.opening import continuous_phase
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.scoring import leave_one_experiment_out
 from deabayes.study import Study
 from deabayes.systems.tubular import Tubular
 from deabayes.units import to_si

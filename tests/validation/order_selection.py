@@ -77,7 +77,7 @@ def replicate(task: rows.Task) -> rows.Row:
     family, world_name, order = str(task["family"]), str(task["world"]), int(task["truth"])
     key = zlib.crc32(f"{family} {world_name}".encode())
     stream = np.random.SeedSequence([SEED, key, order, int(task["replicate"])])
-    data_stream, *streams = stream.spawn(1 + len(CANDIDATES))
+    data_stream, *streams, blocks = stream.spawn(2 + len(CANDIDATES))
     world = FAMILIES[family]()
     truth = world.target(order)
     data, seen = _simulated(world, truth, world_name, np.random.default_rng(data_stream))
@@ -85,7 +85,7 @@ def replicate(task: rows.Task) -> rows.Row:
         fitted(world.conditioned(candidate, data.records), seed)
         for candidate, seed in zip(CANDIDATES, streams, strict=True)
     ]
-    scores = score_all([ranked for ranked, _ in fits])
+    scores = score_all([ranked for ranked, _ in fits], blocks)
     return {
         "signal": f"{seen:.2f}",
         **_specimen(truth, data),

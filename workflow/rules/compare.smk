@@ -2,7 +2,7 @@ rule score:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("scoring.py"),
+        modules=modules("scoring.py", "left_out.py"),
     output:
         "<results>/{study}/{candidate}/scores.json",
     log:
@@ -33,7 +33,7 @@ rule compare:
         scores=scores_of,
         checks=checks_of,
         prepared="<results>/{study}/prepared",
-        modules=modules("comparison.py", "ranking.py"),
+        modules=modules("comparison.py", "ranking.py", "left_out.py"),
     output:
         report(
             "<results>/{study}/comparison.csv",

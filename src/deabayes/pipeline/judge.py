@@ -19,6 +19,7 @@ ANNEALED_DRAWS = 512
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
     from deabayes import scoring
+    from deabayes.left_out import leave_one_experiment_out
     from deabayes.storage import read_tree
 
     tree = read_tree(posterior)
@@ -34,7 +35,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     maximum = scoring.maximum_log_likelihood(target, best)
     points = sum(r.experiment.coordinate.size for r in target.records)
     thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
-    left_out = scoring.leave_one_experiment_out(
+    left_out = leave_one_experiment_out(
         target, thinned, seed_of(study, candidate, "leave one experiment out")
     )
     content = {
@@ -110,10 +111,10 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
     ranked = []
     for posterior in posteriors:
         tree = read_tree(posterior)
-        _, target = stored_target(tree, prepared)
+        study, target = stored_target(tree, prepared)
         scores = json.loads(posterior.with_name("scores.json").read_text())
         ranked.append(Ranked(tree, target, scores | _nested_of(posterior)))
-    table = comparison_table(ranked)
+    table = comparison_table(ranked, seed_of(study, "all candidates", "left-out blocks"))
     write_atomically(lambda path: table.to_csv(path, index=False), output)
 
 
