@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from deabayes.faults import UserError
 from deabayes.storage import read_tree, stacked
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from deabayes.prior import PriorFromPosterior
+    from deabayes.prior_from_posterior import PriorFromPosterior
 
 
 class Posterior:
@@ -117,15 +116,9 @@ class Posterior:
 
     def as_prior(self) -> PriorFromPosterior:
         """The material and specimen parameters as a prior for another study, correlations kept."""
-        from deabayes.prior import PriorFromPosterior
+        from deabayes.inheritance import handed_on
 
-        group = self._tree["posterior"]
-        kept = [n for n in self.names if group[n].attrs["kind"] in ("material", "specimen")]
-        if not kept:
-            raise UserError("this posterior holds no material parameter to hand on")
-        return PriorFromPosterior(
-            tuple(kept), np.stack([stacked(group, name) for name in kept], axis=1)
-        )
+        return handed_on(self._tree)
 
 
 def open_posterior(path: str | Path) -> Posterior:

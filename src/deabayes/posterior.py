@@ -80,6 +80,8 @@ class LogPosterior:
     noise: NoiseModel
     prior: Prior
     failures: Failures = field(default_factory=Failures)
+    quantities_counted: bool = False
+    """Whether the prior knows the data on the specimen itself, so that they do not count again."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,7 +133,7 @@ class LogPosterior:
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
                 total += record.scale.log_derivative(record.experiment.response).sum()
-            if experiments is None:
+            if experiments is None and not self.quantities_counted:
                 total += self.system.log_likelihood_of_quantities(draws)
         self.failures.evaluations += total.size
         finite = np.isfinite(total)
@@ -179,6 +181,7 @@ def build(
     specimen: Specimen,
     experiments: Sequence[Experiment],
     inherited: PriorFromPosterior | None = None,
+    quantities_counted: bool = False,
 ) -> LogPosterior:
     """Put a candidate and its calibration records together.
 
@@ -187,6 +190,7 @@ def build(
     experiments : prepared records; only those with role `calibrate` are used.
     inherited : names and draws (S, k) of another study's posterior that becomes
         the prior of the parameters of those names, correlations kept.
+    quantities_counted : whether it is of the same specimen.
     """
     system = build_system(specimen.system, candidate, specimen)
     solved, noise = system.for_likelihood(), NOISE_MODELS[study.noise]()
@@ -205,7 +209,7 @@ def build(
     prior = Prior.from_parameters(parameters, study.priors, _names_elsewhere(study, specimen))
     if inherited is not None and not _is_for_predictions_only(inherited, prior, study, specimen):
         prior = prior.inherit(*inherited)
-    return LogPosterior(system, records, noise, prior)
+    return LogPosterior(system, records, noise, prior, quantities_counted=quantities_counted)
 
 
 def further_prior(

@@ -9,12 +9,15 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
+from deabayes.inheritance import Inheritance
 from deabayes.posterior import LogPosterior
 from deabayes.prior import Prior
 from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
+LARGEST_MISFIT = 0.05
+"""Distance of distribution functions between inherited draws and the normal made of them."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class PosteriorContent:
         pooled: PooledResult,
         seed: np.random.SeedSequence,
         further: Prior | None = None,
+        inherited: Inheritance | None = None,
     ) -> PosteriorContent:
         """Thin the pooled draws to at most `STORED_DRAWS` per ensemble, spread over time."""
         ensembles, steps, walkers, dimension = pooled.chain.shape
@@ -62,11 +66,36 @@ class PosteriorContent:
             z,
             pooled.log_posterior.reshape(ensembles, -1)[:, picked],
             pooled.convergence.table,
-            convergence_summary(pooled),
-            [f"{e.name}: {warning}" for e in experiments for warning in e.warnings],
+            _with_doubts(convergence_summary(pooled), inherited),
+            [
+                *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
+                *_notes(target.prior, inherited),
+            ],
             seed,
             further,
         )
+
+
+def _with_doubts(
+    convergence: dict[str, object], inherited: Inheritance | None
+) -> dict[str, object]:
+    """Nothing has converged that builds on what has not."""
+    if inherited is None or not inherited.doubts:
+        return convergence
+    reasons = convergence["reasons"]
+    assert isinstance(reasons, list)
+    return {**convergence, "converged": False, "reasons": [*reasons, *inherited.doubts]}
+
+
+def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
+    """What is to be known of a prior from another posterior."""
+    notes = [] if inherited is None else list(inherited.notes)
+    return notes + [
+        f"prior_from: the draws handed on are not normal (largest distance of distribution "
+        f"functions {block.misfit:.2f}); the prior made of them is approximate"
+        for block in prior.inherited
+        if block.misfit > LARGEST_MISFIT
+    ]
 
 
 def convergence_summary(pooled: PooledResult) -> dict[str, object]:

@@ -18,8 +18,11 @@ from tests.unit.structures import (
 )
 
 from deabayes.experiment import Experiment, Quantity
+from deabayes.inheritance import Inheritance
+from deabayes.pipeline import identify
 from deabayes.posterior import build
 from deabayes.prior import Prior
+from deabayes.prior_from_posterior import PriorFromPosterior
 from deabayes.simulation import simulate
 from deabayes.study import Study
 from deabayes.systems.minimum_energy_structure import CHUNK
@@ -52,6 +55,25 @@ def test_a_measured_hinge_is_in_the_likelihood():
     assert difference[kept] == pytest.approx(expected[kept], rel=1e-6)
     alone = measured.log_likelihood(theta, [record.name])
     assert alone[kept] == pytest.approx(without[kept]), "the hinge is no part of a record"
+
+
+def test_what_the_prior_of_the_same_specimen_knows_of_the_hinge_counts_once(monkeypatch):
+    """The posterior of a first study has the datum in it: as a prior it must not meet it again."""
+    record, own = force_record(), specimen(hinge_stiffness=HINGE)
+    study = Study("s", Path(), ("ogden_1",), prior_from=Path("first/posterior.nc"))
+    draws = build(study, "ogden_1", own, [record]).prior.sample(np.random.default_rng(0), 200)
+    first = PriorFromPosterior(("mu_1", "alpha_1", "relative_permittivity"), draws[:, :3])
+    monkeypatch.setattr(identify, "read_experiments", lambda prepared: [record])
+    monkeypatch.setattr("deabayes.reading.specimen.read_specimen", lambda path: own)
+    found = {}
+    for same in (True, False):
+        monkeypatch.setattr(identify, "inherited_prior", lambda _, s=same: Inheritance(first, s))
+        found[same] = identify.build_target(study, "ogden_1", Path())
+    theta = draws[:20]
+    once, twice = (found[same].log_likelihood(theta) for same in (True, False))
+    np.testing.assert_allclose(once, found[True].log_likelihood(theta, [record.name]))
+    kept = np.isfinite(once)
+    assert kept.sum() > 5 and np.all(np.abs(twice - once)[kept] > 0.1)
 
 
 def motion_record():

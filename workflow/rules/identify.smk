@@ -5,6 +5,7 @@ MODEL = modules(
     "instruments.py",
     "prior*.py",
     "posterior.py",
+    "inheritance.py",
     "record_noise.py",
     "residual_scale.py",
     "electrostatics.py",

@@ -29,12 +29,13 @@ def analyse_study(results: Path, output: Path) -> list[str]:
 
     study = load_study(results / "study.yaml")
     candidates = fitted_candidates(study, results)
+    inherited = inherited_prior(study)
     context = StudyContext(
         study,
         next(iter(candidates.values())).specimen,
         read_experiments(results / "prepared"),
         candidates,
-        inherited_prior(study),
+        inherited.prior if inherited else None,
     )
     return run_all(context, output)
 

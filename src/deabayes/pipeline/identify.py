@@ -18,8 +18,8 @@ from deabayes.study import Study, fit_settings
 if TYPE_CHECKING:
     import xarray as xr
 
+    from deabayes.inheritance import Inheritance
     from deabayes.posterior import LogPosterior
-    from deabayes.prior import PriorFromPosterior
 
 
 def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
@@ -86,13 +86,15 @@ def pool_candidate(
         guide=guide,
         processes=processes,
     )
+    inherited = inherited_prior(study)
     content = PosteriorContent.of(
         study,
         candidate,
         target,
         pooled,
         seed_of(study, candidate, "prior"),
-        further_prior(study, target, inherited_prior(study)),
+        further_prior(study, target, inherited.prior if inherited else None),
+        inherited,
     )
     tree = posterior_tree(content)
     table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
@@ -106,8 +108,11 @@ def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
     from deabayes.posterior import build
     from deabayes.reading.specimen import read_specimen
 
-    specimen = read_specimen(study.specimen)
-    return build(study, candidate, specimen, read_experiments(prepared), inherited_prior(study))
+    specimen, experiments = read_specimen(study.specimen), read_experiments(prepared)
+    inherited = inherited_prior(study)
+    if inherited is None:
+        return build(study, candidate, specimen, experiments)
+    return build(study, candidate, specimen, experiments, inherited.prior, inherited.same_specimen)
 
 
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
@@ -120,11 +125,14 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
     return study, build_target(study, tree.attrs["candidate"], prepared)
 
 
-def inherited_prior(study: Study) -> PriorFromPosterior | None:
-    """The posterior that `prior_from` names, as a prior."""
-    from deabayes.api import open_posterior
+def inherited_prior(study: Study) -> Inheritance | None:
+    """The posterior that `prior_from` names, as a prior for the study's specimen."""
+    from deabayes.inheritance import inherit_from
+    from deabayes.reading.specimen import read_specimen
 
-    return None if study.prior_from is None else open_posterior(study.prior_from).as_prior()
+    if study.prior_from is None:
+        return None
+    return inherit_from(Path(study.prior_from), read_specimen(study.specimen))
 
 
 def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
