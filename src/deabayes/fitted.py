@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from deabayes.calibrated import Calibrated
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
@@ -17,7 +18,7 @@ from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
 from deabayes.outcomes import Reading
 from deabayes.own_models import restore
-from deabayes.prediction import Calibrated, Samples, sample_response
+from deabayes.prediction import Samples, sample_response
 from deabayes.record_noise import noise_coordinate
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
@@ -87,18 +88,6 @@ class Fitted:
             experiment.excitation, experiment.coordinate, experiment.response_name, self.draws
         )
 
-    def calibrated(self) -> Calibrated:
-        """The region the calibration records span."""
-        excitation: dict[str, tuple[float, float]] = {}
-        span: dict[str, float] = {}
-        for r in self.records:
-            low, high = excitation.get(r.excitation_name, (np.inf, -np.inf))
-            ends = self._folded(r.excitation_name, np.array([r.lowest, r.highest]))
-            excitation[r.excitation_name] = (min(low, ends.min()), max(high, ends.max()))
-            span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
-        timed = [r.fastest for r in self.records if r.coordinate_name == "time"]
-        return Calibrated(excitation, span, max(timed, default=float("nan")))
-
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
         """Whose noise an experiment is taken to have (see `find_noise`)."""
         return find_noise(
@@ -144,16 +133,7 @@ class Fitted:
 
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""
-        driven = experiment.excitation
-        values = self._folded(driven.name, driven.values)
-        return self.calibrated().extrapolation(experiment, values)
-
-    def _folded(self, excitation: str, values: FloatArray) -> FloatArray:
-        """Magnitudes where the sign makes no difference; between two signs lies zero."""
-        if excitation not in self.system.even:
-            return values
-        crosses = values.min() < 0.0 < values.max()
-        return np.append(np.abs(values), 0.0) if crosses else np.abs(values)
+        return Calibrated(self.system, self.records).extrapolation(experiment)
 
     def experiment(
         self,

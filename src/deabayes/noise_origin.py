@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -37,6 +37,10 @@ class CalibratedRecord:
     """Likewise; the highest frequency it tells of [Hz] (see `rapidity.fastest`)."""
     proportional: bool = False
     """Whether its residuals, and so its noise, are of the logarithm (see `ResidualScale`)."""
+    elapsed: float = float("nan")
+    """From the onset of the excitation to its last reading [s]; NaN also in older files."""
+    conditions: Mapping[str, float | str] | None = None
+    """What was held; None in files written before it was kept."""
 
     @classmethod
     def of(cls, experiment: Experiment, group: str, scale: ResidualScale) -> CalibratedRecord:
@@ -55,6 +59,8 @@ class CalibratedRecord:
             experiment.response_range,
             fastest(experiment),
             scale.proportional,
+            experiment.elapsed,
+            dict(experiment.excitation.conditions),
         )
 
 

@@ -9,74 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import NoiseOrigin
-from deabayes.rapidity import fastest
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
 LEVELS = (0.5, 0.9)
-LONGEST_EXTRAPOLATION = 1.5
-FASTEST_EXTRAPOLATION = 1.5
-RANGE_TOLERANCE = 0.01
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """The region the calibration records span; outside it a prediction is flagged.
-
-    `excitation` maps a channel to its lowest and highest calibrated value (SI),
-    `span` a coordinate (time, stretch, ...) to the longest calibrated record; `fastest` is the
-    highest frequency they tell of (see `rapidity.fastest`), NaN where that is not known.
-    """
-
-    excitation: Mapping[str, tuple[float, float]]
-    span: Mapping[str, float]
-    fastest: float = float("nan")
-
-    def extrapolation(self, experiment: Experiment, values: FloatArray) -> str:
-        """Say in which respects a prediction leaves the calibrated region; empty if in none.
-
-        Parameters
-        ----------
-        values : of the excitation, as those in `excitation` were taken (with their sign or not).
-        """
-        within = self._range(experiment.excitation, values.min(), values.max())
-        notes = (within, self._span(experiment), self._rate(experiment))
-        return "; ".join(note for note in notes if note)
-
-    def _range(self, excitation: Excitation, lowest: float, highest: float) -> str:
-        low, high = self.excitation.get(excitation.name, (np.nan, np.nan))
-        if np.isnan(low):
-            return f"no calibration record was driven by {excitation.name}"
-        margin = RANGE_TOLERANCE * max(abs(low), abs(high))
-        if low - margin <= lowest and highest <= high + margin:
-            return ""
-        unit = "" if excitation.unit == "1" else f" {excitation.unit}"
-        return (
-            f"{excitation.name} {lowest:.4g} to {highest:.4g}{unit} lies outside the calibrated "
-            f"{low:.4g} to {high:.4g}{unit}"
-        )
-
-    def _span(self, experiment: Experiment) -> str:
-        span = float(np.ptp(experiment.coordinate))
-        longest = self.span.get(experiment.coordinate_name, 0.0)
-        if experiment.coordinate_name != "time" or span <= LONGEST_EXTRAPOLATION * longest:
-            return ""
-        return (
-            f"{span:.4g} s is more than {LONGEST_EXTRAPOLATION} times the longest "
-            f"calibration record ({longest:.4g} s)"
-        )
-
-    def _rate(self, experiment: Experiment) -> str:
-        rate = fastest(experiment)
-        if not rate > FASTEST_EXTRAPOLATION * self.fastest:
-            return ""
-        shown, calibrated = (f"{float(f'{hertz:.2g}'):g} Hz" for hertz in (rate, self.fastest))
-        return (
-            f"it shows what happens at up to {shown}, the calibration records at up to {calibrated}"
-        )
 
 
 @dataclass(frozen=True)
