@@ -95,7 +95,8 @@ class Posterior:
             `predictive` (level, bound, coordinate). The attribute
             `extrapolation` is not empty where the excitation leaves the
             calibrated region, `noise_note` where no calibration record measured
-            this response and the noise is another one's.
+            this response and the noise is another one's, or where its size is a
+            calibration record's.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction import to_dataset
@@ -110,7 +111,6 @@ class Posterior:
                 "extrapolation": fitted.extrapolation(experiment),
                 "converged": int(fitted.converged),
                 "noise_group": fitted.noise_of(experiment).group,
-                "noise_note": fitted.noise_of(experiment).note,
             },
         )
         return dataset.drop_vars("observed")

@@ -124,7 +124,7 @@ class Fitted:
             origin.stretch * noise_coordinate(self.noise_along, experiment),
             1.0 / experiment.samples_averaged,
         )
-        return reading, finite & np.all(np.isfinite(curves), axis=1)
+        return reading, finite & np.all(np.isfinite(curves), axis=1) & np.isfinite(scales)
 
     def _noise_draws(self, origin: NoiseOrigin) -> dict[str, FloatArray]:
         """The noise parameters of an origin's group, without its prefix."""

@@ -24,7 +24,8 @@ class Samples:
 
     `log_density` (S,) is log p(y | theta_s) where the response was observed;
     `failed` counts the draws without a finite response, which are left out, and
-    `failure` says why; where all failed, the samples are NaN.
+    `failure` says why; where all failed, the samples are NaN. `noise_note` says what a reader
+    must know of the noise (see `NoiseOrigin.note_on`).
     """
 
     parameter: FloatArray
@@ -33,6 +34,7 @@ class Samples:
     log_density: FloatArray | None
     failed: int
     failure: str = ""
+    noise_note: str = ""
 
     def band(self, samples: FloatArray) -> FloatArray:
         """Equal-tailed intervals (level, bound, N)."""
@@ -66,7 +68,7 @@ def sample_response(
     failure = _why_failed(system, experiment, draws, ~kept)
     if not kept.any():
         nothing = np.full((2, experiment.coordinate.size), np.nan)
-        return Samples(nothing, nothing, nothing, None, kept.size, failure)
+        return Samples(nothing, nothing, nothing, None, kept.size, failure, origin.note)
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
@@ -85,6 +87,7 @@ def sample_response(
         log_density,
         int(np.sum(~kept)),
         failure,
+        origin.note_on(mean, experiment.response_unit),
     )
 
 
@@ -140,5 +143,6 @@ def to_dataset(
         provenance=experiment.provenance,
         failed_draws=samples.failed,
         failure=samples.failure,
+        noise_note=samples.noise_note,
         **attributes,
     )
