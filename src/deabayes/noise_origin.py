@@ -16,7 +16,6 @@ from deabayes.record_noise import is_ratio
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
-
 STILL = 1e-9
 """Of its size: a response that varies by less does not vary."""
 

@@ -22,10 +22,10 @@ LEVELS = (0.5, 0.9)
 class Samples:
     """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
 
-    `log_density` (S,) is log p(y | theta_s) where the response was observed;
     `failed` counts the draws without a finite response, which are left out, and
-    `failure` says why; where all failed, the samples are NaN. `noise_note` says what a reader
-    must know of the noise (see `NoiseOrigin.note_on`).
+    `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
+    where the response was observed, of all draws: -inf of those that failed.
+    `noise_note` says what a reader must know of the noise (see `NoiseOrigin.note_on`).
     """
 
     parameter: FloatArray
@@ -66,20 +66,21 @@ def sample_response(
     )
     kept = np.all(np.isfinite(mean), axis=1)
     failure = _why_failed(system, experiment, draws, ~kept)
+    observed = np.all(np.isfinite(experiment.response))
+    log_density = np.full(kept.size, -np.inf) if observed else None
     if not kept.any():
         nothing = np.full((2, experiment.coordinate.size), np.nan)
-        return Samples(nothing, nothing, nothing, None, kept.size, failure, origin.note)
+        return Samples(nothing, nothing, nothing, log_density, kept.size, failure, origin.note)
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
     noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
-    log_density = None
-    if np.all(np.isfinite(experiment.response)):
+    if log_density is not None:
         residuals = scale.residuals(experiment.response, mean)
-        log_density = noise.log_prob(residuals, along, weights, noise_draws)
-        log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
+        log_density[kept] = noise.log_prob(residuals, along, weights, noise_draws)
+        log_density[kept] += scale.log_derivative(experiment.response).sum(axis=1)
     return Samples(
         mean,
         scale.with_residuals(mean, discrepancy),
