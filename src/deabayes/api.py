@@ -76,6 +76,7 @@ class Posterior:
         size: int = 500,
         seed: int = 1,
         conditions: dict[str, float | str] | None = None,
+        protocol: str | None = None,
         **channels: np.ndarray,
     ) -> xr.Dataset:
         """Predict the response to an excitation, with three bands.
@@ -85,6 +86,10 @@ class Posterior:
         response : response channel; by default that of the calibration records.
         size, seed : number of posterior draws, and the seed that picks them.
         conditions : what is held (`deformation`, `load_g`).
+        protocol : of which protocol it is (`sine`, `frequency_response`, ...): it is solved by
+            the wider candidate where the study names one for it (`predict_with`), and has the
+            noise of calibrated records of that protocol; by default the fitted candidate solves
+            it.
         **channels : `time=` [s] and one excitation channel in SI (`voltage=`,
             `stretch=`, ...); without `time` the excitation is quasi-static.
 
@@ -96,13 +101,14 @@ class Posterior:
             `extrapolation` is not empty where the excitation leaves the
             calibrated region, `noise_note` where no calibration record measured
             this response and the noise is another one's, or where its size is a
-            calibration record's.
+            calibration record's. `model_note` says which candidate solved it, where the
+            study names a wider one for some protocols.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction import to_dataset
 
         fitted = Fitted.from_tree(self._tree, size, seed)
-        experiment = fitted.experiment(channels, response, conditions or {})
+        experiment = fitted.experiment(channels, response, conditions or {}, protocol)
         samples = fitted.sample(experiment, np.random.default_rng(seed))
         dataset = to_dataset(
             experiment,
@@ -110,6 +116,7 @@ class Posterior:
             {
                 "extrapolation": fitted.extrapolation(experiment),
                 "converged": int(fitted.converged),
+                "model_note": fitted.model_note(experiment, protocol),
                 "noise_group": fitted.noise_of(experiment).group,
             },
         )

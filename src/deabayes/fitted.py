@@ -82,6 +82,23 @@ class Fitted:
             return self.system
         return self.predicts_with.get(experiment.protocol, self.system)
 
+    def model_note(self, experiment: Experiment, protocol: str | None) -> str:
+        """Which model solves a prediction; empty where the study knows but the fitted one.
+
+        Parameters
+        ----------
+        protocol : as which it was asked for; None if none was named.
+        """
+        if protocol in self.predicts_with:
+            return f"solved by {self.system_for(experiment).candidate} (predict_with)"
+        if protocol is not None or not self.predicts_with:
+            return ""
+        wider = ", ".join(
+            f"records of {name} are predicted with {system.candidate}"
+            for name, system in self.predicts_with.items()
+        )
+        return f"solved by {self.candidate}, the fitted candidate; {wider}: give protocol="
+
     def responses(self, experiment: Experiment) -> FloatArray:
         """The model's response to a record, (S, N)."""
         return self.system_for(experiment).predict(
@@ -140,8 +157,13 @@ class Fitted:
         channels: Mapping[str, FloatArray],
         response: str | None,
         conditions: Mapping[str, float | str],
+        protocol: str | None = None,
     ) -> Experiment:
         """A new experiment from arrays: `time` and one excitation channel, all SI."""
+        if protocol is not None and protocol not in self.system.protocols:
+            raise UserError(
+                f"protocol {protocol!r} is unknown{nearest(protocol, self.system.protocols)}"
+            )
         excitation, values, coordinate_name, coordinate = self._channels(channels)
         fitted = [r.response_name for r in self.records if r.excitation_name == excitation]
         response = response or next(iter(fitted), self.records[0].response_name)
@@ -152,7 +174,7 @@ class Fitted:
         unit = self.system.excitations[excitation]
         return Experiment(
             name="prediction",
-            protocol="prediction",
+            protocol=protocol or "prediction",
             role="validate",
             coordinate_name=coordinate_name,
             coordinate_unit="s" if coordinate_name == "time" else unit,

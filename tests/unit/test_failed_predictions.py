@@ -33,7 +33,8 @@ def response(limits, observed=np.nan):
     draws["J_alpha"] = np.asarray(limits)
     experiment = Experiment(
         "ramp", "step", "validate", "time", "s", TIME, "stretch", "1",
-        np.broadcast_to(observed, TIME.shape), np.ones(TIME.size), Excitation("voltage", "V", TIME, RAMP), provenance="simulated",
+        np.broadcast_to(observed, TIME.shape), np.ones(TIME.size),
+        Excitation("voltage", "V", TIME, RAMP), provenance="simulated",
     )  # fmt: skip
     noise = {"sigma_white": np.full(len(limits), 1e-3)}
     samples = sample_response(
