@@ -120,7 +120,7 @@ class Posterior:
                 "noise_group": fitted.noise_of(experiment).group,
             },
         )
-        return dataset.drop_vars("observed")
+        return dataset.drop_vars(["observed", "pit"])
 
     def as_prior(self) -> PriorFromPosterior:
         """The material and specimen parameters as a prior for another study, correlations kept."""

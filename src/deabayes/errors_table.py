@@ -10,6 +10,7 @@ from deabayes.errors import (
     joint_log_score,
     relative_maximum_error,
     relative_rms_error,
+    uniformity_p,
 )
 from deabayes.experiment import Experiment
 from deabayes.prediction import LEVELS, Samples
@@ -21,7 +22,8 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
     e_rms and e_m are those of equations.md section 4, in percent; their
     intervals come from the draws' own errors. Coverage is that of the
     predictive band, NaN as CRPS is where fewer than two draws have a response or the noise
-    is not known; `joint_log_score` is log mean_s p(y | theta_s), a failed draw's p being zero.
+    is not known; `joint_log_score` is log mean_s p(y | theta_s), a failed draw's p being zero;
+    `pit_p` tests whether the probability integral transforms are uniform.
     """
     observed = experiment.response
     median = np.median(samples.parameter, axis=0)
@@ -40,6 +42,7 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
         covered = interval_coverage(observed, predictive, level) if known else np.nan
         row[f"coverage_{round(100 * level)}"] = covered
     row["crps"] = float(np.mean(crps(observed, predictive))) if known else np.nan
+    row["pit_p"] = uniformity_p(samples.pit)
     row["extrapolation"] = extrapolation
     if samples.log_density is not None:
         row["joint_log_score"] = joint_log_score(samples.log_density)

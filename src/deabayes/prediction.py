@@ -25,6 +25,8 @@ class Samples:
     `failed` counts the draws without a finite response, which are left out, and
     `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
     where the response was observed, of all draws: -inf of those that failed.
+    `pit` (N,) are Phi of the noise's innovations, averaged over draws: the probability integral
+    transform of each point given those before it, uniform if the model holds; NaN where unknown.
     `noise_note` says what a reader must know of the noise (see `NoiseOrigin.note_on`).
     """
 
@@ -32,6 +34,7 @@ class Samples:
     discrepancy: FloatArray
     predictive: FloatArray
     log_density: FloatArray | None
+    pit: FloatArray
     failed: int
     failure: str = ""
     noise_note: str = ""
@@ -68,9 +71,10 @@ def sample_response(
     failure = _why_failed(system, experiment, draws, ~kept)
     observed = np.all(np.isfinite(experiment.response))
     log_density = np.full(kept.size, -np.inf) if observed else None
+    pit = np.full(experiment.coordinate.size, np.nan)
     if not kept.any():
-        nothing = np.full((2, experiment.coordinate.size), np.nan)
-        return Samples(nothing, nothing, nothing, log_density, kept.size, failure, origin.note)
+        nothing = np.full((2, pit.size), np.nan)
+        return Samples(nothing, nothing, nothing, log_density, pit, kept.size, failure, origin.note)
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
@@ -78,18 +82,39 @@ def sample_response(
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     if log_density is not None:
-        residuals = scale.residuals(experiment.response, mean)
-        log_density[kept] = noise.log_prob(residuals, along, weights, noise_draws)
-        log_density[kept] += scale.log_derivative(experiment.response).sum(axis=1)
+        log_density[kept], pit = _judged(experiment, noise, scale, mean, along, noise_draws)
     return Samples(
         mean,
         scale.with_residuals(mean, discrepancy),
         scale.with_residuals(mean, discrepancy + white),
         log_density,
+        pit,
         int(np.sum(~kept)),
         failure,
         origin.note_on(mean, experiment.response_unit),
     )
+
+
+def _judged(
+    experiment: Experiment,
+    noise: NoiseModel,
+    scale: ResidualScale,
+    mean: FloatArray,
+    along: FloatArray,
+    noise_draws: Draws,
+) -> tuple[FloatArray, FloatArray]:
+    """log p(y | theta_s) of what was read, (W,), and its PIT, (N,), the mean over draws."""
+    from scipy.special import ndtr
+
+    weights = 1.0 / experiment.samples_averaged
+    residuals = scale.residuals(experiment.response, mean)
+    log_density = noise.log_prob(residuals, along, weights, noise_draws)
+    log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
+    transforms = ndtr(noise.innovations(residuals, along, weights, noise_draws))
+    finite = np.all(np.isfinite(transforms), axis=1)
+    if not finite.any():
+        return log_density, np.full(residuals.shape[1], np.nan)
+    return log_density, transforms[finite].mean(axis=0)
 
 
 def _why_failed(
@@ -123,6 +148,7 @@ def to_dataset(
                 experiment.excitation.at(experiment.coordinate),
                 {"units": experiment.excitation.unit, "long_name": experiment.excitation.name},
             ),
+            "pit": ("coordinate", samples.pit, {"units": "1"}),
             **bands,
         },
         coords={
