@@ -75,6 +75,7 @@ class Posterior:
         size: int = 500,
         seed: int = 1,
         conditions: dict[str, float | str] | None = None,
+        protocol: str | None = None,
         **channels: np.ndarray,
     ) -> xr.Dataset:
         """Predict the response to an excitation, with three bands.
@@ -84,6 +85,10 @@ class Posterior:
         response : response channel; by default that of the calibration records.
         size, seed : number of posterior draws, and the seed that picks them.
         conditions : what is held (`deformation`, `load_g`).
+        protocol : of which protocol it is (`sine`, `frequency_response`, ...): it is solved by
+            the wider candidate where the study names one for it (`predict_with`), and has the
+            noise of calibrated records of that protocol; by default the fitted candidate solves
+            it.
         **channels : `time=` [s] and one excitation channel in SI (`voltage=`,
             `stretch=`, ...); without `time` the excitation is quasi-static.
 
@@ -94,13 +99,15 @@ class Posterior:
             `predictive` (level, bound, coordinate). The attribute
             `extrapolation` is not empty where the excitation leaves the
             calibrated region, `noise_note` where no calibration record measured
-            this response and the noise is another one's.
+            this response and the noise is another one's, or where its size is a
+            calibration record's. `model_note` says which candidate solved it, where the
+            study names a wider one for some protocols.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction import to_dataset
 
         fitted = Fitted.from_tree(self._tree, size, seed)
-        experiment = fitted.experiment(channels, response, conditions or {})
+        experiment = fitted.experiment(channels, response, conditions or {}, protocol)
         samples = fitted.sample(experiment, np.random.default_rng(seed))
         dataset = to_dataset(
             experiment,
@@ -108,11 +115,11 @@ class Posterior:
             {
                 "extrapolation": fitted.extrapolation(experiment),
                 "converged": int(fitted.converged),
+                "model_note": fitted.model_note(experiment, protocol),
                 "noise_group": fitted.noise_of(experiment).group,
-                "noise_note": fitted.noise_of(experiment).note,
             },
         )
-        return dataset.drop_vars("observed")
+        return dataset.drop_vars(["observed", "pit"])
 
     def as_prior(self) -> PriorFromPosterior:
         """The material and specimen parameters as a prior for another study, correlations kept."""

@@ -103,6 +103,17 @@ def joint_log_score(log_likelihood: ArrayLike) -> float:
     return float(logsumexp(log_likelihood) - np.log(log_likelihood.size))
 
 
+def uniformity_p(pit: ArrayLike) -> float:
+    """p-value of a Kolmogorov-Smirnov test that values (N,) are uniform on [0, 1].
+
+    They are taken to be independent. NaN where one is not finite.
+    """
+    from scipy.stats import kstest
+
+    pit = np.asarray(pit, dtype=float)
+    return float(kstest(pit, "uniform").pvalue) if np.isfinite(pit).all() else float("nan")
+
+
 def _curves(observed: ArrayLike, predicted: ArrayLike) -> tuple[FloatArray, FloatArray]:
     observed, predicted = _same_length(observed, predicted)
     span = np.ptp(observed)

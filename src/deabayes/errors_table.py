@@ -10,6 +10,7 @@ from deabayes.errors import (
     joint_log_score,
     relative_maximum_error,
     relative_rms_error,
+    uniformity_p,
 )
 from deabayes.experiment import Experiment
 from deabayes.prediction import LEVELS, Samples
@@ -20,7 +21,9 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
 
     e_rms and e_m are those of equations.md section 4, in percent; their
     intervals come from the draws' own errors. Coverage is that of the
-    predictive band; `joint_log_score` is log mean_s p(y | theta_s).
+    predictive band, NaN as CRPS is where fewer than two draws have a response or the noise
+    is not known; `joint_log_score` is log mean_s p(y | theta_s), a failed draw's p being zero;
+    `pit_p` tests whether the probability integral transforms are uniform.
     """
     observed = experiment.response
     median = np.median(samples.parameter, axis=0)
@@ -33,10 +36,13 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
         row[f"{name}_percent"] = 100.0 * float(measure(observed, median[None])[0])
         low, high = np.quantile(100.0 * measure(observed, samples.parameter), [0.05, 0.95])
         row[f"{name}_q05"], row[f"{name}_q95"] = float(low), float(high)
+    predictive = samples.predictive
+    known = len(predictive) > 1 and bool(np.isfinite(predictive).all())
     for level in LEVELS:
-        covered = interval_coverage(observed, samples.predictive, level)
+        covered = interval_coverage(observed, predictive, level) if known else np.nan
         row[f"coverage_{round(100 * level)}"] = covered
-    row["crps"] = float(np.mean(crps(observed, samples.predictive)))
+    row["crps"] = float(np.mean(crps(observed, predictive))) if known else np.nan
+    row["pit_p"] = uniformity_p(samples.pit)
     row["extrapolation"] = extrapolation
     if samples.log_density is not None:
         row["joint_log_score"] = joint_log_score(samples.log_density)

@@ -127,6 +127,20 @@ class Experiment:
         return self.name.removesuffix(PHASE) if self.response_name == "phase" else self.name
 
     @property
+    def elapsed(self) -> float:
+        """From the onset of the excitation to the last reading [s]; NaN without a time axis.
+
+        A voltage is zero before its first knot, so that one which is not zero there begins there.
+        """
+        if self.coordinate_name != "time":
+            return float("nan")
+        driven, last = self.excitation, float(np.max(self.coordinate))
+        applied = driven.unit == "V" and (
+            abs(driven.values[0]) > ONSET_SHARE * np.abs(driven.values).max()
+        )
+        return last - (float(driven.coordinate[0]) if applied else driven.onset)
+
+    @property
     def response_range(self) -> float:
         """max y - min y, the scale of the papers' relative errors."""
         return float(np.max(self.response) - np.min(self.response))

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from deabayes.calibrated import Calibrated
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.noise import REGISTRY as NOISE_MODELS
@@ -17,7 +18,7 @@ from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
 from deabayes.outcomes import Reading
 from deabayes.own_models import restore
-from deabayes.prediction import Calibrated, Samples, sample_response
+from deabayes.prediction import Samples, sample_response
 from deabayes.record_noise import noise_coordinate
 from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
@@ -81,23 +82,28 @@ class Fitted:
             return self.system
         return self.predicts_with.get(experiment.protocol, self.system)
 
+    def model_note(self, experiment: Experiment, protocol: str | None) -> str:
+        """Which model solves a prediction; empty where the study knows but the fitted one.
+
+        Parameters
+        ----------
+        protocol : as which it was asked for; None if none was named.
+        """
+        if protocol in self.predicts_with:
+            return f"solved by {self.system_for(experiment).candidate} (predict_with)"
+        if protocol is not None or not self.predicts_with:
+            return ""
+        wider = ", ".join(
+            f"records of {name} are predicted with {system.candidate}"
+            for name, system in self.predicts_with.items()
+        )
+        return f"solved by {self.candidate}, the fitted candidate; {wider}: give protocol="
+
     def responses(self, experiment: Experiment) -> FloatArray:
         """The model's response to a record, (S, N)."""
         return self.system_for(experiment).predict(
             experiment.excitation, experiment.coordinate, experiment.response_name, self.draws
         )
-
-    def calibrated(self) -> Calibrated:
-        """The region the calibration records span."""
-        excitation: dict[str, tuple[float, float]] = {}
-        span: dict[str, float] = {}
-        for r in self.records:
-            low, high = excitation.get(r.excitation_name, (np.inf, -np.inf))
-            ends = self._folded(r.excitation_name, np.array([r.lowest, r.highest]))
-            excitation[r.excitation_name] = (min(low, ends.min()), max(high, ends.max()))
-            span[r.coordinate_name] = max(span.get(r.coordinate_name, 0.0), r.span)
-        timed = [r.fastest for r in self.records if r.coordinate_name == "time"]
-        return Calibrated(excitation, span, max(timed, default=float("nan")))
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
         """Whose noise an experiment is taken to have (see `find_noise`)."""
@@ -135,7 +141,7 @@ class Fitted:
             origin.stretch * noise_coordinate(self.noise_along, experiment),
             1.0 / experiment.samples_averaged,
         )
-        return reading, finite & np.all(np.isfinite(curves), axis=1)
+        return reading, finite & np.all(np.isfinite(curves), axis=1) & np.isfinite(scales)
 
     def _noise_draws(self, origin: NoiseOrigin) -> dict[str, FloatArray]:
         """The noise parameters of an origin's group, without its prefix."""
@@ -144,24 +150,20 @@ class Fitted:
 
     def extrapolation(self, experiment: Experiment) -> str:
         """In which respects an experiment leaves the calibrated region; empty if in none."""
-        driven = experiment.excitation
-        values = self._folded(driven.name, driven.values)
-        return self.calibrated().extrapolation(experiment, values)
-
-    def _folded(self, excitation: str, values: FloatArray) -> FloatArray:
-        """Magnitudes where the sign makes no difference; between two signs lies zero."""
-        if excitation not in self.system.even:
-            return values
-        crosses = values.min() < 0.0 < values.max()
-        return np.append(np.abs(values), 0.0) if crosses else np.abs(values)
+        return Calibrated(self.system, self.records).extrapolation(experiment)
 
     def experiment(
         self,
         channels: Mapping[str, FloatArray],
         response: str | None,
         conditions: Mapping[str, float | str],
+        protocol: str | None = None,
     ) -> Experiment:
         """A new experiment from arrays: `time` and one excitation channel, all SI."""
+        if protocol is not None and protocol not in self.system.protocols:
+            raise UserError(
+                f"protocol {protocol!r} is unknown{nearest(protocol, self.system.protocols)}"
+            )
         excitation, values, coordinate_name, coordinate = self._channels(channels)
         fitted = [r.response_name for r in self.records if r.excitation_name == excitation]
         response = response or next(iter(fitted), self.records[0].response_name)
@@ -172,7 +174,7 @@ class Fitted:
         unit = self.system.excitations[excitation]
         return Experiment(
             name="prediction",
-            protocol="prediction",
+            protocol=protocol or "prediction",
             role="validate",
             coordinate_name=coordinate_name,
             coordinate_unit="s" if coordinate_name == "time" else unit,

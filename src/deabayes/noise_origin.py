@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -15,6 +15,9 @@ from deabayes.rapidity import fastest
 from deabayes.record_noise import is_ratio
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
+
+STILL = 1e-9
+"""Of its size: a response that varies by less does not vary."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,10 @@ class CalibratedRecord:
     """Likewise; the highest frequency it tells of [Hz] (see `rapidity.fastest`)."""
     proportional: bool = False
     """Whether its residuals, and so its noise, are of the logarithm (see `ResidualScale`)."""
+    elapsed: float = float("nan")
+    """From the onset of the excitation to its last reading [s]; NaN also in older files."""
+    conditions: Mapping[str, float | str] | None = None
+    """What was held; None in files written before it was kept."""
 
     @classmethod
     def of(cls, experiment: Experiment, group: str, scale: ResidualScale) -> CalibratedRecord:
@@ -55,6 +62,8 @@ class CalibratedRecord:
             experiment.response_range,
             fastest(experiment),
             scale.proportional,
+            experiment.elapsed,
+            dict(experiment.excitation.conditions),
         )
 
 
@@ -72,6 +81,8 @@ class NoiseOrigin:
     group : of calibrated records, whose noise parameters are taken.
     scale : what the noise is relative to; None takes each draw's own predicted range over
         `calibrated_range`, since a new record's range is not known beforehand.
+    smallest : range of the calibrated record that varied least; below it noise does not shrink
+        with the range any more. Zero where none measured this response's unit.
     calibrated_range : range of the group's records, where noise in their response's unit is
         carried over to another response.
     proportional : whether residuals are logarithms of ratios (see `ResidualScale`).
@@ -84,6 +95,7 @@ class NoiseOrigin:
 
     group: str
     scale: float | None = 1.0
+    smallest: float = 0.0
     calibrated_range: float = 1.0
     proportional: bool = False
     stretch: float = 1.0
@@ -91,10 +103,24 @@ class NoiseOrigin:
     note: str = ""
 
     def scales(self, mean: FloatArray) -> FloatArray:
-        """What each draw's residuals (W, N) are divided by, (W,)."""
-        if self.scale is None:
-            return np.ptp(mean, axis=1) / self.calibrated_range
-        return np.full(mean.shape[0], self.scale)
+        """What each draw's residuals (W, N) are divided by, (W,); NaN where nothing tells."""
+        if self.scale is not None:
+            return np.full(mean.shape[0], self.scale)
+        ranges = np.maximum(np.ptp(mean, axis=1), self.smallest)
+        varies = ranges > STILL * np.max(np.abs(mean), axis=1)
+        return np.where(varies, ranges, np.nan) / self.calibrated_range
+
+    def note_on(self, mean: FloatArray, unit: str) -> str:
+        """`note`, and what became of the scale for curves (W, N) with too small a range."""
+        if self.scale is None and np.median(np.ptp(mean, axis=1)) < self.smallest:
+            size = f"{self.smallest:.3g}" + ("" if unit == "1" else f" {unit}")
+            return (
+                f"the response varies by less than in any calibrated record of {self.group}, so "
+                f"its noise is in proportion to the smallest range of those ({size})"
+            )
+        if np.isnan(self.scales(mean)).any():
+            return f"{self.note}; the response does not vary, so its size is not known"
+        return self.note
 
     def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
         """The group's noise parameters, the sensor's own white noise in place of theirs."""
@@ -114,7 +140,8 @@ def find_noise(
 
     A calibrated record has its own. Another one takes the group of a calibrated
     record of its response's unit, of its protocol if there is one; relative noise then
-    scales with each draw's predicted range. Where none has that unit, noise is carried
+    scales with each draw's predicted range, but is no smaller than that of the calibrated
+    record that varied least. Where none has that unit, noise is carried
     over (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
     record has another coordinate, the noise's length is in proportion to the records'.
 
@@ -138,8 +165,10 @@ def find_noise(
     first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
     stretch = 1.0 if along == "grid" else _stretch(experiment, first)
     if alike:
-        scale = None if relative and not is_ratio(system, experiment) else 1.0
-        return NoiseOrigin(first.group, scale, proportional=proportional, stretch=stretch)
+        if not relative or is_ratio(system, experiment):
+            return NoiseOrigin(first.group, proportional=proportional, stretch=stretch)
+        smallest = min(r.scale for r in alike if r.group == first.group)
+        return NoiseOrigin(first.group, None, smallest, stretch=stretch)
     group = [r for r in records if r.group == first.group]
     calibrated = 1.0 if relative else float(np.mean([r.response_range for r in group]))
     return replace(_carried_over(experiment, first, calibrated, system), stretch=stretch)
@@ -178,6 +207,7 @@ def _carried_over(
 
 def _stretch(experiment: Experiment, source: CalibratedRecord) -> float:
     """From a record's coordinate to another's whose noise it is taken to have."""
-    if source.coordinate_name == experiment.coordinate_name:
+    extent = float(np.ptp(experiment.coordinate))
+    if source.coordinate_name == experiment.coordinate_name or extent == 0.0:
         return 1.0
-    return source.span / float(np.ptp(experiment.coordinate))
+    return source.span / extent

@@ -9,91 +9,35 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import NoiseOrigin
-from deabayes.rapidity import fastest
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
 LEVELS = (0.5, 0.9)
-LONGEST_EXTRAPOLATION = 1.5
-FASTEST_EXTRAPOLATION = 1.5
-RANGE_TOLERANCE = 0.01
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """The region the calibration records span; outside it a prediction is flagged.
-
-    `excitation` maps a channel to its lowest and highest calibrated value (SI),
-    `span` a coordinate (time, stretch, ...) to the longest calibrated record; `fastest` is the
-    highest frequency they tell of (see `rapidity.fastest`), NaN where that is not known.
-    """
-
-    excitation: Mapping[str, tuple[float, float]]
-    span: Mapping[str, float]
-    fastest: float = float("nan")
-
-    def extrapolation(self, experiment: Experiment, values: FloatArray) -> str:
-        """Say in which respects a prediction leaves the calibrated region; empty if in none.
-
-        Parameters
-        ----------
-        values : of the excitation, as those in `excitation` were taken (with their sign or not).
-        """
-        within = self._range(experiment.excitation, values.min(), values.max())
-        notes = (within, self._span(experiment), self._rate(experiment))
-        return "; ".join(note for note in notes if note)
-
-    def _range(self, excitation: Excitation, lowest: float, highest: float) -> str:
-        low, high = self.excitation.get(excitation.name, (np.nan, np.nan))
-        if np.isnan(low):
-            return f"no calibration record was driven by {excitation.name}"
-        margin = RANGE_TOLERANCE * max(abs(low), abs(high))
-        if low - margin <= lowest and highest <= high + margin:
-            return ""
-        unit = "" if excitation.unit == "1" else f" {excitation.unit}"
-        return (
-            f"{excitation.name} {lowest:.4g} to {highest:.4g}{unit} lies outside the calibrated "
-            f"{low:.4g} to {high:.4g}{unit}"
-        )
-
-    def _span(self, experiment: Experiment) -> str:
-        span = float(np.ptp(experiment.coordinate))
-        longest = self.span.get(experiment.coordinate_name, 0.0)
-        if experiment.coordinate_name != "time" or span <= LONGEST_EXTRAPOLATION * longest:
-            return ""
-        return (
-            f"{span:.4g} s is more than {LONGEST_EXTRAPOLATION} times the longest "
-            f"calibration record ({longest:.4g} s)"
-        )
-
-    def _rate(self, experiment: Experiment) -> str:
-        rate = fastest(experiment)
-        if not rate > FASTEST_EXTRAPOLATION * self.fastest:
-            return ""
-        shown, calibrated = (f"{float(f'{hertz:.2g}'):g} Hz" for hertz in (rate, self.fastest))
-        return (
-            f"it shows what happens at up to {shown}, the calibration records at up to {calibrated}"
-        )
 
 
 @dataclass(frozen=True)
 class Samples:
     """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
 
-    `log_density` (S,) is log p(y | theta_s) where the response was observed;
     `failed` counts the draws without a finite response, which are left out, and
-    `failure` says why; where all failed, the samples are NaN.
+    `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
+    where the response was observed, of all draws: -inf of those that failed.
+    `pit` (N,) are Phi of the noise's innovations, averaged over draws: the probability integral
+    transform of each point given those before it, uniform if the model holds; NaN where unknown.
+    `noise_note` says what a reader must know of the noise (see `NoiseOrigin.note_on`).
     """
 
     parameter: FloatArray
     discrepancy: FloatArray
     predictive: FloatArray
     log_density: FloatArray | None
+    pit: FloatArray
     failed: int
     failure: str = ""
+    noise_note: str = ""
 
     def band(self, samples: FloatArray) -> FloatArray:
         """Equal-tailed intervals (level, bound, N)."""
@@ -125,28 +69,52 @@ def sample_response(
     )
     kept = np.all(np.isfinite(mean), axis=1)
     failure = _why_failed(system, experiment, draws, ~kept)
+    observed = np.all(np.isfinite(experiment.response))
+    log_density = np.full(kept.size, -np.inf) if observed else None
+    pit = np.full(experiment.coordinate.size, np.nan)
     if not kept.any():
-        nothing = np.full((2, experiment.coordinate.size), np.nan)
-        return Samples(nothing, nothing, nothing, None, kept.size, failure)
+        nothing = np.full((2, pit.size), np.nan)
+        return Samples(nothing, nothing, nothing, log_density, pit, kept.size, failure, origin.note)
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
     noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
-    log_density = None
-    if np.all(np.isfinite(experiment.response)):
-        residuals = scale.residuals(experiment.response, mean)
-        log_density = noise.log_prob(residuals, along, weights, noise_draws)
-        log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
+    if log_density is not None:
+        log_density[kept], pit = _judged(experiment, noise, scale, mean, along, noise_draws)
     return Samples(
         mean,
         scale.with_residuals(mean, discrepancy),
         scale.with_residuals(mean, discrepancy + white),
         log_density,
+        pit,
         int(np.sum(~kept)),
         failure,
+        origin.note_on(mean, experiment.response_unit),
     )
+
+
+def _judged(
+    experiment: Experiment,
+    noise: NoiseModel,
+    scale: ResidualScale,
+    mean: FloatArray,
+    along: FloatArray,
+    noise_draws: Draws,
+) -> tuple[FloatArray, FloatArray]:
+    """log p(y | theta_s) of what was read, (W,), and its PIT, (N,), the mean over draws."""
+    from scipy.special import ndtr
+
+    weights = 1.0 / experiment.samples_averaged
+    residuals = scale.residuals(experiment.response, mean)
+    log_density = noise.log_prob(residuals, along, weights, noise_draws)
+    log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
+    transforms = ndtr(noise.innovations(residuals, along, weights, noise_draws))
+    finite = np.all(np.isfinite(transforms), axis=1)
+    if not finite.any():
+        return log_density, np.full(residuals.shape[1], np.nan)
+    return log_density, transforms[finite].mean(axis=0)
 
 
 def _why_failed(
@@ -180,6 +148,7 @@ def to_dataset(
                 experiment.excitation.at(experiment.coordinate),
                 {"units": experiment.excitation.unit, "long_name": experiment.excitation.name},
             ),
+            "pit": ("coordinate", samples.pit, {"units": "1"}),
             **bands,
         },
         coords={
@@ -201,5 +170,6 @@ def to_dataset(
         provenance=experiment.provenance,
         failed_draws=samples.failed,
         failure=samples.failure,
+        noise_note=samples.noise_note,
         **attributes,
     )

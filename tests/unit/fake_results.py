@@ -262,6 +262,7 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
             "observed": ("coordinate", experiment.response),
             "mean": ("coordinate", curves.mean(axis=0)),
             "median": ("coordinate", median),
+            "pit": ("coordinate", _pit(experiment)),
             "excitation": (
                 "coordinate",
                 excitation,
@@ -289,6 +290,13 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
     )
 
 
+def _pit(experiment: Experiment) -> FloatArray:
+    """Nearly uniform of what was fitted, too much in the middle of what was held out."""
+    rng = np.random.default_rng(experiment.coordinate.size)
+    drawn = rng.random((experiment.coordinate.size, 2))
+    return drawn[:, 0] if experiment.role == "calibrate" else drawn.mean(axis=1)
+
+
 def _errors(
     dataset: xr.Dataset, experiment: Experiment, fake: Fake, rng: np.random.Generator
 ) -> dict[str, object]:
@@ -308,6 +316,7 @@ def _errors(
         "coverage_50": 0.4 + 0.2 * rng.random(),
         "coverage_90": 0.8 + 0.2 * rng.random(),
         "crps": float(np.abs(residual).mean()),
+        "pit_p": 0.5 if experiment.role == "calibrate" else 0.001,
         "extrapolation": dataset.attrs["extrapolation"],
     }
 

@@ -1,8 +1,12 @@
 """Draws that have no response: left out, counted, and said why, when and at which voltage."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 import deabayes
+from deabayes.errors_table import error_row
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise.white import White
 from deabayes.prediction import NoiseOrigin, sample_response, to_dataset
@@ -23,13 +27,14 @@ MATERIAL = {
 STABLE, UNSTABLE = 110.0, 1e6
 
 
-def response(limits):
+def response(limits, observed=np.nan):
     """A ramp to 5 kV in 600 s, for draws of J_alpha; with J -> infinity it ends at 3.75 kV."""
     draws = {name: np.full(len(limits), value) for name, value in MATERIAL.items()}
     draws["J_alpha"] = np.asarray(limits)
     experiment = Experiment(
-        "ramp", "step", "validate", "time", "s", TIME, "stretch", "1", np.full(TIME.size, np.nan),
-        np.ones(TIME.size), Excitation("voltage", "V", TIME, RAMP), provenance="simulated",
+        "ramp", "step", "validate", "time", "s", TIME, "stretch", "1",
+        np.broadcast_to(observed, TIME.shape), np.ones(TIME.size),
+        Excitation("voltage", "V", TIME, RAMP), provenance="simulated",
     )  # fmt: skip
     noise = {"sigma_white": np.full(len(limits), 1e-3)}
     samples = sample_response(
@@ -64,3 +69,27 @@ def test_simulate_says_why():
     )  # fmt: skip
     assert "pull-in" in found.attrs["failure"]
     assert "kV" in found.attrs["failure"]
+
+
+def scored(limits):
+    """The row of errors.csv of a record that reads what the stable draw gives, with noise."""
+    experiment, samples = response([STABLE])
+    read = samples.parameter[0] + 1e-3 * np.random.default_rng(2).standard_normal(TIME.size)
+    _, samples = response(limits, read)
+    return error_row(replace(experiment, response=read), samples, "")
+
+
+def test_draws_without_a_response_cost_joint_log_score():
+    whole, few = scored([STABLE] * 20), scored([STABLE] * 2 + [UNSTABLE] * 18)
+    assert few["failed_draws"] == 18
+    assert few["joint_log_score"] == pytest.approx(whole["joint_log_score"] + np.log(0.1))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("limits", [[STABLE, UNSTABLE], [UNSTABLE, UNSTABLE]])
+def test_one_draw_is_no_distribution(limits):
+    row = scored(limits)
+    assert all(np.isnan(row[name]) for name in ("crps", "coverage_50", "coverage_90"))
+    left = limits.count(STABLE)
+    assert np.isnan(row["e_rms_percent"]) == (left == 0)
+    assert np.isfinite(row["joint_log_score"]) == (left == 1)

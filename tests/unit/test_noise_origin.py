@@ -16,6 +16,7 @@ from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.noise_origin import CalibratedRecord, records_to_json
 from deabayes.residual_scale import ResidualScale
+from deabayes.systems.membrane import Membrane
 
 TIME = np.linspace(1.0, 600.0, 300)
 COUNT = 400
@@ -134,10 +135,10 @@ def test_the_sign_of_the_voltage_is_no_extrapolation():
     found = fitted([experiment("risen", "step", risen, TIME, "displacement")])
     driven = experiment("sine", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
     assert found.extrapolation(driven) == ""
-    assert fitted([driven]).extrapolation(record(1e3)).startswith("599 s is more than")
+    assert fitted([driven]).extrapolation(record(1e3)).startswith("600 s from the onset")
     higher = replace(driven, excitation=sine(0.05, amplitude=4500.0))
     assert "4500 V lies outside the calibrated 0 to 4000" in found.extrapolation(higher)
-    assert "-2000" in replace(found, system=Odd()).extrapolation(driven)
+    assert "-2000" in replace(found, system=Odd("kv_gm_3", PLAIN)).extrapolation(driven)
 
 
 def test_faster_changes_than_calibrated_are_flagged():
@@ -155,7 +156,7 @@ def test_faster_changes_than_calibrated_are_flagged():
     assert replace(fitted([slow]), records=(old,)).extrapolation(quick) == ""
 
 
-class Odd:
+class Odd(Membrane):
     """A system for which the sign counts."""
 
     even = ()

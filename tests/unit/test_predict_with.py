@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from tests.unit.test_tubular_frequency_response import SPECIMEN, draws, driven, experiments
 
+from deabayes.api import Posterior
 from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
 from deabayes.fitted import Fitted
@@ -170,3 +171,38 @@ def test_driven_by_frequency_is_even_a_simulation():
     )
     np.testing.assert_allclose(found["gain"].values, expected[0], rtol=1e-12)
     assert found["gain"].attrs["units"] == "1/V"
+
+
+ASKED = {"response": "gain", "size": 20, "conditions": {"bias_kV": 2.0, "load_g": 300.0}}
+FREQUENCY = np.array([20.0, 60.0, 90.0])
+
+
+def test_the_interface_predicts_a_protocol_with_the_wider_candidate():
+    post = Posterior(file(further_prior(STUDY, target())))
+    wide = post.predict(frequency=FREQUENCY, protocol="frequency_response", **ASKED)
+    fitted = Fitted.from_tree(post.data, 20, 1)
+    expected = Tubular("voigt_kelvin_2" + ENDING, UNCERTAIN).predict(
+        driven(FREQUENCY, load_g=300.0), FREQUENCY, "gain", fitted.draws
+    )
+    np.testing.assert_allclose(wide["mean"], expected.mean(axis=0), rtol=1e-12)
+    assert wide.attrs["protocol"] == "frequency_response"
+    assert wide.attrs["model_note"] == f"solved by voigt_kelvin_2{ENDING} (predict_with)"
+
+
+def test_without_a_protocol_it_says_that_there_is_a_wider_one():
+    post = Posterior(file(further_prior(STUDY, target())))
+    plain = post.predict(frequency=FREQUENCY, **ASKED)
+    assert plain.attrs["model_note"] == (
+        "solved by voigt_kelvin_2, the fitted candidate; records of frequency_response are "
+        f"predicted with voigt_kelvin_2{ENDING}: give protocol="
+    )
+    other = post.predict(protocol="sine", frequency=FREQUENCY, **ASKED)
+    assert other.attrs["model_note"] == ""
+    alone = Posterior(file(None, replace(STUDY, predict_with={})))
+    assert alone.predict(frequency=FREQUENCY, **ASKED).attrs["model_note"] == ""
+
+
+def test_a_protocol_that_is_none():
+    post = Posterior(file(further_prior(STUDY, target())))
+    with pytest.raises(UserError, match="did you mean 'frequency_response'"):
+        post.predict(frequency=FREQUENCY, protocol="frequency_respons", **ASKED)

@@ -28,7 +28,7 @@ SUMMARY = (
 ).split()
 ERRORS = (
     "experiment role protocol e_rms_percent e_rms_q05 e_rms_q95 e_m_percent e_m_q05 e_m_q95 "
-    "coverage_50 coverage_90 crps extrapolation"
+    "coverage_50 coverage_90 crps pit_p extrapolation"
 ).split()
 COMPARISON = (
     "candidate order n_parameters log_evidence log_evidence_mcse bic elpd_block_loo "

@@ -3,6 +3,7 @@ rule predict:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
         modules=modules(
+            "calibrated.py",
             "prediction.py",
             "noise_origin.py",
             "rapidity.py",

@@ -36,6 +36,7 @@ REGISTRY: Mapping[str, str] = {
     "pairs": "deabayes.figures.pairs",
     "convergence": "deabayes.figures.convergence",
     "coverage": "deabayes.figures.coverage",
+    "pit": "deabayes.figures.pit",
     "noise_share": "deabayes.figures.noise_share",
     "prior_predictive": "deabayes.figures.prior_predictive",
     "prior_curves": "deabayes.figures.prior_curves",

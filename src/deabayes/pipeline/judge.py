@@ -86,12 +86,11 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
     for index, experiment in enumerate(read_experiments(prepared)):
         rng = np.random.default_rng([1, index])
         samples = fitted.sample(experiment, rng)
-        flags, origin = fitted.extrapolation(experiment), fitted.noise_of(experiment)
+        flags = fitted.extrapolation(experiment)
         attributes = {
             "extrapolation": flags,
             "converged": int(fitted.converged),
-            "noise_group": origin.group,
-            "noise_note": origin.note,
+            "noise_group": fitted.noise_of(experiment).group,
             "candidate": fitted.candidate,
         }
         write_dataset(to_dataset(experiment, samples, attributes), output / f"{experiment.name}.nc")

@@ -162,14 +162,14 @@ def _decided_by(results: CandidateResults, words: str, *kinds: str) -> list[str]
 
 
 def carried_over_noise(results: CandidateResults) -> Iterator[Notice]:
-    """Records of a response that no calibration record measured, records alike together."""
+    """Records whose noise, or its size, is that of other ones; records alike together."""
     by_note: dict[str, list[str]] = defaultdict(list)
     for name, prediction in results.predictions.items():
         if note := str(prediction.attrs.get("noise_note", "")):
             by_note[note].append(name)
     details = [f"{_listed(names)}: {note}" for note, names in by_note.items()]
     if details:
-        yield _notice(results, "Noise carried over from another response", details)
+        yield _notice(results, "Noise taken from other records", details)
 
 
 def failures(results: CandidateResults) -> Iterator[Notice]:

@@ -18,7 +18,7 @@ from deabayes.report.images import Image, embed
 PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
 SECTIONS = (
     ("Data and predictions", ("data_and_bands",)),
-    ("Residuals", ("residuals", "noise_share", "coverage")),
+    ("Residuals", ("residuals", "noise_share", "coverage", "pit")),
     ("Parameters", ("marginals", "identifiability", "pairs")),
     ("Convergence", ("convergence",)),
     ("Prior", ("prior_predictive",)),

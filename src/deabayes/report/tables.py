@@ -171,11 +171,15 @@ def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
         "protocol": plain(str(row["protocol"])),
         "e_rms": interval(row["e_rms_percent"], row["e_rms_q05"], row["e_rms_q95"]),
         "e_m": interval(row["e_m_percent"], row["e_m_q05"], row["e_m_q95"]),
-        "coverage_50": f"{100 * row['coverage_50']:.0f} %",
-        "coverage_90": f"{100 * row['coverage_90']:.0f} %",
+        "coverage_50": _percent(row["coverage_50"]),
+        "coverage_90": _percent(row["coverage_90"]),
         "crps": f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
         "extrapolation": flag if isinstance(flag, str) else "",
     }
+
+
+def _percent(share: float) -> str:
+    return "" if np.isnan(share) else f"{100 * share:.0f} %"
 
 
 def comparison(study: StudyResults) -> list[dict[str, Any]]:

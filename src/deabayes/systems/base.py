@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]
+Conditions = Mapping[str, Mapping[str, float | str | None]]
+"""Excitation channel -> condition -> its value where a record states none; None if not known."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class System(ABC):
     """Excitation channel -> SI unit."""
     even: ClassVar[tuple[str, ...]] = ()
     """Excitation channels whose sign makes no difference to any response."""
+    conditions: ClassVar[Conditions] = {}
+    """What is held during a record and its response depends on: compared with the calibrated."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
     proportional: ClassVar[tuple[str, ...]] = ()

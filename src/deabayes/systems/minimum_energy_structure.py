@@ -30,7 +30,7 @@ from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
-from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.structure_candidates import StructureModel, examples
@@ -80,6 +80,10 @@ class MinimumEnergyStructure(System):
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
     even = ("voltage",)
+    conditions: ClassVar[Conditions] = {
+        "displacement": {"voltage": None},
+        "voltage": {"prehistory": PREHISTORIES[0]},
+    }
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}
     required_quantities: ClassVar[Mapping[str, str]] = {
@@ -206,7 +210,7 @@ class MinimumEnergyStructure(System):
 
     def _held(self, excitation: Excitation) -> float:
         """The voltage [V] at which the structure was before the record."""
-        prehistory = excitation.conditions.get("prehistory", "rest")
+        prehistory = excitation.conditions.get("prehistory", PREHISTORIES[0])
         if prehistory not in PREHISTORIES:
             raise UserError(
                 f"condition prehistory must be one of {', '.join(PREHISTORIES)}; "

@@ -21,7 +21,7 @@ from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.base import DEFORMATIONS, column
-from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.strip_candidates import StripModel, examples
 from deabayes.systems.strip_record import (
@@ -50,6 +50,9 @@ class TensileStrip(System):
     name = "tensile_strip"
     protocols = ("relaxation", "load_unload", "step", "sine", "sweep", "quasi_static")
     excitations: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m"}
+    conditions: ClassVar[Conditions] = {
+        channel: {"deformation": DEFORMATIONS[0]} for channel in excitations
+    }
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"nominal_stress": "Pa", "force": "N"}
     required_quantities: ClassVar[Mapping[str, str]] = {}
@@ -192,7 +195,7 @@ class TensileStrip(System):
         return 1.0 + values / self.require("gauge_length", "a displacement").value
 
     def _deformation(self, excitation: Excitation) -> str:
-        deformation = str(excitation.conditions.get("deformation", "uniaxial"))
+        deformation = str(excitation.conditions.get("deformation", DEFORMATIONS[0]))
         if deformation not in DEFORMATIONS:
             raise UserError(
                 f"unknown deformation {deformation!r}{nearest(deformation, DEFORMATIONS)}"

@@ -13,7 +13,7 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Sp
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.parameter import Parameter
-from deabayes.systems.base import Draws, Simulator, System
+from deabayes.systems.base import Conditions, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.circuit import Circuit, Supply
 from deabayes.systems.inertial_parameter import moving_quantity
@@ -49,6 +49,10 @@ class TubularBase(System):
     name: ClassVar[str] = "tubular"
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    conditions: ClassVar[Conditions] = {
+        "voltage": {"load_g": 0.0},
+        "frequency": {"load_g": 0.0, "bias_kV": None, "amplitude_kV": None},
+    }
     units_add = "compliances"
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",

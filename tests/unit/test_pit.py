@@ -1,0 +1,98 @@
+"""Probability integral transforms of records: uniform if the noise's law holds, and only then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.lines import Line2D
+from scipy.special import ndtr
+from tests.unit.fake_results import Fake, write_study
+from tests.unit.test_noise_origin import NOISE_DRAWS, TIME, fitted, record
+
+from deabayes import figures
+from deabayes.errors import uniformity_p
+from deabayes.errors_table import error_row
+from deabayes.figures.results import StudyResults
+from deabayes.prediction import to_dataset
+
+
+def noisy(seed, factor=1.0):
+    """A held-out record with noise of the fitted law, its size multiplied."""
+    drawn = fitted().noise.sample(
+        np.random.default_rng(seed), TIME, np.ones(TIME.size),
+        {n.split(".")[1]: np.array([v]) for n, v in NOISE_DRAWS.items()},
+    )  # fmt: skip
+    clean = record(2e3)
+    return replace(clean, response=clean.response + factor * (drawn[0] + drawn[1])[0])
+
+
+def sampled(what):
+    return fitted().sample(what, np.random.default_rng(1))
+
+
+def test_it_is_that_of_the_innovations():
+    what, found = noisy(1), fitted()
+    residuals = (what.response - record(2e3).response)[None]
+    noise = {n.split(".")[1]: np.array([v]) for n, v in NOISE_DRAWS.items()}
+    scores = found.noise.innovations(residuals, TIME, np.ones(TIME.size), noise)
+    np.testing.assert_allclose(sampled(what).pit, ndtr(scores[0]), rtol=1e-6)
+
+
+def test_it_is_averaged_over_the_draws():
+    found, what = fitted(), noisy(1)
+    sigma = found.draws["step.sigma_ou"] * np.where(np.arange(400) < 200, 1.0, 3.0)
+    both = replace(found, draws={**found.draws, "step.sigma_ou": sigma})
+    parts = [
+        replace(found, draws={n: v[half] for n, v in both.draws.items()}).sample(
+            what, np.random.default_rng(1)
+        ).pit
+        for half in (slice(200), slice(200, None))
+    ]  # fmt: skip
+    np.testing.assert_allclose(
+        both.sample(what, np.random.default_rng(1)).pit, np.mean(parts, axis=0), rtol=1e-12
+    )
+    assert not np.allclose(*parts)
+
+
+@pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 0.01, 1.0), (2.0, 0.0, 1e-3),
+                                                       (0.5, 0.0, 1e-3)])  # fmt: skip
+def test_noise_of_another_size_is_not_uniform(factor, least, most):
+    rows = [error_row(what, sampled(what), "") for what in (noisy(k, factor) for k in range(3))]
+    assert all(least <= row["pit_p"] <= most for row in rows)
+
+
+def test_the_file_keeps_it_and_a_prediction_has_none():
+    what = noisy(1)
+    samples = sampled(what)
+    kept = to_dataset(what, samples, {})
+    np.testing.assert_array_equal(kept["pit"], samples.pit)
+    asked = replace(what, response=np.full(TIME.size, np.nan))
+    assert np.isnan(to_dataset(asked, sampled(asked), {})["pit"]).all()
+
+
+def test_p_of_uniformity_by_hand():
+    # One point at 0.9: the larger step is 0.9, P(D >= 0.9) = 2 * 0.1.
+    assert uniformity_p([0.9]) == pytest.approx(0.2)
+    assert np.isnan(uniformity_p([np.nan, 0.5]))
+
+
+def test_the_figure_names_the_records_that_leave_the_band(tmp_path):
+    study = StudyResults(write_study(tmp_path, Fake(candidates=(1,))))
+    (figure,) = figures.draw("pit", study.recommended)
+    names = [[text.get_text() for text in each.get_texts()] for each in figure.legends]
+    held_out = [n for n, e in study.experiments.items() if e.role == "validate"]
+    assert names[1] == held_out
+    for ax in figure.axes:
+        low, high = ax.get_ylim()
+        assert all(low < np.min(y) and np.max(y) < high for y in map(Line2D.get_ydata, ax.lines))
+
+
+def test_results_from_before_have_no_such_figure(tmp_path):
+    folder = write_study(tmp_path, Fake(candidates=(1,)))
+    for path in folder.glob("*/predictions/*.nc"):
+        old = xr.load_dataset(path, engine="h5netcdf").drop_vars("pit")
+        old.to_netcdf(path, engine="h5netcdf")
+    assert figures.draw("pit", StudyResults(folder).recommended) == []
