@@ -91,10 +91,16 @@ def _judged(log_q: FloatArray, truth: int) -> tuple[FloatArray, FloatArray]:
 def parameter_information(predictive: Predictive) -> tuple[float, float]:
     r"""Expected information about a candidate's parameters in nats, and its standard error.
 
-    E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] over draws of the noise C (Lindley 1956,
-    10.1214/aoms/1177728069, for a linear model with normal noise; Chaloner & Verdinelli 1995,
-    10.1214/ss/1177009939). Exact for curves linear in the parameters; of all laws with
-    the curves' covariance the normal one gives most. Information about the noise is left out.
+    (1 - f) E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] - f log f - (1 - f) log(1 - f), with f the
+    share of draws without a response, which tell that much, and E over draws of the noise C
+    (Lindley 1956, 10.1214/aoms/1177728069, for a linear model with normal noise; Chaloner &
+    Verdinelli 1995, 10.1214/ss/1177009939). Exact for curves linear in the parameters; of all
+    laws with the curves' covariance the normal one gives most. Information about the
+    noise is left out.
     """
-    values = np.array([each.information for each in predictive.normals])
-    return float(values.mean()), float(values.std() / np.sqrt(values.size))
+    from scipy.special import entr
+
+    failed = predictive.failed_share
+    values = (1.0 - failed) * np.array([each.information for each in predictive.normals])
+    failing = float(entr(failed) + entr(1.0 - failed))
+    return float(values.mean()) + failing, float(values.std() / np.sqrt(values.size))

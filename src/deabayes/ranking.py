@@ -26,7 +26,6 @@ from deabayes.comparison import (
 )
 from deabayes.experiment import FloatArray
 from deabayes.left_out import leave_block_out
-from deabayes.noise.default_priors import CORRELATION_LENGTHS
 from deabayes.posterior import LogPosterior
 from deabayes.storage import stacked
 
@@ -74,7 +73,7 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
             float(np.median(stacked(r.tree["posterior"], name)))
             for r in ranked
             for name in r.target.names
-            if name.startswith(f"{record.group}.") and name.endswith(CORRELATION_LENGTHS)
+            if name == f"{record.group}.{r.target.noise.length}"
         ]
         coordinate = record.noise_coordinate
         spacing = 3.0 * float(np.median(np.diff(coordinate)))

@@ -16,6 +16,7 @@ import pandas as pd
 import xarray as xr
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.preparation.prepared import write_prepared
 
 CHAINS, DRAWS, PRIOR_DRAWS = 4, 300, 400
@@ -35,6 +36,7 @@ class Fake:
     warnings: tuple[str, ...] = ()
     extrapolation: str = ""
     correlated_noise: float = 0.4e3
+    noise: str = "ornstein_uhlenbeck"
     sensitivities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """To prior and likelihood, by quantity, in place of made-up ones."""
 
@@ -48,7 +50,7 @@ def write_study(folder: Path, fake: Fake | None = None, seed: int = 1) -> Path:
     experiments = [_experiment(fake, i, p, rng) for i, p in enumerate(fake.protocols)]
     for experiment in experiments:
         write_prepared(experiment, study / "prepared" / f"{experiment.name}.nc")
-    (study / "study.yaml").write_text(f"{fake.name}: {{noise: ornstein_uhlenbeck}}\n")
+    (study / "study.yaml").write_text(f"{fake.name}: {{noise: {fake.noise}}}\n")
     for units in fake.candidates:
         _write_candidate(study / f"kv_gm_{units}", fake, units, experiments, rng)
     _comparison(fake).to_csv(study / "comparison.csv", index=False)
@@ -175,17 +177,12 @@ def _draws(
     add("mu_total", r"\mu_\mathrm{total}", "Pa", "derived", 60e3, 0.004, 0.6)
     for group in groups:
         unit, s = ("1", 1 / 4e6) if group in ("sine", "creep") else ("Pa", 1.0)
-        add(f"{group}.sigma_white", r"\sigma_\mathrm{w}", unit, "noise", 150.0 * s, 0.05, 1.0)
-        add(
-            f"{group}.sigma_ou",
-            r"\sigma_\mathrm{OU}",
-            unit,
-            "noise",
-            fake.correlated_noise * s,
-            0.2,
-            1.0,
-        )
-        add(f"{group}.tau_ou", r"\tau_\mathrm{OU}", "s", "noise", 30.0, 0.3, 1.0)
+        correlated = fake.correlated_noise * s
+        values = {"sigma_white": (150.0 * s, 0.05), "degrees_of_freedom": (5.0, 0.1)}
+        for p in NOISE_MODELS[fake.noise]().parameters(unit, 1.0, 1.0):
+            usual = (30.0, 0.3) if p.name.startswith("tau_") else (correlated, 0.2)
+            at, sd = values.get(p.name, usual)
+            add(f"{group}.{p.name}", p.symbol, p.unit, "noise", at, sd, 1.0)
     return out
 
 
@@ -394,7 +391,7 @@ def _attributes(fake: Fake, units: int, experiments: Sequence[Experiment]) -> di
     sampling = {"ensembles": 4, "walkers": 128, "ess": 400, "r_hat": 1.01}
     settings = {
         "name": fake.name,
-        "noise": "ornstein_uhlenbeck",
+        "noise": fake.noise,
         "noise_scale": "absolute",
         "noise_groups": "protocol",
         "sampling": sampling,
@@ -421,7 +418,7 @@ def _attributes(fake: Fake, units: int, experiments: Sequence[Experiment]) -> di
         "system": "tensile_strip",
         "specimen": json.dumps(specimen),
         "provenance": fake.provenance,
-        "noise": "ornstein_uhlenbeck",
+        "noise": fake.noise,
         "experiments": json.dumps(records),
         "convergence": json.dumps(convergence),
         "warnings": json.dumps(list(fake.warnings)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -193,6 +194,50 @@ def test_noise_of_ratios_is_relative_to_the_variance_of_the_logarithm(
     monkeypatch.setitem(results.records, name, {**results.records[name], "proportional": True})
     found = correlated_shares(results)[name]["correlated"][1]
     assert found == pytest.approx(np.median(sigma**2) / np.log(gain).var())
+
+
+def test_white_noise_is_that_of_the_averaged_record(
+    measured: StudyResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from deabayes.figures.noise_share import correlated_shares
+
+    results = measured.recommended
+    name, before = next(iter(correlated_shares(results).items()))
+    record = results.study.experiments[name]
+    averaged = replace(record, samples_averaged=np.full(record.response.size, 25.0))
+    monkeypatch.setitem(results.study.experiments, name, averaged)
+    after = correlated_shares(results)[name]
+    assert after["white"] == pytest.approx(before["white"] / 25.0)
+    assert after["correlated"] == pytest.approx(before["correlated"])
+
+
+@pytest.mark.parametrize("noise", ["ornstein_uhlenbeck", "matern32", "ar1", "white", "student_t"])
+def test_shares_and_lengths_of_every_noise_model(tmp_path: Path, noise: str) -> None:
+    from deabayes.figures.noise_share import correlated_shares
+
+    fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise)
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    (shares,) = correlated_shares(results).values()
+    kinds = {"ar1": {"correlated"}, "white": {"white"}, "student_t": {"white"}}
+    assert set(shares) == kinds.get(noise, {"correlated", "white"})
+    assert all(np.all(np.isfinite(each)) and np.all(each > 0) for each in shares.values())
+    (figure,) = figures.module("noise_share").draw(results)
+    has_length = "correlation time or length" in texts(figure)
+    assert has_length == ("correlated" in shares)
+
+
+def test_noise_along_the_grid_lasts_for_points_and_not_seconds(
+    tmp_path: Path,
+) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",))
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    name = next(iter(results.predictions))
+    results.attributes["study"]["noise_coordinate"] = "grid"
+    (figure,) = figures.module("noise_share").draw(results)
+    right = figure.axes[1]
+    assert right.get_xlabel() == "points of the grid"
+    lengths = [line.get_xdata()[0] for line in right.lines if line.get_marker() == "|"]
+    assert lengths == [results.study.experiments[name].coordinate.size - 1]
 
 
 def test_save_all_writes_svg_and_png_and_an_index(

@@ -11,6 +11,7 @@ from tests.unit.contexts import CANDIDATES, context
 from tests.unit.fake_results import Fake, write_study
 
 from deabayes import analyses, figures
+from deabayes.figures import curves, style
 from deabayes.figures.results import StudyResults
 
 OF_MEMBRANE = [
@@ -67,3 +68,10 @@ def test_a_saved_figure_knows_its_analysis(
     kept = {s.name: s.analysis for s in saved}
     assert kept == {"amplitude_frequency": "amplitude_frequency", "errors": ""}
     assert len(json.loads((tmp_path / "index.json").read_text())) == 2
+
+
+def test_markers_do_not_run_out() -> None:
+    """A study may have more candidates than there are markers."""
+    several = [curves.marker(k) for k in range(3 * len(style.MARKERS))]
+    pairs = {(curves.colour(k), marker) for k, marker in enumerate(several)}
+    assert len(pairs) == len(several)

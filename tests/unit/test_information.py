@@ -91,6 +91,14 @@ def test_information_about_parameters_of_a_linear_model(sd):
     assert error == pytest.approx(0.0, abs=1e-9)  # of one noise
 
 
+def test_draws_without_a_response_tell_only_that_they_fail():
+    curves = linear(LINE, 0.0, 0.5, 3)
+    without_failures, _ = parameter_information(predictive(curves, known=1000))
+    found, _ = parameter_information(predictive(curves, known=1000, failed=(95, 100)))
+    failing = -(0.95 * np.log(0.95) + 0.05 * np.log(0.05))
+    assert found == pytest.approx(0.05 * without_failures + failing)
+
+
 @pytest.mark.parametrize("noise", ["ornstein_uhlenbeck", "matern32"])
 def test_the_normal_predictive_is_the_dense_one(noise):
     """Correlated noise of a record and white noise of another, in other units, together."""

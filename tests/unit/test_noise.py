@@ -10,7 +10,6 @@ from tests.unit.noise_oracle import GAUSSIAN, covariance
 
 from deabayes.faults import UserError
 from deabayes.noise import REGISTRY
-from deabayes.noise.default_priors import CORRELATION_LENGTHS
 from deabayes.noise.kalman import distances, matern32_transition
 from deabayes.noise.kalman_lanes import LANES
 
@@ -194,9 +193,23 @@ class TestEveryModel:
         for a, b in zip(first, second, strict=True):
             assert a.shape == (4, 30)
             np.testing.assert_array_equal(a, b)
-        share = model.correlated_share(draws, weights)
-        assert share.shape == (4,)
-        assert np.all((share >= 0.0) & (share <= 1.0))
+        for part in model.variances(draws, weights):
+            assert part.shape == (4,)
+            assert np.all(part >= 0.0)
+
+    def test_variances_are_those_of_samples(self, name):
+        rng = np.random.default_rng(11)
+        coordinate, weights = record(rng, 40)
+        usual = {"sigma_white": 1.0, "degrees_of_freedom": 10.0}
+        names = [p.name for p in REGISTRY[name]().parameters("1", 1.0, 100.0)]
+        draws = {n: np.full(4000, usual.get(n, 0.5)) for n in names}
+        model = REGISTRY[name]()
+        for sample, variance in zip(
+            model.sample(rng, coordinate, weights, draws),
+            model.variances(draws, weights),
+            strict=True,
+        ):
+            assert np.mean(sample**2) == pytest.approx(variance[0], rel=0.03)
 
 
 @pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "matern32"])
@@ -315,19 +328,16 @@ def test_only_independent_noise_is_marked_diagnostic():
     assert all(name == model.name for name, model in REGISTRY.items())
 
 
-def test_correlated_share():
-    draws = {"sigma_white": np.array([1.0]), "sigma_ou": np.array([2.0]), "tau_ou": np.array([1.0])}
-    model = REGISTRY["ornstein_uhlenbeck"]()
-    assert model.correlated_share(draws)[0] == pytest.approx(0.8)
-    assert model.correlated_share(draws, np.full(5, 0.25))[0] == pytest.approx(4.0 / 4.25)
+def test_student_t_has_no_variance_where_its_tails_are_heavy():
+    draws = {"sigma_white": np.ones(2), "degrees_of_freedom": np.array([1.5, 4.0])}
+    _, white = REGISTRY["student_t"]().variances(draws, np.full(3, 0.5))
+    assert white[0] == np.inf
+    assert white[1] == pytest.approx(1.0)
 
 
-def test_every_correlation_length_is_known_by_name():
-    """Blocks of the leave-one-out score and the report's notice find them so."""
-    declared = {
-        parameter.name
-        for model in REGISTRY.values()
-        for parameter in model().parameters("1", 1.0, 100.0)
-        if parameter.unit == "s"
-    }
-    assert declared == set(CORRELATION_LENGTHS)
+@pytest.mark.parametrize("name", REGISTRY)
+def test_every_correlation_length_is_declared(name):
+    """Blocks of the leave-one-out score and the report's notice find it so."""
+    model = REGISTRY[name]
+    lengths = [p.name for p in model().parameters("1", 1.0, 100.0) if p.unit == "s"]
+    assert lengths == ([model.length] if model.length else [])

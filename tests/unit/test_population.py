@@ -10,6 +10,7 @@ from scipy.special import ndtr
 from tests.unit.populations import MEDIANS, SIGMAS, World, parameter, prior_of_two, world
 
 from deabayes.distributions import LogNormal, LogUniform, Normal, Uniform
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
@@ -23,6 +24,7 @@ from deabayes.population.specimens import (
     shrink,
     tail_probability,
     warnings_of,
+    without,
 )
 from deabayes.prior import Prior
 
@@ -56,7 +58,7 @@ def test_shrinkage_of_a_normal_specimen(known: World) -> None:
     """Posterior mean lambda m + (1 - lambda) y, lambda = sd^2 / (sd^2 + s^2)."""
     centres, spreads = np.tile(MEAN, (3, 1)), np.tile(SPREAD, (3, 1))
     for index, (y, sd) in enumerate(zip(known.y, known.sd, strict=True)):
-        found = shrink(known.model, index, centres, spreads)
+        found = shrink(known.model, index, centres, spreads, (centres, spreads))
         share = sd**2 / (sd**2 + SPREAD**2)
         assert found.weights.sum() == pytest.approx(1.0)
         assert found.shrinkage == pytest.approx(share, abs=0.03)
@@ -73,7 +75,7 @@ def test_draws_of_the_population_count_alike_in_shrinkage(known: World) -> None:
     centres = MEAN + np.array([[-0.4, 0.0], [0.4, 0.0]])
     spreads = np.full((2, 2), 0.2)
     index = int(np.argmax(known.sd[:, 0]))
-    found = shrink(known.model, index, centres, spreads)
+    found = shrink(known.model, index, centres, spreads, (centres, spreads))
     y, sd = known.y[index], known.sd[index]
     share = sd**2 / (sd**2 + 0.04)
     expected = np.mean(share * centres + (1 - share) * y, axis=0)
@@ -85,7 +87,7 @@ def test_a_specimen_far_from_the_population_is_named(known: World) -> None:
     centres = np.tile(MEAN, (3, 1))
     centres[:, 0] += 3.0
     spreads = np.full((3, 2), 0.02)
-    far = [shrink(known.model, index, centres, spreads) for index in range(6)]
+    far = [shrink(known.model, index, centres, spreads, (centres, spreads)) for index in range(6)]
     assert not any(each.reliable for each in far)
     words = warnings_of(known.model, far, 0.0)
     assert all(any(f"strip_{k}" in w and "not to be trusted" in w for w in words) for k in range(6))
@@ -97,22 +99,33 @@ def test_how_far_out_a_specimen_lies(known: World) -> None:
     """With m and s known, phi_i ~ N(y', v) has P = Phi((y' - m) / sqrt(s^2 + v))."""
     member = known.model.members[2]
     centres, spreads = np.tile(MEAN, (5, 1)), np.tile(SPREAD, (5, 1))
-    found = tail_probability(member.phi, centres, spreads, np.zeros(5))
+    found = tail_probability(member.phi, centres, spreads)
     middle, variance = member.phi.mean(axis=0), member.phi.var(axis=0)
     below = ndtr((middle - MEAN) / np.sqrt(SPREAD**2 + variance))
     assert found == pytest.approx(2 * np.minimum(below, 1 - below), abs=0.08)
 
 
 def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
-    """Judged by the others: draws of (m, s) that only it asks for count for nothing."""
+    """Judged by the others, though it has widened the population of all of them."""
     rng = np.random.default_rng(12)
-    centres = MEAN + 0.05 * rng.standard_normal((400, 2))
-    spreads = np.abs(SPREAD * rng.uniform(0.5, 1.5, (400, 2)))
-    spreads[200:] = 3.0  # as wide as the odd one would have it
-    evidence = np.where(np.arange(400) < 200, -30.0, 0.0)
-    odd = MEAN + [1.5, 0.0] + 0.02 * rng.standard_normal((4000, 2))
-    found = tail_probability(odd, centres, spreads, evidence)
+    members = list(known.model.members)
+    away = np.array([3.0, 0.0])
+    odd = replace(members[0].likelihood, means=members[0].likelihood.means + away)
+    phi = members[0].phi + away
+    members[0] = replace(members[0], likelihood=odd, phi=phi)
+    model = replace(known.model, members=tuple(members))
+    z = rng.standard_normal((100_000, 4))
+    by_member = model.log_likelihood(*model.split(model.prior.to_parameters(z)))
+
+    def drawn(log_weights: FloatArray) -> FloatArray:
+        weights = np.exp(log_weights - log_weights.max())
+        return z[rng.choice(len(z), 1000, p=weights / weights.sum())]
+
+    found = tail_probability(phi, *without(model, 0, drawn(by_member.sum(axis=1)), rng))
+    others = model.prior.to_parameters(drawn(by_member[:, 1:].sum(axis=1)))
+    exact = tail_probability(phi, *model.split(others))
     assert found[0] < 0.005 < found[1]
+    assert found == pytest.approx(exact, rel=0.3, abs=0.003)
     fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), found)
     words = warnings_of(known.model, [fine] * 6, 0.0)
     assert all("does it belong to this population" in w and "a (" in w for w in words)

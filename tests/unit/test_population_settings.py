@@ -116,6 +116,45 @@ def test_a_mistake_is_one_sentence(folder: Path, changed: dict[str, object], sai
     assert len(found.splitlines()) == 1
 
 
+def ogden(folder: Path, spread: object, priors: object = None, others: object = None) -> str:
+    """What is said of a population whose modulus changes its sign with the exponent."""
+    path = config(
+        folder,
+        candidate="ogden_1",
+        parameters=["mu_1", "alpha_1"],
+        spread={"mu_1": {"distribution": "halfnormal", "sd": spread}},
+    )
+    content = yaml.safe_load(path.read_text())
+    for name, study in content["studies"].items():
+        study["candidates"] = ["ogden_1"]
+        given = priors if name == "strip_a" else others
+        study.update({} if given is None else {"priors": given})
+    path.write_text(yaml.safe_dump(content))
+    return faults(path)
+
+
+POSITIVE = {
+    "alpha": {"distribution": "uniform", "lower": 1, "upper": 10},
+    "sigma_white": {"distribution": "lognormal", "median": 1, "sigma": 1},
+}
+
+
+def test_a_spread_has_the_unit_that_the_fit_takes_it_in(folder: Path) -> None:
+    assert ogden(folder, "20 kPa") == ""
+    assert "spread.mu_1" in ogden(folder, "20 kPa", POSITIVE, POSITIVE)
+    assert ogden(folder, 0.1, POSITIVE, POSITIVE) == ""
+
+
+def test_a_bare_number_is_no_spread_of_what_has_a_unit(folder: Path) -> None:
+    assert "spread.mu_1: mu_1 can be negative, so its spread is in Pa" in ogden(folder, 0.1)
+
+
+def test_a_parameter_has_one_sign_in_all_studies(folder: Path) -> None:
+    found = ogden(folder, 0.1, POSITIVE)
+    assert "mu_1 can be negative in strip_b, strip_c but not in strip_a" in found
+    assert "alpha_1 can be negative in strip_b, strip_c but not in strip_a" in found
+
+
 def test_a_study_may_not_take_the_populations_folder(folder: Path) -> None:
     path = config(folder)
     path.write_text(path.read_text().replace("  again:", "  Populations:"))

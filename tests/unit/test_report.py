@@ -13,7 +13,11 @@ from tests.unit.fake_results import Fake, write_study
 from deabayes import figures
 from deabayes.figures.results import StudyResults
 from deabayes.report import build, notices
-from deabayes.report.notices import noise_at_its_bound
+from deabayes.report.notices import (
+    noise_at_its_bound,
+    noise_diagnostic_only,
+    noise_took_physics,
+)
 from deabayes.report.page import verdict
 from deabayes.report.tables import parameters
 
@@ -217,3 +221,37 @@ def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
     (notice,) = noise_at_its_bound(results)
     assert notice.serious
     assert notice.details[0].startswith("relaxation.tau_ou: 30")
+
+
+@pytest.mark.parametrize("noise", ["ornstein_uhlenbeck", "matern32", "ar1"])
+def test_the_notices_on_noise_know_every_model(tmp_path: Path, noise: str) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise, correlated_noise=40e3)
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    (notice,) = noise_took_physics(results)
+    assert notice.serious and "correlated noise stands for" in notice.details[0]
+    assert not list(noise_diagnostic_only(results))
+    (length,) = (n for n in results.names("noise") if ".tau_" in n)
+    results.prior[length].values[:] *= 0.1
+    (notice,) = noise_at_its_bound(results)
+    assert re.match(rf"{length}: \d.* s, at the longest", notice.details[0])
+
+
+@pytest.mark.parametrize(("noise", "title"), [("white", "White"), ("student_t", "Student t")])
+def test_noise_for_diagnosis_only_is_said(tmp_path: Path, noise: str, title: str) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise)
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    (notice,) = noise_diagnostic_only(results)
+    assert notice.title == f"{title} noise"
+    assert "diagnostic only" in notice.details[0]
+    assert not list(noise_took_physics(results))
+    assert not list(noise_at_its_bound(results))
+
+
+def test_a_bound_of_noise_along_the_grid_is_in_points(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",))
+    results = StudyResults(write_study(tmp_path, fake)).recommended
+    results.prior["relaxation.tau_ou"].values[:] *= 0.1
+    results.posterior["relaxation.tau_ou"].attrs["unit"] = "1"
+    results.attributes["study"]["noise_coordinate"] = "grid"
+    (notice,) = noise_at_its_bound(results)
+    assert " points, at the longest" in notice.details[0]

@@ -113,7 +113,8 @@ def of_specimens(
     own = shrunken = unreliable = 0
     ratios = []
     for index, (member, truth) in enumerate(zip(model.members, truths, strict=True)):
-        found = shrink(model, index, centres[::4], spreads[::4])
+        draws = centres[::4], spreads[::4]
+        found = shrink(model, index, *draws, draws)
         after = member.phi[rng.choice(len(member.phi), DRAWS, p=found.weights)]
         unreliable += not found.reliable
         own, shrunken = own + inside(member.phi, truth), shrunken + inside(after, truth)

@@ -50,8 +50,9 @@ class Laplace(NoiseModel):
         white = rng.laplace(0.0, scale)
         return np.zeros_like(white), white
 
-    def correlated_share(self, draws, weights=None):
-        return np.zeros_like(draws["sigma_white"], dtype=float)
+    def variances(self, draws, weights):
+        white = 2.0 * np.asarray(draws["sigma_white"], dtype=float) ** 2 * np.mean(weights)
+        return np.zeros_like(white), white
 '''
 YEOH = '''
 """Yeoh spring: powers of the first invariant."""

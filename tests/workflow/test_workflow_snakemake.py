@@ -9,8 +9,10 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from snakemake.exceptions import WorkflowError
 
 from deabayes.commands.by_hand import weigh_experiments
 from deabayes.pipeline import compare_candidates
@@ -59,6 +61,29 @@ def snakemake(
         },
         check=False,
     )
+
+
+class Remote:
+    """A workflow under a remote executor that was told no number of cores."""
+
+    @property
+    def cores(self) -> int:
+        raise WorkflowError("Workflow requires a total number of cores to be defined")
+
+
+def test_pooling_needs_no_number_of_cores() -> None:
+    text = (ROOT / "workflow" / "rules" / "common.smk").read_text()
+    (function,) = re.findall(r"^def pooling_threads.*?(?=^def )", text, re.DOTALL | re.MULTILINE)
+    of_four = SimpleNamespace(ensembles=["1.nc", "2.nc", "3.nc", "4.nc"])
+    for workflow, expected in (
+        (Remote(), 4),
+        (SimpleNamespace(cores=None), 4),
+        (SimpleNamespace(cores=2), 1),
+        (SimpleNamespace(cores=6), 3),
+    ):
+        names = {"workflow": workflow, "WorkflowError": WorkflowError}
+        exec(function, names)
+        assert names["pooling_threads"](None, of_four) == expected
 
 
 @pytest.fixture

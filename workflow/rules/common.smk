@@ -178,8 +178,12 @@ def inherited_posterior(wildcards):
 
 def pooling_threads(wildcards, input):
     """Half of the cores, one ensemble each: a pool does not sample all the time it runs."""
-    cores = workflow.cores or 2 * len(input.ensembles)
-    return max(1, min(cores // 2, len(input.ensembles)))
+    most = len(input.ensembles)
+    try:
+        cores = workflow.cores
+    except WorkflowError:  # of a remote executor, which may be told of none
+        cores = None
+    return max(1, min(cores // 2, most)) if cores else most
 
 
 def ensembles_of(wildcards):

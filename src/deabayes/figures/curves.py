@@ -27,6 +27,11 @@ def line(index: int) -> str:
     return LINES[index % len(LINES)]
 
 
+def marker(index: int) -> str:
+    """Marker of the index-th candidate; another one where its colour comes round again."""
+    return style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)]
+
+
 def names(curves: xr.Dataset) -> list[str]:
     """Candidates of a data set, those that did not converge named so."""
     pairs = zip(curves["candidate"].values, curves["converged"].values, strict=True)

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import style
+from deabayes.figures import curves, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -55,8 +55,7 @@ def _panel(
         reach = [centre - rows["e_rms_q05"], rows["e_rms_q95"] - centre]
         ax.errorbar(
             centre, np.arange(len(rows)) + offsets[index], xerr=np.clip(reach, 0, None),
-            fmt=style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)],
-            color=style.SERIES[index % len(style.SERIES)],
+            fmt=curves.marker(index), color=curves.colour(index),
             markerfacecolor="white" if candidate in unconverged else None, elinewidth=0.8,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip

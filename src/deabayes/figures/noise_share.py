@@ -17,10 +17,10 @@ SCOPE = "candidate"
 TITLE = "What the noise model took"
 CAPTION = (
     "Left: share of each calibration record's variance that the correlated noise and the white "
-    "noise stand for (median, 90 % interval). Right: the noise's correlation time, or length along "
-    "the coordinate of a record without time, against the record's length; where records differ "
-    "in coordinate, as a share of it. A large share with a long time is physics that the candidate "
-    "lacks."
+    "noise of its points stand for (median, 90 % interval). Right: the noise's correlation time, "
+    "or length along the coordinate of a record without time or in points of its grid, against the "
+    "record's length; where records differ in coordinate, as a share of it. A large share with a "
+    "long time is physics that the candidate lacks."
 )
 ALARMING = 0.1
 
@@ -55,30 +55,31 @@ def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, Float
     """Record -> {`correlated`, `white`} -> (low, median, high) shares of the record's variance."""
     shares: dict[str, Mapping[str, FloatArray]] = {}
     for name, prediction in results.predictions.items():
-        group = results.noise_group(name)
-        if (
-            prediction.attrs["role"] != "calibrate"
-            or f"{group}.sigma_white" not in results.posterior
-        ):
+        if prediction.attrs["role"] != "calibrate":
             continue
         record, observed = results.records.get(name, {}), prediction["observed"].values
         relative = results.settings.get("noise_scale") == "range"
         scale = float(record.get("scale", np.ptp(observed) if relative else 1.0))
         if record.get("proportional", False):
             observed = np.log(observed)
+        weights = 1.0 / results.study.experiments[name].samples_averaged
+        variances = results.noise.variances(results.noise_draws(name), weights)
         shares[name] = {
-            kind: _quantiles((results.posterior[parameter].values * scale) ** 2 / observed.var())
-            for kind, parameter in (
-                ("correlated", f"{group}.sigma_ou"),
-                ("white", f"{group}.sigma_white"),
-            )
-            if parameter in results.posterior
+            kind: _quantiles(variance * scale**2 / observed.var())
+            for kind, variance in zip(("correlated", "white"), variances, strict=True)
+            if np.any(variance > 0.0)
         }
     return shares
 
 
+def _along_grid(results: CandidateResults) -> bool:
+    """Whether noise is correlated along the points of a record and not along its coordinate."""
+    return results.settings.get("noise_coordinate") == "grid"
+
+
 def _quantiles(values: FloatArray) -> FloatArray:
-    return np.nanquantile(values, [0.05, 0.5, 0.95])
+    with np.errstate(invalid="ignore"):  # of infinite variances
+        return np.nanquantile(values, [0.05, 0.5, 0.95])
 
 
 def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
@@ -91,6 +92,8 @@ def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
 
 def _coordinates(results: CandidateResults, names: list[str]) -> tuple[dict[str, float], str]:
     """What each record's coordinate is divided by, and the label of the axis."""
+    if _along_grid(results):
+        return dict.fromkeys(names, 1.0), "points of the grid"
     axes = {name: results.predictions[name]["coordinate"] for name in names}
     spans = {name: float(np.ptp(axis.values)) for name, axis in axes.items()}
     kinds = {(str(a.attrs.get("name", "time")), str(a.attrs.get("units", "s")))
@@ -103,10 +106,10 @@ def _coordinates(results: CandidateResults, names: list[str]) -> tuple[dict[str,
 
 
 def _times(ax: Axes, row: int, results: CandidateResults, name: str, unit: float) -> None:
-    coordinate = results.predictions[name]["coordinate"].values / unit
-    ax.plot(np.ptp(coordinate), row, "|", color=style.BLACK, markersize=6, label="record's length")
-    parameter = f"{results.noise_group(name)}.tau_ou"
-    if parameter in results.posterior:
-        low, median, high = _quantiles(results.posterior[parameter].values / unit)
+    coordinate = results.predictions[name]["coordinate"].values
+    length = coordinate.size - 1 if _along_grid(results) else np.ptp(coordinate) / unit
+    ax.plot(length, row, "|", color=style.BLACK, markersize=6, label="record's length")
+    if results.noise.length:
+        low, median, high = _quantiles(results.noise_draws(name)[results.noise.length] / unit)
         ax.errorbar(median, row, xerr=[[median - low], [high - median]], fmt="s", color=style.BLUE,
                     elinewidth=0.9, label="correlation time or length")  # fmt: skip

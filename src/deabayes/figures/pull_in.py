@@ -65,7 +65,7 @@ def _steady(ax: Axes, steady: xr.Dataset) -> None:
 def _ends(ax: Axes, ends: pd.DataFrame, highest: float) -> None:
     for k, (_, row) in enumerate(ends.iterrows()):
         reach = [[row["pull_in_kV"] - row["pull_in_q05"]], [row["pull_in_q95"] - row["pull_in_kV"]]]
-        ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=style.MARKERS[k], capsize=2,
+        ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=curves.marker(k), capsize=2,
                     color=curves.colour(k), elinewidth=0.9)  # fmt: skip
         ax.text(row["pull_in_kV"], k - 0.18, f"{short(row['fold_percent'], 2)} % fold",
                 ha="center", va="bottom", fontsize=5.5, color=style.GREY)  # fmt: skip

@@ -79,7 +79,7 @@ def _shares(ax: Axes, stages: pd.DataFrame, record: xr.Dataset) -> None:
         x = np.arange(len(order)) + curves.spread(k, len(candidates), 0.18)
         middle = rows["predicted_percent"].to_numpy()
         reach = np.abs([middle - rows["predicted_q05"], rows["predicted_q95"] - middle])
-        ax.errorbar(x, middle, yerr=reach, fmt=style.MARKERS[k], color=curves.colour(k),
+        ax.errorbar(x, middle, yerr=reach, fmt=curves.marker(k), color=curves.colour(k),
                     markersize=2.5, elinewidth=0.8)  # fmt: skip
     measured = stages[stages["candidate"] == candidates[0]].set_index("stage").loc[order]
     ax.bar(np.arange(len(order)), measured["measured_percent"], width=0.7, zorder=0,

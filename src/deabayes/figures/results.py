@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from deabayes.experiment import Experiment
+    from deabayes.experiment import Experiment, FloatArray
+    from deabayes.noise.base import NoiseModel
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,19 @@ class CandidateResults:
         by_experiment = self.settings.get("noise_groups") == "experiment"
         fallback = experiment if by_experiment else attributes["protocol"]
         return str(attributes.get("noise_group", fallback))
+
+    @property
+    def noise(self) -> NoiseModel:
+        """The model of the noise that the candidate was fitted with."""
+        from deabayes.noise import REGISTRY as NOISE_MODELS
+
+        return NOISE_MODELS[str(self.attributes["noise"])]()
+
+    def noise_draws(self, experiment: str) -> dict[str, FloatArray]:
+        """An experiment's noise parameters, by the noise model's own names, (W,) each."""
+        group = f"{self.noise_group(experiment)}."
+        names = [name for name in self.names("noise") if name.startswith(group)]
+        return {name.removeprefix(group): self.posterior[name].values.ravel() for name in names}
 
 
 def _table(path: Path) -> pd.DataFrame | None:

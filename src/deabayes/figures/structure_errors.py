@@ -49,7 +49,7 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
         ax.vlines(place, *ends, color=curves.colour(k), linewidth=0.9)
         fitted = (own[f"role_{voltage}"] == "calibrate").to_numpy()
         for part, fill in ((fitted, curves.colour(k)), (~fitted, "white")):
-            ax.plot(place[part], value[part], linestyle="none", marker=style.MARKERS[k],
+            ax.plot(place[part], value[part], linestyle="none", marker=curves.marker(k),
                     color=curves.colour(k), markerfacecolor=fill, markersize=3.5)  # fmt: skip
     printed = table.drop_duplicates("frequency_Hz")
     ax.plot(printed["frequency_Hz"], printed[f"paper_e_rms_{voltage}_percent"], "x",
@@ -62,7 +62,7 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
 def _handles(table: pd.DataFrame) -> list[Line2D]:
     pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
     entries = [
-        Line2D([], [], color=curves.colour(k), marker=style.MARKERS[k], linestyle="none",
+        Line2D([], [], color=curves.colour(k), marker=curves.marker(k), linestyle="none",
                label=f"{name}" + ("" if converged else " (not converged)"))
         for k, (name, converged) in enumerate(pairs)
     ]  # fmt: skip

@@ -62,7 +62,7 @@ def _points(ax: Axes, table: pd.DataFrame, quantities: list[str], column: str) -
         own = table[table["candidate"] == name].set_index("quantity")[column]
         rows = [(i, own[q]) for i, q in enumerate(quantities) if q in own.index]
         place = np.array([i for i, _ in rows]) + curves.spread(k, len(names))
-        ax.plot([value for _, value in rows], place, style.MARKERS[k], color=curves.colour(k),
+        ax.plot([value for _, value in rows], place, curves.marker(k), color=curves.colour(k),
                 markersize=3.5)  # fmt: skip
     for i in range(len(quantities)):
         ax.axhline(i, color=style.LIGHT_GREY, linewidth=0.4, zorder=0)
@@ -71,7 +71,7 @@ def _points(ax: Axes, table: pd.DataFrame, quantities: list[str], column: str) -
 def _handles(table: pd.DataFrame) -> list[Line2D]:
     pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
     return [
-        Line2D([], [], color=curves.colour(k), marker=style.MARKERS[k], linestyle="none",
+        Line2D([], [], color=curves.colour(k), marker=curves.marker(k), linestyle="none",
                label=f"{name}" + ("" if converged else " (not converged)"))
         for k, (name, converged) in enumerate(pairs)
     ]  # fmt: skip

@@ -74,14 +74,14 @@ def _rates(ax: Axes, records: list[xr.Dataset], candidate: int) -> None:
                 alpha=0.22, linewidth=0)  # fmt: skip
         ax.plot(volts, median, color=curves.colour(k), linestyle=curves.line(k))
         ax.plot(volts[::4], 1e3 * record["measured"].values[-1][::4], linestyle="none",
-                marker=style.MARKERS[k], markersize=2.2, color=curves.colour(k),
+                marker=curves.marker(k), markersize=2.2, color=curves.colour(k),
                 markeredgecolor=style.BLACK, markeredgewidth=0.3)  # fmt: skip
 
 
 def _handles(shown: list[xr.Dataset]) -> list[Line2D | Patch]:
     rates = list(dict.fromkeys(short(float(r.attrs["frequency_Hz"]), 2) for r in shown))
     entries: list[Line2D | Patch] = [
-        Line2D([], [], color=curves.colour(k), linestyle=curves.line(k), marker=style.MARKERS[k],
+        Line2D([], [], color=curves.colour(k), linestyle=curves.line(k), marker=curves.marker(k),
                markersize=2.5, label=f"{rate} Hz")
         for k, rate in enumerate(rates)
     ]  # fmt: skip

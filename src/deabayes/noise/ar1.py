@@ -19,6 +19,7 @@ class AutoRegressive(OrnsteinUhlenbeck):
     """
 
     name = "ar1"
+    length = "tau_ar1"
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
@@ -38,5 +39,6 @@ class AutoRegressive(OrnsteinUhlenbeck):
             }
         )
 
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        return np.ones_like(variance(draws["sigma_ar1"]))
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        correlated = variance(draws["sigma_ar1"])
+        return correlated, np.zeros_like(correlated)

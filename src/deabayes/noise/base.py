@@ -33,6 +33,8 @@ class NoiseModel(ABC):
     """Whether its intervals are known to be too narrow for densely sampled records."""
     adding: ClassVar[tuple[str, ...]] = ()
     """The standard deviations of its white and its correlated part, where it has both."""
+    length: ClassVar[str] = ""
+    """The parameter that is its correlation length, where it has one."""
 
     @abstractmethod
     def parameters(
@@ -81,13 +83,8 @@ class NoiseModel(ABC):
         """One sample per draw: (discrepancy (W, N), white (W, N)); their sum is the residual."""
 
     @abstractmethod
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        """Share of the noise variance taken by its correlated part, (W,), in [0, 1].
-
-        Parameters
-        ----------
-        weights : of the record's points; by default one raw sample's.
-        """
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of its correlated and of its white part, (W,) each, on average over a record's points."""
 
 
 def contiguous(values: FloatArray) -> FloatArray:

@@ -39,10 +39,6 @@ def correlated_amplitude(name: str, symbol: str, unit: str, scale: float) -> Par
     )
 
 
-CORRELATION_LENGTHS = ("tau_ou", "tau_matern", "tau_ar1")
-"""What the noise models call theirs."""
-
-
 def correlation_length(name: str, symbol: str, coordinate_unit: str, span: float) -> Parameter:
     """Correlation time (or length) with 95 % of its prior below a tenth of the record.
 

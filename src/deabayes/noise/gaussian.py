@@ -46,13 +46,6 @@ def white_sample(
     return sigma_white[:, None] * np.sqrt(weights) * normal
 
 
-def share(correlated: FloatArray, white: FloatArray, weights: FloatArray | None) -> FloatArray:
-    """correlated / (correlated + white mean(w)) of variances (W,); NaN where both are 0."""
-    averaged = white if weights is None else white * np.mean(weights)
-    with np.errstate(all="ignore"):
-        return correlated / (correlated + averaged)
-
-
 def _whole_rows(values: FloatArray, residuals: FloatArray) -> FloatArray:
     """NaN in every row whose residuals are not all finite."""
     values[~np.all(np.isfinite(residuals), axis=1)] = np.nan

@@ -11,7 +11,7 @@ from deabayes.noise.default_priors import (
     correlation_length,
     white_amplitude,
 )
-from deabayes.noise.gaussian import GaussianNoise, share, white_sample
+from deabayes.noise.gaussian import GaussianNoise, white_sample
 from deabayes.parameter import Parameter
 
 
@@ -25,6 +25,7 @@ class Matern32(GaussianNoise):
 
     name = "matern32"
     adding = ("sigma_white", "sigma_matern")
+    length = "tau_matern"
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
@@ -68,5 +69,5 @@ class Matern32(GaussianNoise):
         )
         return discrepancy, white_sample(rng, weights, np.sqrt(white))
 
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        return share(variance(draws["sigma_matern"]), variance(draws["sigma_white"]), weights)
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return variance(draws["sigma_matern"]), variance(draws["sigma_white"]) * np.mean(weights)

@@ -11,7 +11,7 @@ from deabayes.noise.default_priors import (
     correlation_length,
     white_amplitude,
 )
-from deabayes.noise.gaussian import GaussianNoise, share, white_sample
+from deabayes.noise.gaussian import GaussianNoise, white_sample
 from deabayes.parameter import Parameter
 
 
@@ -25,6 +25,7 @@ class OrnsteinUhlenbeck(GaussianNoise):
 
     name = "ornstein_uhlenbeck"
     adding = ("sigma_white", "sigma_ou")
+    length = "tau_ou"
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
@@ -77,5 +78,5 @@ class OrnsteinUhlenbeck(GaussianNoise):
         discrepancy = simulate_exponential(normal, steps, correlated, rates)
         return discrepancy, white_sample(rng, weights, np.sqrt(white))
 
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        return share(variance(draws["sigma_ou"]), variance(draws["sigma_white"]), weights)
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return variance(draws["sigma_ou"]), variance(draws["sigma_white"]) * np.mean(weights)

@@ -79,5 +79,9 @@ class StudentT(NoiseModel):
         student = rng.standard_t(freedom, (sigma.shape[0], len(coordinate)))
         return np.zeros_like(student), sigma * np.sqrt(weights) * student
 
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        return np.zeros_like(draws["sigma_white"], dtype=float)
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        freedom = np.asarray(draws["degrees_of_freedom"], dtype=float)
+        with np.errstate(all="ignore"):
+            wider = np.where(freedom > 2.0, freedom / (freedom - 2.0), np.inf)
+        white = variance(draws["sigma_white"]) * np.mean(weights) * wider
+        return np.zeros_like(white), white

@@ -51,5 +51,6 @@ class White(GaussianNoise):
         white = white_sample(rng, weights, draws["sigma_white"])
         return np.zeros_like(white), white
 
-    def correlated_share(self, draws: Draws, weights: FloatArray | None = None) -> FloatArray:
-        return np.zeros_like(draws["sigma_white"], dtype=float)
+    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        white = variance(draws["sigma_white"]) * np.mean(weights)
+        return np.zeros_like(white), white

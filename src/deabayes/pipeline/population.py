@@ -90,10 +90,11 @@ def content_of(
 
     z, log_posterior = thinned(pooled)
     shape = z.shape[:2]
-    theta = model.prior.to_parameters(z.reshape(-1, z.shape[2]))
+    z = z.reshape(-1, z.shape[2])
+    theta = model.prior.to_parameters(z)
     centres, spreads = model.split(theta)
     new, outside = new_specimens(model, centres, spreads, rng)
-    shrunken = _shrunken(model, centres, spreads, rng)
+    shrunken = _shrunken(model, z, rng)
     rows = rng.choice(len(model.members[0].phi), len(theta), p=shrunken[0].weights)
     return PopulationContent(
         population,
@@ -109,14 +110,13 @@ def content_of(
     )
 
 
-def _shrunken(
-    model: PopulationModel, centres: FloatArray, spreads: FloatArray, rng: np.random.Generator
-) -> list[Shrunken]:
-    from deabayes.population.specimens import shrink
+def _shrunken(model: PopulationModel, z: FloatArray, rng: np.random.Generator) -> list[Shrunken]:
+    from deabayes.population.specimens import shrink, without
 
-    picked = rng.choice(len(centres), min(WEIGHING_DRAWS, len(centres)), replace=False)
+    some = rng.choice(z, min(WEIGHING_DRAWS, len(z)), replace=False)
+    draws = model.split(model.prior.to_parameters(some))
     return [
-        shrink(model, index, centres[picked], spreads[picked])
+        shrink(model, index, *draws, without(model, index, some, rng))
         for index in range(len(model.members))
     ]
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from deabayes.distribution_settings import from_settings
+from deabayes.distributions import REGISTRY
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
+from deabayes.population.coordinate import Coordinate
 from deabayes.population.settings import Population
 from deabayes.prior import Prior
-from deabayes.study import Study
+from deabayes.study import Settings, Study
 
 FEWEST_SPECIMENS = 3
 """Of two, the spread would be its prior's."""
@@ -52,18 +54,18 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
             f"{nearest(population.candidate, without[0].candidates)}"
         )
     if members and not without:
-        faults += _parameter_faults(population, members[0], where)
+        faults += _parameter_faults(population, members, where)
     return faults
 
 
-def _parameter_faults(population: Population, study: Study, where: str) -> list[str]:
+def _parameter_faults(population: Population, members: Sequence[Study], where: str) -> list[str]:
     """What is wrong with the names of parameters, and with the priors of their spread."""
-    from deabayes.reading.specimen import read_specimen
-    from deabayes.systems import build
-
-    specimen = read_specimen(study.specimen)
-    parameters = build(specimen.system, population.candidate, specimen).parameters()
-    known = {parameter.name: parameter for parameter in parameters}
+    try:
+        coordinates = {s.name: _coordinate(s, population.candidate) for s in members}
+    except UserError as error:
+        return [f"{where}, {fault}" for fault in str(error).splitlines()]
+    coordinate = coordinates[members[0].name]
+    parameters, known = coordinate.parameters, coordinate.names
     faults = []
     for name in population.parameters:
         if name in known:
@@ -81,10 +83,41 @@ def _parameter_faults(population: Population, study: Study, where: str) -> list[
         check_whole_groups(parameters, population.parameters)
     except UserError as error:
         faults += [f"{where}, parameters: {fault}" for fault in str(error).splitlines()]
-    return faults + _spread_faults(population, known, where)
+    faults += _sign_faults(population, coordinates, where)
+    return faults + _spread_faults(population, coordinate, where)
 
 
-def _spread_faults(population: Population, known: Mapping[str, Parameter], where: str) -> list[str]:
+def _coordinate(study: Study, candidate: str) -> Coordinate:
+    """Of all parameters of a candidate, whose priors are the study's own."""
+    from deabayes.reading.specimen import read_specimen
+    from deabayes.systems import build
+
+    specimen = read_specimen(study.specimen)
+    parameters = build(specimen.system, candidate, specimen).parameters()
+    # Priors of noise and of other candidates are in the settings too.
+    prior = Prior.from_parameters(parameters, study.priors, also_known=study.priors)
+    return Coordinate.of(prior.parameters)
+
+
+def _sign_faults(
+    population: Population, coordinates: Mapping[str, Coordinate], where: str
+) -> list[str]:
+    """Parameters that one study's priors keep positive and another's do not."""
+    signed: dict[str, list[str]] = {}
+    for study, coordinate in coordinates.items():
+        for name, logarithmic in zip(coordinate.names, coordinate.logarithmic, strict=True):
+            if name in population.parameters and not logarithmic:
+                signed.setdefault(name, []).append(study)
+    return [
+        f"{where}, parameters: {name} can be negative in {', '.join(studies)} but not in "
+        f"{', '.join(s for s in coordinates if s not in studies)}; give it priors of one sign"
+        for name, studies in signed.items()
+        if len(studies) < len(coordinates)
+    ]
+
+
+def _spread_faults(population: Population, coordinate: Coordinate, where: str) -> list[str]:
+    units = dict(zip(coordinate.names, coordinate.spread_units, strict=True))
     faults = []
     for name, settings in population.spread.items():
         place = f"{where}, spread.{name}"
@@ -92,14 +125,24 @@ def _spread_faults(population: Population, known: Mapping[str, Parameter], where
             faults.append(f"{place}: it is not among the parameters; add it there or remove it")
             continue
         try:
-            unit = "1" if known[name].prior.support[0] >= 0.0 else known[name].unit
-            prior = from_settings(settings, unit, place)
+            prior = from_settings(settings, units[name], place)
         except UserError as error:
             faults += str(error).splitlines()
             continue
         if prior.support[0] < 0.0:
             faults.append(f"{place}: a spread is not negative; give halfnormal, for example")
+        if units[name] != "1" and _bare_numbers(settings):
+            faults.append(
+                f"{place}: {name} can be negative, so its spread is in {units[name]} and no "
+                f"relative one; give it with its unit, such as '2 {units[name]}'"
+            )
     return faults
+
+
+def _bare_numbers(settings: Settings) -> bool:
+    """Whether a setting that has a unit was given without one."""
+    plain = {"distribution", *REGISTRY[str(settings["distribution"])].dimensionless}
+    return any(not isinstance(value, str) for key, value in settings.items() if key not in plain)
 
 
 def check_whole_groups(parameters: Sequence[Parameter], names: Sequence[str]) -> None:

@@ -10,6 +10,9 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.parameter import Parameter
 
+OF_LOGARITHM = "of the logarithm, about a relative one"
+"""In the description of a spread that may be read as per cent."""
+
 
 @dataclass(frozen=True)
 class Coordinate:

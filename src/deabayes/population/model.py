@@ -12,7 +12,7 @@ from deabayes.distribution_settings import from_settings
 from deabayes.distributions import Distribution, HalfNormal, LogNormal, Normal
 from deabayes.experiment import FloatArray
 from deabayes.parameter import Parameter
-from deabayes.population.coordinate import Coordinate
+from deabayes.population.coordinate import OF_LOGARITHM, Coordinate
 from deabayes.population.kernel import log_marginals
 from deabayes.population.member import Member
 from deabayes.prior import Prior
@@ -153,7 +153,7 @@ def _spread_parameter(
     prior: Distribution = HalfNormal(scale)
     if settings is not None:
         prior = from_settings(settings, unit, f"spread.{p.name}")
-    what = "of the logarithm, about a relative one" if logarithmic else "between specimens"
+    what = OF_LOGARITHM if logarithmic else "between specimens"
     return Parameter(
         SPREAD + p.name,
         rf"\mathrm{{spread}}\,{p.symbol}",

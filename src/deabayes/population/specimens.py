@@ -11,7 +11,7 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.power_scaling import EVEN, UNRELIABLE_K_HAT
+from deabayes.power_scaling import UNRELIABLE_K_HAT
 
 FEWEST_EFFECTIVE = 100.0
 LARGEST_MISFIT = 0.05
@@ -49,7 +49,11 @@ class Shrunken:
 
 
 def shrink(
-    model: PopulationModel, index: int, centres: FloatArray, spreads: FloatArray
+    model: PopulationModel,
+    index: int,
+    centres: FloatArray,
+    spreads: FloatArray,
+    others: tuple[FloatArray, FloatArray],
 ) -> Shrunken:
     r"""Weigh a member's draws by what the population says of them.
 
@@ -66,6 +70,7 @@ def shrink(
     Parameters
     ----------
     centres, spreads : (T, d) draws of m and s.
+    others : the same of what all members but this one say of them (see `without`).
     """
     member = model.members[index]
     evidence = model.log_likelihood(centres, spreads)[:, index]
@@ -82,25 +87,43 @@ def shrink(
         kish * min(member.independent / len(weights), 1.0),
         k_hat,
         np.mean(variances / (variances + spreads**2), axis=0),
-        tail_probability(member.phi, centres, spreads, evidence),
+        tail_probability(member.phi, *others),
     )
 
 
-def tail_probability(
-    phi: FloatArray, centres: FloatArray, spreads: FloatArray, evidence: FloatArray
-) -> FloatArray:
+def without(
+    model: PopulationModel, index: int, z: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Draws (T, d) of m and s as all members but one have them, from draws z (T, 2 d) of all.
+
+    Weighting the draws does not do: a specimen that does not belong has widened the population
+    for all of them, and those that the others alone would give are not there.
+    """
+    from deabayes.sampling.smc import anneal, log_standard_normal
+
+    def split(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return model.split(model.prior.to_parameters(z))
+
+    found = anneal(
+        z,
+        lambda z: log_standard_normal(z) + model.log_likelihood_of_normal(z),
+        lambda z: -model.log_likelihood(*split(z))[:, index],
+        rng,
+    )
+    return split(found.particles)
+
+
+def tail_probability(phi: FloatArray, centres: FloatArray, spreads: FloatArray) -> FloatArray:
     r"""How far out a specimen lies among the others, (d,): 2 min(P, 1 - P).
 
-    P = E[Phi((phi_i - m) / s)] over its own posterior and p(m, s | y without i) ~ p(m, s | y) /
-    p(y_i | m, s), by Pareto-smoothed weights of the draws (T, d) of m and s. Its own uncertainty
-    is in it, which keeps a badly known specimen from standing out.
+    P = E[Phi((phi_i - m) / s)] over its own posterior and the others' draws (T, d) of m and s. Its
+    own uncertainty is in it, which keeps a badly known specimen from standing out.
     """
     from scipy.special import ndtr
 
-    weights, _ = _smoothed(-evidence) if np.ptp(evidence) > EVEN else (np.ones(len(evidence)), 0.0)
     some = phi[np.linspace(0, len(phi) - 1, min(TAIL_DRAWS, len(phi))).astype(int)]
     below = ndtr((some[None] - centres[:, None]) / spreads[:, None]).mean(axis=1)
-    share = np.average(below, axis=0, weights=weights)
+    share = below.mean(axis=0)
     return np.asarray(2.0 * np.minimum(share, 1.0 - share))
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
+from deabayes.figures.quantities import plain
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.noise.default_priors import CORRELATION_LENGTHS
 
 FAILED_SHARE = 0.001
 NARROW_COVERAGE = 0.7
@@ -107,12 +107,13 @@ def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
 def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
     """Correlated noise that would last longer than its prior lets it."""
     details = []
+    along_grid = results.settings.get("noise_coordinate") == "grid"
     for name in results.names("noise"):
-        if not name.endswith(CORRELATION_LENGTHS) or name not in results.prior:
+        if name.rpartition(".")[2] != results.noise.length or name not in results.prior:
             continue
         prior, found = results.prior[name].values, results.posterior[name].values
         if np.median(found) > np.quantile(prior, NEAR_THE_BOUND):
-            unit = results.label(name)["unit"]
+            unit = "points" if along_grid else results.label(name)["unit"]
             details.append(
                 f"{name}: {np.median(found):.3g} {unit}, at the longest that its prior allows; "
                 "what the model leaves lasts longer, so a process is missing and bands are too "
@@ -124,9 +125,10 @@ def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
 
 def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
     """Independent noise, whose intervals are too narrow."""
-    if results.attributes.get("noise") == "white":
+    if results.noise.diagnostic_only:
         text = "residuals are treated as independent: intervals are too narrow, diagnostic only"
-        yield _notice(results, "White noise", [text])
+        title = f"{plain(results.noise.name).capitalize()} noise"
+        yield _notice(results, title, [text])
 
 
 def set_by_prior(results: CandidateResults) -> Iterator[Notice]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import pandas as pd
 
 from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.quantities import display_unit, interval, short, symbol_html
-from deabayes.report.notices import Notice
+from deabayes.population.coordinate import OF_LOGARITHM
+from deabayes.report.notices import Notice, extrapolation, failures
 
 FIGURES = ("shrinkage", "new_specimen")
 
@@ -34,7 +36,7 @@ def _parameter(results: PopulationResults, name: str) -> dict[str, Any]:
     summary, label = results.summary, results.new_specimen.label(name)
     new, mean, spread = (summary.loc[p + name] for p in ("", "mean_", "spread_"))
     unit = display_unit(label["unit"], mean["median"], name)
-    relative = str(spread["unit"]) == "1"
+    relative = OF_LOGARITHM in results.new_specimen.label(f"spread_{name}")["description"]
     return {
         "name": name,
         "symbol": symbol_html(label["symbol"]),
@@ -72,6 +74,9 @@ def notices(results: PopulationResults) -> Iterator[Notice]:
     if not results.converged:
         reasons = tuple(results.new_specimen.convergence.get("reasons") or ())
         yield Notice(*where, "Population not converged: do not use these numbers", reasons)
+    for check in (extrapolation, failures):
+        for notice in check(results.new_specimen):
+            yield replace(notice, study=where[0], candidate=where[1])
     warnings = tuple(str(each) for each in results.attributes.get("warnings") or ())
     if warnings:
         yield Notice(*where, "Specimens and their population", warnings)
