@@ -124,3 +124,53 @@ def test_damaged_files(tmp_path: Path, name: str, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"copy"):
         read_record(path, columns=from_text("time [s]"))
+
+
+def write_groups(path: Path, groups: dict[str, dict[str, tuple[np.ndarray, dict]]]) -> Path:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        for group, channels in groups.items():
+            writer.write_segment(
+                [ChannelObject(group, n, v, properties=p) for n, (v, p) in channels.items()]
+            )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("other", "found"),
+    [
+        ({"wf_increment": 0.2, "wf_start_offset": 5.0}, "every 0.2 s, start 5 s"),
+        ({"wf_increment": 0.1, "wf_start_offset": 5.0}, "every 0.1 s, start 5 s"),
+        ({}, "not stated"),
+    ],
+)
+def test_tdms_channels_of_different_sampling(
+    tmp_path: Path, other: dict[str, float], found: str
+) -> None:
+    usual = {"wf_increment": 0.1, "wf_start_offset": 0.0}
+    channels = [("displacement [mm]", TIME, usual), ("force [N]", TIME, other)]
+    path = write_tdms(tmp_path / "a.tdms", channels)  # type: ignore[arg-type]
+    with pytest.raises(UserError) as caught:
+        read_record(path)
+    assert "channels displacement and force have different sampling" in str(caught.value)
+    assert "every 0.1 s, start 0 s" in str(caught.value) and found in str(caught.value)
+
+
+def test_tdms_channel_that_two_groups_have(tmp_path: Path) -> None:
+    sampling = {"wf_increment": 0.5, "wf_start_offset": 0.0}
+    path = write_groups(
+        tmp_path / "a.tdms",
+        {"run1": {"F": (TIME, sampling)}, "run2": {"F": (2 * TIME, sampling)}},
+    )
+    with pytest.raises(UserError, match=r"'F' is in groups run1 and run2; name one.*'run1/F = f"):
+        read_record(path, columns=from_text("time [s]; F = force [N]"))
+    record = read_record(path, columns=from_text("time [s]; run2/F = force [N]"))
+    np.testing.assert_allclose(record.columns["force"], 2 * TIME)
+    np.testing.assert_allclose(record.columns["time"], TIME)
+
+
+def test_tdms_channel_named_with_its_only_group(tmp_path: Path) -> None:
+    sampling = {"wf_increment": 0.5}
+    path = write_groups(tmp_path / "a.tdms", {"run1": {"u": (VOLTAGE_KV, sampling)}})
+    check(read_record(path, columns=from_text("time [ms]; run1/u = voltage [kV]")))

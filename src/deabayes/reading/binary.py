@@ -1,4 +1,4 @@
-"""Records in Excel, MATLAB and TDMS files."""
+"""Records in Excel and MATLAB files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def read_xlsx(path: Path, record_format: Mapping[str, Any] | None = None) -> Tab
     """Read the first sheet; its first row that is not empty is the ``name [unit]`` header."""
     from openpyxl import load_workbook
 
-    workbook = _opened(load_workbook, path, "an Excel file", read_only=True, data_only=True)
+    workbook = opened(load_workbook, path, "an Excel file", read_only=True, data_only=True)
     try:
         rows = [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
     finally:
@@ -45,32 +45,13 @@ def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
             "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
             "under record_format.columns in specimen.yaml"
         )
-    return _pick(path, columns, variables, "variable")
+    return pick(path, columns, variables, "variable")
 
 
-def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
-    """Read channels of a TDMS file; units from channel names or their `unit_string`."""
-    from nptdms import TdmsFile
-
-    channels: dict[str, NDArray[Any]] = {}
-    found: list[Column] = []
-    for group in _opened(TdmsFile.read, path, "a TDMS file").groups():
-        for channel in group.channels():
-            column = from_header([channel.name])[0]
-            unit = column.unit or channel.properties.get("unit_string")
-            found.append(Column(column.name, unit, source=channel.name))
-            channels[channel.name] = np.asarray(channel[:])
-            if "wf_increment" in channel.properties and "time" not in channels:
-                channels["time"] = channel.time_track()
-                found.append(Column("time", "s"))
-    if any(column.name == "time" and column.source for column in found):
-        found = [column for column in found if column.name != "time" or column.source]
-    return _pick(path, columns or found, channels, "channel")
-
-
-def _pick(
+def pick(
     path: Path, columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str
 ) -> Table:
+    """The arrays that `columns` name; `kind` is what the file calls one."""
     faults, picked, values = [], [], []
     for column in columns:
         name = column.source or column.name
@@ -94,7 +75,7 @@ def _mat_variables(path: Path) -> dict[str, NDArray[Any]]:
     import scipy.io
 
     try:
-        content = _opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
+        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
     except NotImplementedError:  # version 7.3 is HDF5
         import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
@@ -103,7 +84,7 @@ def _mat_variables(path: Path) -> dict[str, NDArray[Any]]:
     return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
 
 
-def _opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
+def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
     """`opener(path)`; these libraries raise many types for one fact, a damaged file."""
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; copy the record again")
