@@ -136,6 +136,23 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "unknown response": (table("force,first", "forse,first"), ["no response 'forse'", "'force'?"]),
     "missing table column": (table("role", "rolle"), ["column 'role' is missing", "'rolle'?"]),
+    **{
+        f"column {written}": (
+            table("stretch_rate_per_s", written),
+            [f"no model reads column {written!r}", f"did you mean {meant!r}?"],
+        )
+        for written, meant in {
+            "Load_g": "load_g",
+            "load_kg": "load_g",
+            "load": "load_g",
+            "Bias_kV": "bias_kV",
+            "voltage_V": "voltage_kV",
+            "frequency": "frequency_Hz",
+            "Amplitude_kV": "amplitude_kV",
+            "deformaton": "deformation",
+            "Prehistory": "prehistory",
+        }.items()
+    },
     "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
     "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
     "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),

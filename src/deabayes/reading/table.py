@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,11 @@ from deabayes.reading.text import DELIMITERS
 
 FILE = "experiments.csv"
 WITHOUT_TIME = ("quasi_static", "frequency_response")
+READ_BY_MODELS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV",
+                  "deformation", "prehistory", "columns")  # fmt: skip
+"""Columns that need not be there and count where they are."""
+ALIKE = 0.8
+"""Similarity from which another name is taken for a misspelt one of these (`load` for `load_g`)."""
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
@@ -48,6 +54,7 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
     faults = _header_faults(header, path)
     if faults:
         return [], faults
+    faults = _misspelt(header, path, system)
     rows: list[ExperimentRow] = []
     for line, values in zip(lines, cells, strict=True):
         where = f"{path}, line {line}"
@@ -120,6 +127,26 @@ def _header_faults(header: list[str], path: Path) -> list[str]:
         return [f"{path}: only one column found; separate columns with a comma, ';' or a tab"]
     repeated = [name for name, count in Counter(h for h in header if h).items() if count > 1]
     return faults + [f"{path}: column {name!r} occurs twice; remove one" for name in repeated]
+
+
+def _misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
+    """Columns that would be passed over for their spelling or unit.
+
+    A system of the user's own may read what it likes: only upper and lower case is checked.
+    """
+    from deabayes.systems import OWN
+
+    cutoff = 1.0 if system in OWN else ALIKE
+    spelling = {name.lower(): name for name in READ_BY_MODELS}
+    faults = []
+    for name in header:
+        meant = [spelling[n] for n in get_close_matches(name.lower(), spelling, 1, cutoff)]
+        if meant and name not in READ_BY_MODELS and meant[0] not in header:
+            faults.append(
+                f"{path}: no model reads column {name!r}; did you mean {meant[0]!r}? Rename it so, "
+                "with values in that unit, or give it a less similar name"
+            )
+    return faults
 
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:
