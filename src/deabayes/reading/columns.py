@@ -34,8 +34,8 @@ CHANNELS: Mapping[str, str] = {
 
 HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
-COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
-"""What begins a comment: a `#` that does not begin one of Excel's errors (`#N/A`, `#WERT!`)."""
+COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
+"""What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from deabayes.faults import Faults, UserError, nearest
 from deabayes.instruments import PROPERTIES
 from deabayes.reading.columns import CHANNELS
 from deabayes.reading.schema import violations
+from deabayes.reading.text import format_faults
 from deabayes.reading.yaml_file import read_yaml
 from deabayes.units import parse_quantity, si_unit, to_si
 
@@ -63,6 +64,7 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
     faults = violations(content, "specimen", str(path))
     if faults:
         raise Faults(faults + _system_faults(content, str(path)))
+    faults = format_faults(content.get("record_format"), str(path))
     quantities = _quantities(content, str(path), faults)
     instruments = _instruments(content.get("instruments", {}), str(path), faults)
     if faults:
