@@ -163,6 +163,14 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "no table": (lambda f: (f / "experiments.csv").unlink(), ["experiments.csv", "no such file"]),
     "unknown quantity": (specimen("gauge_length", "gage_length"), ["'gauge_length'?"]),
     "unknown system": (specimen("tensile_strip", "tensile"), ["system", "'tensile_strip'?"]),
+    "unknown encoding": (
+        specimen("name: strip A", "name: strip A\nrecord_format: {encoding: utf-32-foo}"),
+        ["specimen.yaml, record_format.encoding: unknown encoding 'utf-32-foo'"],
+    ),
+    "stray quotation mark": (
+        table("force,first", 'force,"first'),
+        ["line 2", "a quotation mark has no end"],
+    ),
     "empty specimen": (lambda f: (f / "specimen.yaml").write_text(""), ["specimen.yaml"]),
 }  # fmt: skip
 
@@ -178,6 +186,16 @@ def test_a_sound_folder(tmp_path: Path) -> None:
     assert read.locate(read.table[0]) == folder / "records" / "relax.csv"
     assert read.warnings(read.table[0]) == []
     assert read.specimen.name == "strip A"
+
+
+def test_cells_of_several_lines(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "first", '"first\n# two\x0c\u2028 \n\nlines"')
+    rows = read_folder(folder).table
+    assert rows[0].metadata["note"] == "first\n# two\x0c\u2028 \n\nlines"
+    replace_in(folder / "experiments.csv", "validate", "valid")
+    with pytest.raises(Faults, match="line 6, role"):
+        read_folder(folder)
 
 
 @pytest.mark.parametrize("case", BREAKS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -104,16 +105,33 @@ def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
         raise UserError(f"{path}: is not UTF-8 (byte 0x{byte:02x}); save it as UTF-8") from None
-    kept = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip(" ,;\t") and not line.lstrip().startswith("#")
-    ]
-    if not kept:
+    plain = [line for line in text.split("\n") if line.strip(" ,;\t") and not _is_comment(line)]
+    if not plain:
         raise UserError(f"{path}: the file is empty; write a header and one row per record into it")
-    delimiter = max(DELIMITERS, key=kept[0][1].count)
-    rows = [[c.strip() for c in r] for r in csv.reader((t for _, t in kept), delimiter=delimiter)]
-    return [number for number, _ in kept[1:]], rows[0], rows[1:]
+    rows = _rows(text, max(DELIMITERS, key=plain[0].count), path)
+    lines = list(rows)[1:]
+    return lines, next(iter(rows.values())), [rows[line] for line in lines]
+
+
+def _rows(text: str, delimiter: str, path: Path) -> dict[int, list[str]]:
+    """Cells by the line they begin in, without empty lines and comments."""
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+    rows: dict[int, list[str]] = {}
+    line = 1
+    try:
+        for cells in reader:
+            rows[line] = [cell.strip() for cell in cells]
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise UserError(
+            f"{path}, line {line}: a quotation mark has no end, or text behind it ({error}); write "
+            "it twice within a quoted cell, else remove it"
+        ) from None
+    return {n: cells for n, cells in rows.items() if any(cells) and not _is_comment(cells[0])}
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
 
 
 def _header_faults(header: list[str], path: Path) -> list[str]:
