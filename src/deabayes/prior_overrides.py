@@ -113,7 +113,7 @@ def _check_support(prior: Distribution, parameter: Parameter, where: str) -> Non
         found = "has no lower end" if np.isinf(lower) else f"begins at {lower:g} {parameter.unit}"
         raise UserError(
             f"{where}: {parameter.name} is positive, but the prior {found}; let it begin at 0 or "
-            "above (lognormal, half_normal, or truncated_normal with lower: 0)"
+            "above (lognormal, halfnormal, or truncated_normal with lower: 0)"
         )
 
 

@@ -100,6 +100,14 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         header("time [s],displacement [mm],load [N]"),
         [RELAX, "column 'force' is missing", "load"],
     ),
+    "no column with a unit": (
+        specimen(
+            "name: strip A",
+            "name: strip A\nrecord_format: {header_lines: 1, columns: [{name: a}, {name: b}, "
+            "{name: c}]}",
+        ),
+        [RELAX, "no column has a unit", "record_format.columns"],
+    ),
     "misspelt column": (
         header("time [s],displacment [mm],force [N]"),
         ["column 'displacement' is missing", "did you mean 'displacment'"],
@@ -156,6 +164,10 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
     "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
     "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),
+    "no cell filled": (
+        lambda f: write_lines(f / "experiments.csv", ['"",""', '"",""']),
+        ["experiments.csv: the file is empty"],
+    ),
     "no rows": (
         lambda f: write_lines(f / "experiments.csv", TABLE.splitlines()[:1]),
         ["experiments.csv: lists no record"],

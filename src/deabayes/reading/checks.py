@@ -23,6 +23,11 @@ Flags = NDArray[np.bool_]
 
 def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
     """Columns that the experiment names and the record lacks."""
+    if not columns:
+        return [
+            f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
+            "`unit` under record_format.columns in specimen.yaml"
+        ]
     return [
         f"{where}: column {name!r} is missing{nearest(name, columns)}; the record has "
         f"{', '.join(columns)}; correct the header or experiments.csv"

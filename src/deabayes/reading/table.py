@@ -106,9 +106,9 @@ def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
         byte = error.object[error.start]
         raise UserError(f"{path}: is not UTF-8 (byte 0x{byte:02x}); save it as UTF-8") from None
     plain = [line for line in text.split("\n") if line.strip(" ,;\t") and not _is_comment(line)]
-    if not plain:
+    rows = _rows(text, max(DELIMITERS, key=plain[0].count), path) if plain else {}
+    if not rows:
         raise UserError(f"{path}: the file is empty; write a header and one row per record into it")
-    rows = _rows(text, max(DELIMITERS, key=plain[0].count), path)
     lines = list(rows)[1:]
     return lines, next(iter(rows.values())), [rows[line] for line in lines]
 
