@@ -66,6 +66,22 @@ def header(text: str) -> Break:
     )
 
 
+def voltage(unit: str, volts: str, column: str, stated: str) -> Break:
+    """Give the record a voltage and its row a number about it."""
+
+    def change(folder: Path) -> None:
+        first, *rows = record_lines(1)
+        lines = [
+            f"{first},voltage [{unit}]",
+            *(f"{r},{volts if i else 0}" for i, r in enumerate(rows)),
+        ]
+        write_lines(folder / "records" / "relax.csv", lines)
+        replace_in(folder / "experiments.csv", "stretch_rate_per_s", f"stretch_rate_per_s,{column}")
+        replace_in(folder / "experiments.csv", "first,", f"first,,{stated}")
+
+    return change
+
+
 def copy_record(folder: Path) -> None:
     """Validate on the very record that is fitted."""
     source = (folder / "records" / "relax.csv").read_bytes()
@@ -129,6 +145,22 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "outside the range": (
         header("time [s],displacement [m],force [N]"),
         ["column displacement", "beyond the instrument's range of 0.5 m", "first in data row 2"],
+    ),
+    "beyond the sensor": (
+        header("time [s],displacement [mm],force [kN]"),
+        ["column force", "beyond the instrument's range of 10 N", "correct the column's unit"],
+    ),
+    "kilovolts as volts": (
+        voltage("V", "2.0", "voltage_kV", "2.0"),
+        [RELAX, "column voltage: comes to 2 V where experiments.csv says voltage_kV 2", "unit"],
+    ),
+    "volts as kilovolts": (
+        voltage("kV", "2000", "voltage_kV", "2.0"),
+        [RELAX, "comes to 2e+06 V where experiments.csv says voltage_kV 2"],
+    ),
+    "amplitude in kilovolts": (
+        voltage("V", "2.0", "amplitude_kV", "1.0"),
+        [RELAX, "comes to 1 V where experiments.csv says amplitude_kV 1"],
     ),
     "header not UTF-8": (
         lambda f: (f / "records" / RELAX).write_bytes(b"Zeit\xfc [s],a [m]\n0,1\n"),
@@ -198,6 +230,24 @@ def test_a_sound_folder(tmp_path: Path) -> None:
     assert read.locate(read.table[0]) == folder / "records" / "relax.csv"
     assert read.warnings(read.table[0]) == []
     assert read.specimen.name == "strip A"
+
+
+@pytest.mark.parametrize(
+    ("unit", "volts", "column", "stated"),
+    [
+        ("kV", "2.0", "voltage_kV", "2.1"),
+        ("V", "2000", "amplitude_kV", "1"),
+        ("V", "2.0", "voltage_kV", "0"),
+        ("V", "2.0", "voltage_kV", "about"),
+        ("V", "nan", "voltage_kV", "2"),
+    ],
+)
+def test_voltages_that_agree_with_their_row(
+    tmp_path: Path, unit: str, volts: str, column: str, stated: str
+) -> None:
+    folder = make_folder(tmp_path)
+    voltage(unit, volts, column, stated)(folder)
+    read_folder(folder)
 
 
 def test_cells_of_several_lines(tmp_path: Path) -> None:
