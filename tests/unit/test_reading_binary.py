@@ -226,8 +226,14 @@ def test_tdms_channels_of_different_sampling(
     path = write_tdms(tmp_path / "a.tdms", channels)  # type: ignore[arg-type]
     with pytest.raises(UserError) as caught:
         read_record(path)
-    assert "channels displacement and force have different sampling" in str(caught.value)
+    assert "channels displacement [mm] and force [N] have different sampling" in str(caught.value)
     assert "every 0.1 s, start 0 s" in str(caught.value) and found in str(caught.value)
+
+
+def test_tdms_with_a_time_of_its_own_needs_no_sampling(tmp_path: Path) -> None:
+    channels = [("time [s]", TIME, {}), ("force [N]", TIME, {"wf_increment": 1.0})]
+    path = write_tdms(tmp_path / "a.tdms", [*channels, ("voltage [kV]", VOLTAGE_KV, {})])  # type: ignore[list-item]
+    check(read_record(path))
 
 
 def test_tdms_channel_that_two_groups_have(tmp_path: Path) -> None:

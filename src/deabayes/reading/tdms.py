@@ -47,19 +47,15 @@ def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
     channels = {c.name if counts[c.name] == 1 else full: c for full, c in paths.items()}
     wanted = [_column(c) for c in paths.values()] if columns is None else columns
     wanted = [replace(c, source=_called(c, paths, channels)) for c in wanted]
-    sampled = [
-        c for c in wanted if c.unit is not None and c.name != "time" and c.source in channels
-    ]
-    samplings = {c.name: _sampling(channels[c.source]) for c in sampled}
+    samplings = _samplings(wanted, channels)
     faults = _ambiguous(path, wanted, paths, channels) + _uneven(path, samplings)
     if faults:
         return Table([], [], faults)
     arrays = {name: np.asarray(channel[:]) for name, channel in channels.items()}
-    if sampled and samplings[sampled[0].name].increment is not None and "time" not in arrays:
-        arrays["time"] = samplings[sampled[0].name].times(arrays[sampled[0].source].size)
-        known = columns is not None or any(c.name == "time" for c in wanted)
-        wanted += [] if known else [Column("time", "s", source="time")]
-        wanted = [replace(c, unit="s") if c.source == "time" else c for c in wanted]
+    name, sampling = next(iter(samplings.items()), ("", Sampling(None, 0.0, None)))
+    if sampling.increment is not None and not _clocked(wanted, channels):
+        arrays["time"] = sampling.times(arrays[name].size)
+        wanted = [c for c in wanted if c.source != "time"] + [Column("time", "s", source="time")]
     return pick(path, wanted, arrays, "channel")
 
 
@@ -76,10 +72,22 @@ def _called(column: Column, paths: Mapping[str, Any], channels: Mapping[str, Any
     return paths[name].name if name in paths and name not in channels else name
 
 
-def _sampling(channel: Any) -> Sampling:
-    stated = channel.properties.get
-    offset = float(stated("wf_start_offset") or 0.0)
-    return Sampling(stated("wf_increment"), offset, stated("wf_start_time"))
+def _clocked(columns: Sequence[Column], channels: Mapping[str, Any]) -> bool:
+    """Whether the time is a channel of its own."""
+    return any(c.name == "time" and c.source in channels for c in columns)
+
+
+def _samplings(columns: Sequence[Column], channels: Mapping[str, Any]) -> dict[str, Sampling]:
+    """When the channels with a unit were sampled; where the time is a channel, not all say it."""
+    found = {}
+    for column in columns:
+        name = column.source or ""
+        if column.unit is not None and column.name != "time" and name in channels:
+            stated = channels[name].properties.get
+            offset = float(stated("wf_start_offset") or 0.0)
+            found[name] = Sampling(stated("wf_increment"), offset, stated("wf_start_time"))
+    clocked = _clocked(columns, channels)
+    return {n: s for n, s in found.items() if s.increment is not None or not clocked}
 
 
 def _ambiguous(
@@ -99,7 +107,7 @@ def _ambiguous(
     return list(faults.values())
 
 
-def _uneven(path: Path, samplings: Mapping[str | None, Sampling]) -> list[str]:
+def _uneven(path: Path, samplings: Mapping[str, Sampling]) -> list[str]:
     """The first channel that was sampled at other times than the one before it."""
     names = list(samplings)
     return [
