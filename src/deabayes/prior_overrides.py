@@ -7,7 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from deabayes.distribution_settings import from_settings
+from deabayes.distributions import Distribution, Uniform
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 
@@ -36,6 +39,7 @@ def overridden(
             only_ratio = ratio is not None and not settings
             for target in () if only_ratio else targets:
                 prior = from_settings(settings, target.unit, f"priors.{key}")
+                _check_support(prior, target, f"priors.{key}")
                 replaced[target.name] = replace(target, prior=prior, source="config")
         except UserError as fault:
             faults.append(str(fault))
@@ -99,6 +103,18 @@ def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str])
         return []
     known = [p.ordered or p.part_of or p.name for p in parameters]
     raise UserError(f"priors.{key}: no parameter has this name{nearest(key, dict.fromkeys(known))}")
+
+
+def _check_support(prior: Distribution, parameter: Parameter, where: str) -> None:
+    """A parameter whose default prior is positive has no model where it is negative."""
+    lower, default = prior.support[0], parameter.prior
+    positive = default.support[0] >= 0.0 and not isinstance(default, Uniform)
+    if positive and lower < 0.0 and parameter.half_product_with is None:
+        found = "has no lower end" if np.isinf(lower) else f"begins at {lower:g} {parameter.unit}"
+        raise UserError(
+            f"{where}: {parameter.name} is positive, but the prior {found}; let it begin at 0 or "
+            "above (lognormal, halfnormal, or truncated_normal with lower: 0)"
+        )
 
 
 def _split_ratio(settings: object, key: str, targets: list[Parameter]) -> tuple[Any, float | None]:

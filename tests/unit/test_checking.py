@@ -54,7 +54,7 @@ def test_report_holds_every_fault_and_still_shows_the_rest(tmp_path: Path) -> No
 
 def test_warnings_are_shown(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
-    replace_in(folder / "specimen.yaml", "value: 10, unit: N", "value: 1, unit: N")
+    replace_in(folder / "specimen.yaml", "value: 10, unit: N", "value: 1.15, unit: N")
     lines = [line for i, line in enumerate(record_lines(2)) if not 20 <= i < 35]
     write_lines(folder / "records" / "pull.csv", lines)
     report = check_folder(folder)

@@ -295,6 +295,14 @@ def test_steps_remember_settings_and_what_they_did() -> None:
         ({"average": {"ratio": 0.5}}, "must lie between 1 and 10, found 0.5"),
         ({"average": {"grid": "uniform", "points": 1.5}}, "expected a whole number"),
         ({"average": {"first_width": "-1 s"}}, "must be larger than 0"),
+        (
+            {"average": {"grid": "uniform", "width": "1 ns"}},
+            "average: makes more than 100000 bins (19980000000); give a larger average.width",
+        ),
+        (
+            {"average": {"first_width": "1 ns", "widest": "1 ns"}},
+            "more than 100000 bins; give a larger average.first_width",
+        ),
         ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),

@@ -298,6 +298,18 @@ class TestOverrides:
         assert "minimum_ratio is for ordered groups" in text
         assert "priors.thickness: expected a mapping" in text
 
+    @pytest.mark.parametrize(
+        ("settings", "found"),
+        [
+            ({"distribution": "uniform", "lower": "-50 Pa s", "upper": "-10 Pa s"}, "at -50 Pa s"),
+            ({"distribution": "uniform", "lower": -1, "upper": 10}, "begins at -1 Pa s"),
+            ({"distribution": "normal", "mean": 5, "sd": 1}, "has no lower end"),
+        ],
+    )
+    def test_a_positive_parameter_has_no_prior_below_zero(self, settings, found):
+        with pytest.raises(UserError, match=f"priors.zeta_alpha: zeta_alpha is positive.*{found}"):
+            Prior.from_parameters(EVERYTHING, {"zeta_alpha": settings})
+
     def test_a_half_product_prior_cannot_reach_below_zero(self):
         settings = {"mu_1": {"distribution": "normal", "mean": 0, "sd": 1}}
         with pytest.raises(UserError, match="must not reach below 0"):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +50,45 @@ def test_excel_text_among_numbers_is_named(tmp_path: Path) -> None:
         read_record(path)
 
 
+def test_excel_error_at_the_start_of_a_row_is_no_comment(tmp_path: Path) -> None:
+    rows: list[list[object]] = [["time [s]", "force [N]"], ["# wait"], [0, 1], ["#N/A", 2], [2, 3]]
+    path = write_xlsx(tmp_path / "a.xlsx", rows)
+    with pytest.raises(UserError, match=r"column time, data row 2: '#N/A' is not a number"):
+        read_record(path)
+
+
+def test_excel_title_above_the_header(tmp_path: Path) -> None:
+    rows: list[list[object]] = [["Run 7"], ["time [s]", "force [N]"], [0, 1]]
+    with pytest.raises(UserError, match=r"no column of the first row 'Run 7' has a unit.*titles"):
+        read_record(write_xlsx(tmp_path / "a.xlsx", rows))
+
+
+def rewritten(path: Path, change: Callable[[bytes], bytes]) -> Path:
+    """An Excel file with its first sheet's XML changed."""
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    sheet = "xl/worksheets/sheet1.xml"
+    parts[sheet] = change(parts[sheet])
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+    return path
+
+
+def test_excel_rows_of_unlike_length(tmp_path: Path) -> None:
+    rows: list[list[object]] = [["time [s]", "force [N]"], [0, 1], [1, 2], ["end"]]
+    path = write_xlsx(tmp_path / "a.xlsx", rows)
+    rewritten(path, lambda xml: re.sub(rb"<dimension[^>]*/>", b"", xml))
+    with pytest.raises(UserError, match=r"column time, data row 3: 'end' is not a number"):
+        read_record(path)
+
+
+def test_excel_cut_sheet(tmp_path: Path) -> None:
+    path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, 2]])
+    with pytest.raises(UserError, match=r"cannot be read as an Excel file.*copy it again"):
+        read_record(rewritten(path, lambda xml: xml[:-60]))
+
+
 def test_matlab_with_columns_of_the_row(tmp_path: Path) -> None:
     import scipy.io
 
@@ -68,14 +110,8 @@ def test_matlab_with_columns_of_the_specimen(tmp_path: Path) -> None:
 
 
 def test_matlab_7_3(tmp_path: Path) -> None:
-    import h5py
-
-    path = tmp_path / "a.mat"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file["t"], file["u"] = TIME[None, :], VOLTAGE_KV[None, :]
-    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
-    with path.open("r+b") as stream:
-        stream.write(header)
+    variables = {"t": TIME[None, :], "u": VOLTAGE_KV[None, :]}
+    path = write_mat_7_3(tmp_path / "a.mat", variables)
     check(read_record(path, columns=from_text("t = time [s]; u = voltage [kV]")))
 
 
@@ -96,6 +132,43 @@ def test_matlab_faults(tmp_path: Path, text: str | None, words: list[str]) -> No
         read_record(path, columns=None if text is None else from_text(text))
     for word in ["a.mat", *words]:
         assert word in str(caught.value)
+
+
+V7_3 = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+COMPLEX = np.array([(1.0, 2.0)] * 3, dtype=[("real", float), ("imag", float)])
+
+
+def write_mat_7_3(path: Path, variables: dict[str, object]) -> Path:
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in variables.items():
+            file[name] = values
+    with path.open("r+b") as stream:
+        stream.write(V7_3)
+    return path
+
+
+def test_matlab_complex_numbers(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"t": TIME, "u": VOLTAGE_KV * 1j})
+    write_mat_7_3(tmp_path / "b.mat", {"t": TIME, "u": COMPLEX})
+    for name in ("a.mat", "b.mat"):
+        with pytest.raises(UserError, match="column voltage: holds complex numbers; save its mod"):
+            read_record(tmp_path / name, columns=from_text("t = time [s]; u = voltage [kV]"))
+
+
+def test_matlab_structures(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": TIME, "u": VOLTAGE_KV}})
+    with pytest.raises(UserError, match=r"holds a structure \(t, u\); save its fields"):
+        read_record(tmp_path / "a.mat", columns=from_text("run = time [s]"))
+    write_mat_7_3(tmp_path / "b.mat", {"run/t": TIME, "run/u": VOLTAGE_KV})
+    for columns in (from_text("t = time [s]"), None):
+        with pytest.raises(UserError, match=r"holds no variables but structures \(run\); save"):
+            read_record(tmp_path / "b.mat", columns=columns)
 
 
 def write_tdms(path: Path, channels: list[tuple[str, np.ndarray, dict[str, object]]]) -> Path:
@@ -124,3 +197,59 @@ def test_damaged_files(tmp_path: Path, name: str, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"copy"):
         read_record(path, columns=from_text("time [s]"))
+
+
+def write_groups(path: Path, groups: dict[str, dict[str, tuple[np.ndarray, dict]]]) -> Path:
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as writer:
+        for group, channels in groups.items():
+            writer.write_segment(
+                [ChannelObject(group, n, v, properties=p) for n, (v, p) in channels.items()]
+            )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("other", "found"),
+    [
+        ({"wf_increment": 0.2, "wf_start_offset": 5.0}, "every 0.2 s, start 5 s"),
+        ({"wf_increment": 0.1, "wf_start_offset": 5.0}, "every 0.1 s, start 5 s"),
+        ({}, "not stated"),
+    ],
+)
+def test_tdms_channels_of_different_sampling(
+    tmp_path: Path, other: dict[str, float], found: str
+) -> None:
+    usual = {"wf_increment": 0.1, "wf_start_offset": 0.0}
+    channels = [("displacement [mm]", TIME, usual), ("force [N]", TIME, other)]
+    path = write_tdms(tmp_path / "a.tdms", channels)  # type: ignore[arg-type]
+    with pytest.raises(UserError) as caught:
+        read_record(path)
+    assert "channels displacement [mm] and force [N] have different sampling" in str(caught.value)
+    assert "every 0.1 s, start 0 s" in str(caught.value) and found in str(caught.value)
+
+
+def test_tdms_with_a_time_of_its_own_needs_no_sampling(tmp_path: Path) -> None:
+    channels = [("time [s]", TIME, {}), ("force [N]", TIME, {"wf_increment": 1.0})]
+    path = write_tdms(tmp_path / "a.tdms", [*channels, ("voltage [kV]", VOLTAGE_KV, {})])  # type: ignore[list-item]
+    check(read_record(path))
+
+
+def test_tdms_channel_that_two_groups_have(tmp_path: Path) -> None:
+    sampling = {"wf_increment": 0.5, "wf_start_offset": 0.0}
+    path = write_groups(
+        tmp_path / "a.tdms",
+        {"run1": {"F": (TIME, sampling)}, "run2": {"F": (2 * TIME, sampling)}},
+    )
+    with pytest.raises(UserError, match=r"'F' is in groups run1 and run2; name one.*'run1/F = f"):
+        read_record(path, columns=from_text("time [s]; F = force [N]"))
+    record = read_record(path, columns=from_text("time [s]; run2/F = force [N]"))
+    np.testing.assert_allclose(record.columns["force"], 2 * TIME)
+    np.testing.assert_allclose(record.columns["time"], TIME)
+
+
+def test_tdms_channel_named_with_its_only_group(tmp_path: Path) -> None:
+    sampling = {"wf_increment": 0.5}
+    path = write_groups(tmp_path / "a.tdms", {"run1": {"u": (VOLTAGE_KV, sampling)}})
+    check(read_record(path, columns=from_text("time [ms]; run1/u = voltage [kV]")))

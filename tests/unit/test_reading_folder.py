@@ -66,6 +66,22 @@ def header(text: str) -> Break:
     )
 
 
+def voltage(unit: str, volts: str, column: str, stated: str) -> Break:
+    """Give the record a voltage and its row a number about it."""
+
+    def change(folder: Path) -> None:
+        first, *rows = record_lines(1)
+        lines = [
+            f"{first},voltage [{unit}]",
+            *(f"{r},{volts if i else 0}" for i, r in enumerate(rows)),
+        ]
+        write_lines(folder / "records" / "relax.csv", lines)
+        replace_in(folder / "experiments.csv", "stretch_rate_per_s", f"stretch_rate_per_s,{column}")
+        replace_in(folder / "experiments.csv", "first,", f"first,,{stated}")
+
+    return change
+
+
 def copy_record(folder: Path) -> None:
     """Validate on the very record that is fitted."""
     source = (folder / "records" / "relax.csv").read_bytes()
@@ -100,6 +116,14 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         header("time [s],displacement [mm],load [N]"),
         [RELAX, "column 'force' is missing", "load"],
     ),
+    "no column with a unit": (
+        specimen(
+            "name: strip A",
+            "name: strip A\nrecord_format: {header_lines: 1, columns: [{name: a}, {name: b}, "
+            "{name: c}]}",
+        ),
+        [RELAX, "no column has a unit", "record_format.columns"],
+    ),
     "misspelt column": (
         header("time [s],displacment [mm],force [N]"),
         ["column 'displacement' is missing", "did you mean 'displacment'"],
@@ -122,6 +146,22 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         header("time [s],displacement [m],force [N]"),
         ["column displacement", "beyond the instrument's range of 0.5 m", "first in data row 2"],
     ),
+    "beyond the sensor": (
+        header("time [s],displacement [mm],force [kN]"),
+        ["column force", "beyond the instrument's range of 10 N", "correct the column's unit"],
+    ),
+    "kilovolts as volts": (
+        voltage("V", "2.0", "voltage_kV", "2.0"),
+        [RELAX, "column voltage: comes to 2 V where experiments.csv says voltage_kV 2", "unit"],
+    ),
+    "volts as kilovolts": (
+        voltage("kV", "2000", "voltage_kV", "2.0"),
+        [RELAX, "comes to 2e+06 V where experiments.csv says voltage_kV 2"],
+    ),
+    "amplitude in kilovolts": (
+        voltage("V", "2.0", "amplitude_kV", "1.0"),
+        [RELAX, "comes to 1 V where experiments.csv says amplitude_kV 1"],
+    ),
     "header not UTF-8": (
         lambda f: (f / "records" / RELAX).write_bytes(b"Zeit\xfc [s],a [m]\n0,1\n"),
         [RELAX, "line 1", "not UTF-8", "save the file"],
@@ -136,9 +176,30 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "unknown response": (table("force,first", "forse,first"), ["no response 'forse'", "'force'?"]),
     "missing table column": (table("role", "rolle"), ["column 'role' is missing", "'rolle'?"]),
+    **{
+        f"column {written}": (
+            table("stretch_rate_per_s", written),
+            [f"no model reads column {written!r}", f"did you mean {meant!r}?"],
+        )
+        for written, meant in {
+            "Load_g": "load_g",
+            "load_kg": "load_g",
+            "load": "load_g",
+            "Bias_kV": "bias_kV",
+            "voltage_V": "voltage_kV",
+            "frequency": "frequency_Hz",
+            "Amplitude_kV": "amplitude_kV",
+            "deformaton": "deformation",
+            "Prehistory": "prehistory",
+        }.items()
+    },
     "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
     "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
     "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),
+    "no cell filled": (
+        lambda f: write_lines(f / "experiments.csv", ['"",""', '"",""']),
+        ["experiments.csv: the file is empty"],
+    ),
     "no rows": (
         lambda f: write_lines(f / "experiments.csv", TABLE.splitlines()[:1]),
         ["experiments.csv: lists no record"],
@@ -146,6 +207,14 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "no table": (lambda f: (f / "experiments.csv").unlink(), ["experiments.csv", "no such file"]),
     "unknown quantity": (specimen("gauge_length", "gage_length"), ["'gauge_length'?"]),
     "unknown system": (specimen("tensile_strip", "tensile"), ["system", "'tensile_strip'?"]),
+    "unknown encoding": (
+        specimen("name: strip A", "name: strip A\nrecord_format: {encoding: utf-32-foo}"),
+        ["specimen.yaml, record_format.encoding: unknown encoding 'utf-32-foo'"],
+    ),
+    "stray quotation mark": (
+        table("force,first", 'force,"first'),
+        ["line 2", "a quotation mark has no end"],
+    ),
     "empty specimen": (lambda f: (f / "specimen.yaml").write_text(""), ["specimen.yaml"]),
 }  # fmt: skip
 
@@ -161,6 +230,34 @@ def test_a_sound_folder(tmp_path: Path) -> None:
     assert read.locate(read.table[0]) == folder / "records" / "relax.csv"
     assert read.warnings(read.table[0]) == []
     assert read.specimen.name == "strip A"
+
+
+@pytest.mark.parametrize(
+    ("unit", "volts", "column", "stated"),
+    [
+        ("kV", "2.0", "voltage_kV", "2.1"),
+        ("V", "2000", "amplitude_kV", "1"),
+        ("V", "2.0", "voltage_kV", "0"),
+        ("V", "2.0", "voltage_kV", "about"),
+        ("V", "nan", "voltage_kV", "2"),
+    ],
+)
+def test_voltages_that_agree_with_their_row(
+    tmp_path: Path, unit: str, volts: str, column: str, stated: str
+) -> None:
+    folder = make_folder(tmp_path)
+    voltage(unit, volts, column, stated)(folder)
+    read_folder(folder)
+
+
+def test_cells_of_several_lines(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "first", '"first\n# two\x0c\u2028 \n\nlines"')
+    rows = read_folder(folder).table
+    assert rows[0].metadata["note"] == "first\n# two\x0c\u2028 \n\nlines"
+    replace_in(folder / "experiments.csv", "validate", "valid")
+    with pytest.raises(Faults, match="line 6, role"):
+        read_folder(folder)
 
 
 @pytest.mark.parametrize("case", BREAKS)

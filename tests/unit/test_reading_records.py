@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import time
 from pathlib import Path
 
@@ -43,6 +44,7 @@ def check_plain(path: Path) -> None:
         PLAIN.encode(),
         PLAIN.encode("utf-8-sig"),
         PLAIN.replace("\n", "\r\n").encode(),
+        PLAIN.replace("\n", "\r").encode(),
         PLAIN.replace(",", ";").encode(),
         PLAIN.replace(",", "\t").encode(),
         PLAIN.replace(",", ";").replace(".", ",").encode(),
@@ -57,7 +59,8 @@ def check_plain(path: Path) -> None:
         PLAIN.replace("displacement [mm]", " displacement [ mm ] ").encode(),
     ],
     ids=[
-        "plain", "byte order mark", "carriage returns", "semicolon", "tab", "semicolon, comma",
+        "plain", "byte order mark", "carriage returns", "carriage returns only", "semicolon", "tab",
+        "semicolon, comma",
         "tab, comma", "late decimal comma", "quoted decimal comma", "comments", "trailing comma",
         "no newline at the end", "empty lines at the end", "blanks in the header",
     ],
@@ -115,6 +118,82 @@ def test_broken_files_are_named_with_a_remedy(
         read_record(path)
     for word in ["broken.csv", *words]:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "error", "#N/A #NV #DIV/0! #VALUE! #WERT! #REF! #BEZUG! #NUM! #ZAHL! #NAME? 1.#QNAN".split()
+)
+@pytest.mark.parametrize("row", ["{},2", "2,{}", '"{}",2', "{},{}"])
+def test_excel_errors_are_no_comments(tmp_path: Path, error: str, row: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = ["# about", "0,1  # remark", "1,2", row.replace("{}", error), "3,4"]
+    path.write_text("time [s],force [N]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    with pytest.raises(UserError, match=rf"data row 3: '{re.escape(error)}' is not a number"):
+        read_record(path)
+
+
+def test_excel_error_in_a_column_that_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = ['#N/A,"no. #1",0,1', "ok,,1,2 # half way", "#NV,,2,3"]
+    path.write_text("a,b,time [s],force [N]\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    np.testing.assert_allclose(read_record(path).columns["force"], [1.0, 2.0, 3.0])
+
+
+def test_blank_lines_at_the_end_count_for_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(PLAIN.encode() + b"\n" * 20000)
+    check_plain(path)
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "mark"),
+    [(", ", ","), ("comma", ","), ("semicolon", ";"), ("tab", "\t"), ("\t", "\t"), (";", ";")],
+)
+def test_named_delimiters(tmp_path: Path, delimiter: str, mark: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN.replace(",", mark), encoding="utf-8")
+    assert read_record(path, {"delimiter": delimiter}).columns["time"].size == 3
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-16", "utf-16-be", "utf-32"])
+def test_encoding_of_the_header(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("time [s],displacement [µm]\n0,1\n1,2\n".encode(encoding))
+    record = read_record(path, {"encoding": encoding})
+    np.testing.assert_allclose(record.columns["displacement"], [1e-6, 2e-6])
+
+
+def test_utf_16_without_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes("time [s],force [N]\n0,1\n1,2\n".encode("utf-16-le"))
+    assert read_record(path, {"encoding": "utf-16"}).columns["time"].size == 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"encoding": "utf-32-foo"}, ["record_format.encoding", "'utf-32-foo'", "latin-1"]),
+        ({"encoding": "hex"}, ["record_format.encoding", "'hex'"]),
+        ({"delimiter": "ab"}, ["record_format.delimiter", "'ab'", "tab"]),
+        ({"delimiter": '"'}, ["record_format.delimiter"]),
+    ],
+)
+def test_record_format_that_is_none(
+    tmp_path: Path, settings: dict[str, str], words: list[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN, encoding="utf-8")
+    with pytest.raises(UserError) as caught:
+        read_record(path, settings)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_endless_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"time [s]," + b"x" * 200_000)
+    with pytest.raises(UserError, match=r"a\.csv: is not a table"):
+        read_record(path)
 
 
 def test_all_faults_of_a_header_come_together(tmp_path: Path) -> None:

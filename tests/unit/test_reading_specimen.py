@@ -51,6 +51,17 @@ def test_general_instrument_serves_channels_of_its_dimension(tmp_path: Path) -> 
         ("value: 80, unit: mm", "value: 80", ["gauge_length", "'unit' is missing"]),
         ("value: 80,", "value: 0,", ["quantities.gauge_length", "must be positive", "0 mm"]),
         ("sd: 1.1", "sd: -1.1", ["cross_section.sd", "must be > 0", "-1.1"]),
+        ("sd: 1.1", "sd: .inf", ["cross_section.sd", "positive number", "inf"]),
+        ("sd: 1.1", "sd: .nan", ["cross_section.sd", "positive number", "nan"]),
+        ("instruments:", "instruments:\n  delay: {value: -3, unit: ms}",
+         ["instruments.delay", "zero or positive", "-3 ms"]),
+        ("instruments:", "instruments:\n  delay: {value: .nan, unit: ms}",
+         ["instruments.delay", "zero or positive", "nan ms"]),
+        ("{value: 10, unit: N}", "{value: -3, unit: N}", ["force.range", "positive", "-3 N"]),
+        ("{value: 10, unit: N}", "{value: 0, unit: N}", ["force.range", "positive", "0 N"]),
+        ("noise: {value: 1,", "noise: {value: .inf,", ["force.noise", "positive", "inf mN"]),
+        ("instruments:", "instruments:\n  noise: {value: 1, unit: kV}",
+         ["instruments.noise", "'kV'", "'tensile_strip'", "Pa, N"]),
         ("sd: 1.1", "std: 1.1", ["cross_section", "unknown key 'std'", "'sd'?"]),
         ("kind: measured", "kind: measurd", ["provenance.kind", "'measured'?"]),
         ("name: strip A\n", "", ["'name' is missing"]),
@@ -60,7 +71,7 @@ def test_general_instrument_serves_channels_of_its_dimension(tmp_path: Path) -> 
         ("system: tensile_strip", "system: [tensile_strip", ["specimen.yaml, line"]),
         ("name: strip A\n", "name: a\nname: b\n", ["line 2", "'name' is given twice"]),
     ],
-)
+)  # fmt: skip
 def test_faults_name_the_key_and_the_remedy(
     tmp_path: Path, old: str, new: str, words: list[str]
 ) -> None:

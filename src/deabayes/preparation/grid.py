@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
 from deabayes.preparation.polyline import corners, polyline
 from deabayes.preparation.working import WorkingRecord
 
@@ -43,7 +44,16 @@ def geometric_edges(
             edges.append(edge)
             width = min(widest, first_width + (ratio - 1.0) * (edge - start))
             edge = min(edge + width, _after_travel(*path, edge, largest_change))
+    if len(edges) == LONGEST_GRID:
+        raise _too_many_bins(record, "first_width, widest or largest_change")
     return np.array([*edges, np.nextafter(last, np.inf)])
+
+
+def _too_many_bins(record: WorkingRecord, keys: str, found: str = "") -> UserError:
+    return UserError(
+        f"preparation of {record.row.name} ({record.row.protocol}), average: makes more than "
+        f"{LONGEST_GRID} bins{found}; give a larger average.{keys}"
+    )
 
 
 def travel(record: WorkingRecord) -> tuple[FloatArray, FloatArray]:
@@ -72,6 +82,8 @@ def _after_travel(knots: FloatArray, travelled: FloatArray, edge: float, change:
 def uniform_edges(record: WorkingRecord, first: float, last: float, width: float) -> FloatArray:
     """Edges `width` apart within [first, last], and one at every jump of the excitation."""
     bins = max(int(np.ceil((last - first) / width * (1.0 - 1e-12))), 1)
+    if bins > LONGEST_GRID:
+        raise _too_many_bins(record, "width, or fewer points", f" ({bins})")
     edges = first + width * np.arange(bins)
     edges = np.append(edges, np.nextafter(max(last, float(edges[-1])), np.inf))
     inside = [jump for jump in jumps(record) if first < jump < last]

@@ -1,4 +1,4 @@
-"""Records in Excel, MATLAB and TDMS files."""
+"""Records in Excel and MATLAB files."""
 
 from __future__ import annotations
 
@@ -10,67 +10,72 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.faults import UserError, nearest
-from deabayes.reading.columns import Column, Table, from_format, from_header
+from deabayes.reading.columns import COMMENT, Column, Table, from_format, from_header, unit_hint
 
 
 def read_xlsx(path: Path, record_format: Mapping[str, Any] | None = None) -> Table:
     """Read the first sheet; its first row that is not empty is the ``name [unit]`` header."""
-    from openpyxl import load_workbook
-
-    workbook = _opened(load_workbook, path, "an Excel file", read_only=True, data_only=True)
-    try:
-        rows = [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
-    finally:
-        workbook.close()
+    rows = opened(_first_sheet, path, "an Excel file")
     columns = from_format(record_format)
     if columns is None:
-        columns, rows = from_header(rows[0] if rows else ()), rows[1:]
+        columns, rows = _header(rows[0] if rows else (), path), rows[1:]
     else:
         rows = rows[int((record_format or {}).get("header_lines", 0)) :]
     if not rows:
         raise UserError(f"{path}: the first sheet holds no data rows; copy the record again")
-    if len(rows[0]) < len(columns):
+    width = max(map(len, rows))
+    if width < len(columns):
         raise UserError(
-            f"{path}: {len(columns)} columns are named, but the first sheet has {len(rows[0])}"
+            f"{path}: {len(columns)} columns are named, but the first sheet has {width}"
         )
-    return Table(columns, [_cells([row[i] for row in rows]) for i in range(len(columns))])
+    filled = zip(*(row + (None,) * (width - len(row)) for row in rows), strict=True)
+    return Table(columns, [_cells(values) for _, values in zip(columns, filled, strict=False)])
+
+
+def _first_sheet(path: Path) -> list[tuple[object, ...]]:
+    """Rows that are neither empty nor comments."""
+    from openpyxl import load_workbook
+
+    workbook = load_workbook(path, read_only=True, data_only=True)
+    try:
+        return [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
+    finally:
+        workbook.close()
+
+
+def _header(row: Sequence[object], path: Path) -> list[Column]:
+    columns = from_header(row)
+    if row and all(column.unit is None for column in columns):
+        cells = [str(cell) for cell in row if cell is not None]
+        hint = unit_hint(cells) or "; write it as 'time [s]', 'voltage [kV]'"
+        raise UserError(
+            f"{path}: no column of the first row {', '.join(cells)[:60]!r} has a unit{hint}; "
+            "remove titles above it"
+        )
+    return columns
 
 
 def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
     """Read variables of a MATLAB file, which knows no units, as the given columns."""
-    variables = _mat_variables(path)
+    variables, structures = _mat_variables(path)
+    if not variables:
+        found = f" but structures ({', '.join(structures)}); save their fields as variables"
+        raise UserError(
+            f"{path}: holds no variables{found if structures else '; copy the record again'}"
+        )
     if columns is None:
         raise UserError(
             f"{path}: a .mat file holds no units; name its variables ({', '.join(variables)}) in "
             "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
             "under record_format.columns in specimen.yaml"
         )
-    return _pick(path, columns, variables, "variable")
+    return pick(path, columns, variables, "variable")
 
 
-def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
-    """Read channels of a TDMS file; units from channel names or their `unit_string`."""
-    from nptdms import TdmsFile
-
-    channels: dict[str, NDArray[Any]] = {}
-    found: list[Column] = []
-    for group in _opened(TdmsFile.read, path, "a TDMS file").groups():
-        for channel in group.channels():
-            column = from_header([channel.name])[0]
-            unit = column.unit or channel.properties.get("unit_string")
-            found.append(Column(column.name, unit, source=channel.name))
-            channels[channel.name] = np.asarray(channel[:])
-            if "wf_increment" in channel.properties and "time" not in channels:
-                channels["time"] = channel.time_track()
-                found.append(Column("time", "s"))
-    if any(column.name == "time" and column.source for column in found):
-        found = [column for column in found if column.name != "time" or column.source]
-    return _pick(path, columns or found, channels, "channel")
-
-
-def _pick(
+def pick(
     path: Path, columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str
 ) -> Table:
+    """The arrays that `columns` name; `kind` is what the file calls one."""
     faults, picked, values = [], [], []
     for column in columns:
         name = column.source or column.name
@@ -85,25 +90,27 @@ def _pick(
     if len(set(lengths.values())) > 1:
         sizes = ", ".join(f"{name} {size}" for name, size in lengths.items())
         faults.append(f"{path}: the {kind}s differ in length ({sizes}); cut them to one length")
-    if not values and not faults:
-        faults.append(f"{path}: holds no {kind}s; copy the record again")
+    if not arrays or not (values or faults):
+        faults = [f"{path}: holds no {kind}s; copy the record again"]
     return Table([] if faults else picked, [] if faults else values, faults)
 
 
-def _mat_variables(path: Path) -> dict[str, NDArray[Any]]:
+def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Arrays by name, and the names of structures that hold none themselves."""
     import scipy.io
 
     try:
-        content = _opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
+        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
     except NotImplementedError:  # version 7.3 is HDF5
         import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
         with h5py.File(path) as file:
-            return {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
-    return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
+            arrays = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
+            return arrays, [k for k in file if k not in arrays and not k.startswith("#")]
+    return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}, []
 
 
-def _opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
+def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
     """`opener(path)`; these libraries raise many types for one fact, a damaged file."""
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; copy the record again")
@@ -119,7 +126,7 @@ def _opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
 
 
 def _holds(row: Sequence[object]) -> bool:
-    return any(cell is not None for cell in row) and not str(row[0] or "").startswith("#")
+    return any(cell is not None for cell in row) and not COMMENT.match(str(row[0] or ""))
 
 
 def _cells(values: Sequence[object]) -> NDArray[Any]:

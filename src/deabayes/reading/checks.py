@@ -15,51 +15,21 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import nearest
 
 SMALLEST_RECORD = 4
-HELD_CONSTANT = 0.01
-MONITOR_NOISE = 10.0
-"""Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
 Flags = NDArray[np.bool_]
 
 
 def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
     """Columns that the experiment names and the record lacks."""
+    if not columns:
+        return [
+            f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
+            "`unit` under record_format.columns in specimen.yaml"
+        ]
     return [
         f"{where}: column {name!r} is missing{nearest(name, columns)}; the record has "
         f"{', '.join(columns)}; correct the header or experiments.csv"
         for name in needed
         if name not in columns
-    ]
-
-
-def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: str) -> list[str]:
-    """A pull on an actuator that does not say at which voltage."""
-    if "voltage" in columns or "voltage_kV" in metadata:
-        return []
-    return [
-        f"{where}: the voltage during the pull is not known; give a column 'voltage [kV]', or "
-        "voltage_kV in experiments.csv (0 without voltage)"
-    ]
-
-
-def voltage_not_held(voltage: FloatArray, where: str) -> list[str]:
-    """A voltage [V] that varies during a pull by more than 1 % of it or a monitor's noise."""
-    faults = not_finite(voltage, "voltage", where)
-    allowed = max(HELD_CONSTANT * abs(float(np.mean(voltage))), MONITOR_NOISE)
-    if faults or float(np.ptp(voltage)) <= allowed:
-        return faults
-    return [
-        f"{where}, column voltage: varies from {voltage.min():g} to {voltage.max():g} V during the "
-        "pull; give one record per voltage"
-    ]
-
-
-def voltage_no_number(stated: float | str, where: str) -> list[str]:
-    """A voltage in experiments.csv that is none."""
-    if not isinstance(stated, str) and np.isfinite(stated):
-        return []
-    return [
-        f"{where}: voltage_kV is {stated!r} in experiments.csv; give a number in kV (0 without "
-        "voltage), or a column 'voltage [kV]' in the record"
     ]
 
 
@@ -130,10 +100,10 @@ def too_short(points: int, where: str) -> list[str]:
 
 
 def outside_range(
-    values: FloatArray, limit: float, channel: str, unit: str, where: str
+    values: FloatArray, limit: float, channel: str, unit: str, where: str, allowed: float = 1e-9
 ) -> list[str]:
-    """An excitation beyond what its instrument can do."""
-    beyond = np.flatnonzero(np.abs(values) > limit * (1.0 + 1e-9))
+    """Values further beyond what the channel's instrument can do than the share `allowed`."""
+    beyond = np.flatnonzero(np.abs(values) > limit * (1.0 + allowed))
     if beyond.size == 0:
         return []
     row, worst = int(beyond[0]) + 1, float(values[np.argmax(np.abs(values))])

@@ -34,6 +34,8 @@ CHANNELS: Mapping[str, str] = {
 
 HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
+COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
+"""What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,13 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
     """The array as floats; a text that is no number is named with its row."""
     if array.dtype.kind in "fiub":
         return np.asarray(array, dtype=float).ravel()
+    if array.dtype.kind == "c" or (array.dtype.names and "imag" in array.dtype.names):
+        raise UserError(f"{where}: holds complex numbers; save its modulus and phase")
+    if array.dtype.names:
+        raise UserError(
+            f"{where}: holds a structure ({', '.join(array.dtype.names)}); save its fields as "
+            "variables"
+        )
     import pandas as pd
 
     series = pd.Series(array.ravel(), dtype=object)

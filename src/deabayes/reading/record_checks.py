@@ -9,12 +9,14 @@ import numpy as np
 
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
-from deabayes.reading import checks
+from deabayes.reading import checks, voltage_checks
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency")
 STEPS = ("creep", "step")
+BEYOND_SENSOR = 0.05
+"""How far beyond its stated range a clipped sensor may read; more is another unit."""
 
 
 def needed_columns(row: ExperimentRow) -> tuple[str, ...]:
@@ -32,7 +34,7 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
     rows = raw.columns[row.response].size
     faults = checks.too_short(rows, where)
     if _is_pull_on_an_actuator(row, specimen):
-        faults += checks.unknown_voltage(raw.columns, row.metadata, where)
+        faults += voltage_checks.unknown_voltage(raw.columns, row.metadata, where)
     faults += _pull_voltage_faults(row, raw, where)
     for name in needed:
         faults += checks.not_finite(raw.columns[name], name, where)
@@ -46,10 +48,12 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
             faults += checks.constant_channel(raw.columns[name], name, where)
         if name in POSITIVE:
             faults += checks.not_positive(raw.columns[name], name, where)
-    limit = instrument(specimen, "range", row.excitation, raw.units[row.excitation])
-    if limit is not None:
-        values = raw.columns[row.excitation]
-        faults += checks.outside_range(values, limit.value, row.excitation, limit.unit, where)
+    faults += _voltage_unit_faults(row, raw, where)
+    for name, allowed in ((row.excitation, 1e-9), (row.response, BEYOND_SENSOR)):
+        limit = instrument(specimen, "range", name, raw.units[name])
+        if limit is not None:
+            values = raw.columns[name]
+            faults += checks.outside_range(values, limit.value, name, limit.unit, where, allowed)
     return faults
 
 
@@ -110,10 +114,21 @@ def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list
     if row.protocol != "quasi_static" or row.excitation == "voltage":
         return []
     if "voltage" in raw.columns:
-        return checks.voltage_not_held(raw.columns["voltage"], where)
+        return voltage_checks.voltage_not_held(raw.columns["voltage"], where)
     if "voltage_kV" in row.metadata:
-        return checks.voltage_no_number(row.metadata["voltage_kV"], where)
+        return voltage_checks.voltage_no_number(row.metadata["voltage_kV"], where)
     return []
+
+
+def _voltage_unit_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """A voltage in another unit than its column says, seen from the row's own numbers."""
+    if "voltage" not in raw.columns or row.protocol == "frequency_response":
+        return []
+    voltage, stated = raw.columns["voltage"], row.metadata.get
+    largest, half = float(np.max(np.abs(voltage))), float(np.ptp(voltage)) / 2.0
+    check = voltage_checks.voltage_in_another_unit
+    return (check(largest, "voltage_kV", stated("voltage_kV"), where)
+            or check(half, "amplitude_kV", stated("amplitude_kV"), where))  # fmt: skip
 
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:

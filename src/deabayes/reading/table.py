@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,11 @@ from deabayes.reading.text import DELIMITERS
 
 FILE = "experiments.csv"
 WITHOUT_TIME = ("quasi_static", "frequency_response")
+READ_BY_MODELS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV",
+                  "deformation", "prehistory", "columns")  # fmt: skip
+"""Columns that need not be there and count where they are."""
+ALIKE = 0.8
+"""Similarity from which another name is taken for a misspelt one of these (`load` for `load_g`)."""
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
@@ -48,6 +55,7 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
     faults = _header_faults(header, path)
     if faults:
         return [], faults
+    faults = _misspelt(header, path, system)
     rows: list[ExperimentRow] = []
     for line, values in zip(lines, cells, strict=True):
         where = f"{path}, line {line}"
@@ -97,16 +105,33 @@ def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
     except UnicodeDecodeError as error:
         byte = error.object[error.start]
         raise UserError(f"{path}: is not UTF-8 (byte 0x{byte:02x}); save it as UTF-8") from None
-    kept = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip(" ,;\t") and not line.lstrip().startswith("#")
-    ]
-    if not kept:
+    plain = [line for line in text.split("\n") if line.strip(" ,;\t") and not _is_comment(line)]
+    rows = _rows(text, max(DELIMITERS, key=plain[0].count), path) if plain else {}
+    if not rows:
         raise UserError(f"{path}: the file is empty; write a header and one row per record into it")
-    delimiter = max(DELIMITERS, key=kept[0][1].count)
-    rows = [[c.strip() for c in r] for r in csv.reader((t for _, t in kept), delimiter=delimiter)]
-    return [number for number, _ in kept[1:]], rows[0], rows[1:]
+    lines = list(rows)[1:]
+    return lines, next(iter(rows.values())), [rows[line] for line in lines]
+
+
+def _rows(text: str, delimiter: str, path: Path) -> dict[int, list[str]]:
+    """Cells by the line they begin in, without empty lines and comments."""
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+    rows: dict[int, list[str]] = {}
+    line = 1
+    try:
+        for cells in reader:
+            rows[line] = [cell.strip() for cell in cells]
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise UserError(
+            f"{path}, line {line}: a quotation mark has no end, or text behind it ({error}); write "
+            "it twice within a quoted cell, else remove it"
+        ) from None
+    return {n: cells for n, cells in rows.items() if any(cells) and not _is_comment(cells[0])}
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
 
 
 def _header_faults(header: list[str], path: Path) -> list[str]:
@@ -120,6 +145,26 @@ def _header_faults(header: list[str], path: Path) -> list[str]:
         return [f"{path}: only one column found; separate columns with a comma, ';' or a tab"]
     repeated = [name for name, count in Counter(h for h in header if h).items() if count > 1]
     return faults + [f"{path}: column {name!r} occurs twice; remove one" for name in repeated]
+
+
+def _misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
+    """Columns that would be passed over for their spelling or unit.
+
+    A system of the user's own may read what it likes: only upper and lower case is checked.
+    """
+    from deabayes.systems import OWN
+
+    cutoff = 1.0 if system in OWN else ALIKE
+    spelling = {name.lower(): name for name in READ_BY_MODELS}
+    faults = []
+    for name in header:
+        meant = [spelling[n] for n in get_close_matches(name.lower(), spelling, 1, cutoff)]
+        if meant and name not in READ_BY_MODELS and meant[0] not in header:
+            faults.append(
+                f"{path}: no model reads column {name!r}; did you mean {meant[0]!r}? Rename it so, "
+                "with values in that unit, or give it a less similar name"
+            )
+    return faults
 
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:

@@ -5,17 +5,29 @@ from __future__ import annotations
 import csv
 import io
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
-from deabayes.faults import UserError
+from deabayes.faults import Faults, UserError
 from deabayes.reading.columns import CHANNELS, Column, Table, from_format, from_header, unit_hint
+from deabayes.reading.lines import (
+    encoding_fault,
+    last_line,
+    lines,
+    open_text,
+    peek,
+    skip_lines,
+    without_comments,
+)
 
 DELIMITERS = ("\t", ";", ",")
-DELIMITER_NAMES = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", " ": r"\s+"}
+DELIMITER_NAMES = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", "": r"\s+", "space": r"\s+",
+                   "comma": ",", "semicolon": ";"}  # fmt: skip
+NO_DELIMITERS = ".+-#\"'\n\r"
+MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
+"""Cells without a value."""
 SNIFFED_LINES = 50
-LONGEST_LINE = 8192
 
 
 def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Table:
@@ -31,19 +43,31 @@ def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Tab
     UserError : empty file, undecodable header, wrong delimiter, ragged or truncated rows.
     """
     settings = dict(record_format or {})
-    with _open(path, settings) as stream:
-        columns, delimiter = _columns(stream, path, settings)
-        sample = _peek(stream, SNIFFED_LINES)
-        if not sample:
-            raise UserError(f"{path}: holds no data rows after the header; copy the record again")
-        last = _last_line(stream)
-        decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter)
-        _check_rows(path, len(columns), delimiter, sample[0], last)
-        trailing = split(sample[0], delimiter)[len(columns) :]
-        return _read_columns(stream, path, columns, delimiter, decimal, len(trailing))
+    if faults := format_faults(settings, str(path)):
+        raise Faults(faults)
+    try:
+        return _read(open_text(path, settings), path, settings)
+    except csv.Error as error:
+        raise UserError(
+            f"{path}: is not a table of text ({error}); copy it again or export it as csv"
+        ) from None
 
 
-def _columns(stream: BinaryIO, path: Path, settings: Mapping[str, Any]) -> tuple[list[Column], str]:
+def _read(stream: io.BytesIO, path: Path, settings: Mapping[str, Any]) -> Table:
+    columns, delimiter = _columns(stream, path, settings)
+    sample = peek(stream, SNIFFED_LINES)
+    if not sample:
+        raise UserError(f"{path}: holds no data rows after the header; copy the record again")
+    last = last_line(stream)
+    decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter)
+    _check_rows(path, len(columns), delimiter, sample[0], last)
+    trailing = split(sample[0], delimiter)[len(columns) :]
+    return _read_columns(stream, path, columns, delimiter, decimal, len(trailing))
+
+
+def _columns(
+    stream: io.BytesIO, path: Path, settings: Mapping[str, Any]
+) -> tuple[list[Column], str]:
     """Columns and delimiter; the stream is left where the data begin."""
     columns = from_format(settings)
     delimiter = _named_delimiter(settings.get("delimiter"))
@@ -51,8 +75,8 @@ def _columns(stream: BinaryIO, path: Path, settings: Mapping[str, Any]) -> tuple
         header = _header_line(stream, path)
         delimiter = delimiter or sniff_delimiter(header)
         return _header_columns(header, delimiter, path), delimiter
-    skipped = _skip_lines(stream, int(settings.get("header_lines", 0)), path)
-    delimiter = delimiter or _data_delimiter(_peek(stream, 1), len(columns))
+    skipped = skip_lines(stream, int(settings.get("header_lines", 0)), path)
+    delimiter = delimiter or _data_delimiter(peek(stream, 1), len(columns))
     _check_skipped(skipped, delimiter, len(columns), path)
     return columns, delimiter
 
@@ -87,36 +111,33 @@ def split(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
+def format_faults(record_format: Mapping[str, Any] | None, where: str) -> list[str]:
+    """What is wrong with the encoding and the delimiter that `record_format` states."""
+    settings = dict(record_format or {})
+    encoding = encoding_fault(str(settings.get("encoding", "utf-8")))
+    faults = [f"{where}, record_format.encoding: {encoding}"] if encoding else []
+    mark = _named_delimiter(settings.get("delimiter"))
+    if mark not in (None, r"\s+") and (len(mark) > 1 or mark.isalnum() or mark in NO_DELIMITERS):
+        faults.append(
+            f"{where}, record_format.delimiter: {settings['delimiter']!r} separates no columns; "
+            "give one character such as ',' or ';', or tab or whitespace"
+        )
+    return faults
+
+
 def _named_delimiter(name: str | None) -> str | None:
-    return None if name is None else DELIMITER_NAMES.get(name, name)
+    return None if name is None else DELIMITER_NAMES.get(name.strip(" ").lower(), name.strip(" "))
 
 
-def _open(path: Path, settings: Mapping[str, Any]) -> BinaryIO:
-    """The file as bytes; files in two-byte encodings are turned into UTF-8 first."""
-    if path.stat().st_size == 0:
-        raise UserError(f"{path}: the file is empty; copy the record again")
-    encoding = str(settings.get("encoding", "utf-8"))
-    if not encoding.lower().startswith(("utf-16", "utf-32", "utf_16", "utf_32")):
-        return path.open("rb")
-    return io.BytesIO(path.read_text(encoding, errors="replace").encode())
-
-
-def _lines(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Numbered lines that are neither empty nor comments."""
-    for number, line in enumerate(iter(stream.readline, b""), start=1):
-        bare = line.removeprefix(b"\xef\xbb\xbf").strip()
-        if bare and not bare.startswith(b"#"):
-            yield number, bare
-
-
-def _header_line(stream: BinaryIO, path: Path) -> str:
-    for number, line in _lines(stream):
+def _header_line(stream: io.BytesIO, path: Path) -> str:
+    for number, line in lines(stream):
         try:
             text = line.decode("utf-8")
         except UnicodeDecodeError as error:
             raise UserError(
                 f"{path}, line {number}: the header is not UTF-8 (byte 0x{line[error.start]:02x}); "
-                "save the file as UTF-8, or describe it under record_format in specimen.yaml"
+                "save the file as UTF-8, or give its encoding in specimen.yaml, such as "
+                "record_format: {encoding: latin-1}"
             ) from None
         if "\x00" in text or line.startswith(b"PK\x03\x04"):
             raise UserError(
@@ -150,22 +171,6 @@ def _header_columns(header: str, delimiter: str, path: Path) -> list[Column]:
     return columns
 
 
-def _skip_lines(stream: BinaryIO, count: int, path: Path) -> str:
-    """Skip `count` lines that are not empty, whatever their encoding; the last one skipped."""
-    last = b""
-    skipped = 0
-    while skipped < count:
-        line = stream.readline()
-        if not line:
-            raise UserError(
-                f"{path}: ends after {skipped} lines, all of them header (header_lines: {count}); "
-                "copy the record again"
-            )
-        if line.strip():
-            last, skipped = line.strip(), skipped + 1
-    return last.decode("utf-8", errors="replace")
-
-
 def _check_skipped(line: str, delimiter: str, count: int, path: Path) -> None:
     cells = split(line, delimiter)
     if len(cells) == count and all(_is_number(cell) for cell in cells):
@@ -175,34 +180,12 @@ def _check_skipped(line: str, delimiter: str, count: int, path: Path) -> None:
         )
 
 
-def _peek(stream: BinaryIO, count: int) -> list[str]:
-    """The next lines with data, without moving on."""
-    position = stream.tell()
-    lines = []
-    for _, line in _lines(stream):
-        lines.append(line.decode("utf-8", errors="replace"))
-        if len(lines) == count:
-            break
-    stream.seek(position)
-    return lines
-
-
 def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(",", "."))
     except ValueError:
         return False
     return True
-
-
-def _last_line(stream: BinaryIO) -> str:
-    """The last line with data, from the end of the file."""
-    position = stream.tell()
-    end = stream.seek(0, io.SEEK_END)
-    stream.seek(max(position, end - LONGEST_LINE))
-    lines = [line for line in stream.read().splitlines() if line.strip() and line[:1] != b"#"]
-    stream.seek(position)
-    return lines[-1].decode("utf-8", errors="replace")
 
 
 def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
@@ -226,7 +209,7 @@ def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -
 
 
 def _read_columns(
-    stream: BinaryIO,
+    stream: io.BytesIO,
     path: Path,
     columns: Sequence[Column],
     delimiter: str,
@@ -240,8 +223,9 @@ def _read_columns(
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             frame = pd.read_csv(
-                stream, sep=delimiter, decimal=decimal, header=None, index_col=False, comment="#",
-                names=list(range(len(columns) + trailing)), skipinitialspace=True,
+                without_comments(stream), sep=delimiter, decimal=decimal, header=None,
+                index_col=False, names=list(range(len(columns) + trailing)), skipinitialspace=True,
+                keep_default_na=False, na_values=MISSING,
                 encoding="utf-8", encoding_errors="replace", engine="c", low_memory=False,
             )  # fmt: skip
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:

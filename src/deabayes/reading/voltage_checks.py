@@ -1,0 +1,65 @@
+"""Checks of the voltage that a record holds against what its row says.
+
+They return sentences as those in `checks` do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.reading.checks import not_finite
+
+HELD_CONSTANT = 0.01
+MONITOR_NOISE = 10.0
+"""Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
+UNIT_FACTOR = 30.0
+"""Voltages apart by more than this are in different units; kV and V are 1000 apart."""
+
+
+def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: str) -> list[str]:
+    """A pull on an actuator that does not say at which voltage."""
+    if "voltage" in columns or "voltage_kV" in metadata:
+        return []
+    return [
+        f"{where}: the voltage during the pull is not known; give a column 'voltage [kV]', or "
+        "voltage_kV in experiments.csv (0 without voltage)"
+    ]
+
+
+def voltage_not_held(voltage: FloatArray, where: str) -> list[str]:
+    """A voltage [V] that varies during a pull by more than 1 % of it or a monitor's noise."""
+    faults = not_finite(voltage, "voltage", where)
+    allowed = max(HELD_CONSTANT * abs(float(np.mean(voltage))), MONITOR_NOISE)
+    if faults or float(np.ptp(voltage)) <= allowed:
+        return faults
+    return [
+        f"{where}, column voltage: varies from {voltage.min():g} to {voltage.max():g} V during the "
+        "pull; give one record per voltage"
+    ]
+
+
+def voltage_no_number(stated: float | str, where: str) -> list[str]:
+    """A voltage in experiments.csv that is none."""
+    if not isinstance(stated, str) and np.isfinite(stated):
+        return []
+    return [
+        f"{where}: voltage_kV is {stated!r} in experiments.csv; give a number in kV (0 without "
+        "voltage), or a column 'voltage [kV]' in the record"
+    ]
+
+
+def voltage_in_another_unit(
+    size: float, column: str, stated: float | str | None, where: str
+) -> list[str]:
+    """The `size` [V] of a record's voltage against what `column` of experiments.csv says [kV]."""
+    if not isinstance(stated, float) or not stated > 0.0 or not size > 0.0:
+        return []
+    if 1.0 / UNIT_FACTOR <= size / (1000.0 * stated) <= UNIT_FACTOR:
+        return []
+    return [
+        f"{where}, column voltage: comes to {size:g} V where experiments.csv says {column} "
+        f"{stated:g}; correct the column's unit, or {column}"
+    ]
