@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 from typing import Any
-
-import numpy as np
 
 from deabayes.distribution_settings import from_settings
 from deabayes.distributions import Distribution, Uniform
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 
+LARGEST_SHARE_BELOW_ZERO = 1e-3
 NUMBERED = re.compile(r"(.*_)(\d+)")
 
 
@@ -106,14 +106,20 @@ def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str])
 
 
 def _check_support(prior: Distribution, parameter: Parameter, where: str) -> None:
-    """A parameter whose default prior is positive has no model where it is negative."""
-    lower, default = prior.support[0], parameter.prior
+    """A parameter whose default prior is positive has no model where it is negative.
+
+    A thin tail below zero does no harm: its draws fail and are counted.
+    """
+    default = parameter.prior
     positive = default.support[0] >= 0.0 and not isinstance(default, Uniform)
-    if positive and lower < 0.0 and parameter.half_product_with is None:
-        found = "has no lower end" if np.isinf(lower) else f"begins at {lower:g} {parameter.unit}"
+    if not positive or prior.support[0] >= 0.0 or parameter.half_product_with is not None:
+        return
+    below = 1.0 if prior.support[1] <= 0.0 else NormalDist().cdf(float(prior.to_normal(0.0)))
+    if below > LARGEST_SHARE_BELOW_ZERO:
         raise UserError(
-            f"{where}: {parameter.name} is positive, but the prior {found}; let it begin at 0 or "
-            "above (lognormal, halfnormal, or truncated_normal with lower: 0)"
+            f"{where}: {parameter.name} is positive, but {100 * below:.3g} % of the prior lie "
+            "below 0; let it begin at 0 or above (lognormal, halfnormal, or truncated_normal "
+            "with lower: 0)"
         )
 
 

@@ -301,14 +301,18 @@ class TestOverrides:
     @pytest.mark.parametrize(
         ("settings", "found"),
         [
-            ({"distribution": "uniform", "lower": "-50 Pa s", "upper": "-10 Pa s"}, "at -50 Pa s"),
-            ({"distribution": "uniform", "lower": -1, "upper": 10}, "begins at -1 Pa s"),
-            ({"distribution": "normal", "mean": 5, "sd": 1}, "has no lower end"),
+            ({"distribution": "uniform", "lower": "-50 Pa s", "upper": "-10 Pa s"}, "100 %"),
+            ({"distribution": "uniform", "lower": -1, "upper": 10}, "9.09 %"),
+            ({"distribution": "normal", "mean": 5, "sd": 5}, "15.9 %"),
         ],
     )
     def test_a_positive_parameter_has_no_prior_below_zero(self, settings, found):
         with pytest.raises(UserError, match=f"priors.zeta_alpha: zeta_alpha is positive.*{found}"):
             Prior.from_parameters(EVERYTHING, {"zeta_alpha": settings})
+
+    def test_a_thin_tail_below_zero_is_no_mistake(self):
+        settings = {"zeta_alpha": {"distribution": "normal", "mean": 5, "sd": 1}}
+        assert Prior.from_parameters(EVERYTHING, settings).describe("zeta_alpha").startswith("norm")
 
     def test_a_half_product_prior_cannot_reach_below_zero(self):
         settings = {"mu_1": {"distribution": "normal", "mean": 0, "sd": 1}}
