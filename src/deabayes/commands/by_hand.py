@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.commands.checks import checked
 from deabayes.commands.find import find_study
+from deabayes.commands.output import keep_inputs
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study
 
@@ -40,6 +41,7 @@ def fit_one(
     from deabayes.pipeline import fit_ensemble
 
     found = find_study(study, config)
+    keep_inputs(output, Path(study), config, prepared)
     fit_ensemble(found, _known(found, candidate), prepared, ensemble, output, progress=True)
 
 
@@ -57,6 +59,8 @@ def pool_by_name(
     from deabayes.pipeline import pool_candidate
 
     found = find_study(study, config)
+    keep_inputs(output, Path(study), config, *ensembles)
+    keep_inputs(summary, Path(study), config, *ensembles, option="--summary")
     pool_candidate(found, candidate, prepared, ensembles, output, summary, True, processes)
 
 
@@ -90,6 +94,7 @@ def compare_posteriors(
     posteriors = _posteriors(sources, results)
     prepared = prepared or posteriors[0].parent.parent / "prepared"
     output = output or posteriors[0].parent.parent / "comparison.csv"
+    keep_inputs(output, prepared, *posteriors, *(p.with_name("scores.json") for p in posteriors))
     for posterior in posteriors:
         scores = posterior.with_name("scores.json")
         if not scores.exists() or scores.stat().st_mtime < posterior.stat().st_mtime:
@@ -112,6 +117,7 @@ def weigh_experiments(results: Path, config: Path, asked: str | None, output: Pa
     else:
         entries = entries_of(asked)
     output = output or results / "further_experiments.csv"
+    keep_inputs(output, config, results / "study.yaml", results / "comparison.csv")
     further_experiments(results, entries, output)
     return output.read_text()
 
@@ -128,9 +134,12 @@ def predict_posteriors(
     lines = []
     for posterior in posteriors:
         table = errors or posterior.with_name("errors.csv")
+        records = prepared or posterior.parent.parent / "prepared"
+        keep_inputs(output, posterior, records)
+        keep_inputs(errors, posterior, records, option="--errors")
         lines += predict_candidate(
             posterior,
-            prepared or posterior.parent.parent / "prepared",
+            records,
             output or posterior.with_name("predictions"),
             table,
         )
