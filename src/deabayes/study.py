@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +29,11 @@ class Sampling:
     autocorrelation_times: float = 50.0
     particles: int = 1024
     seed: int = 1
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # YAML and its schema take 4.0 for a whole number
+            if each.type == "int":
+                object.__setattr__(self, each.name, int(getattr(self, each.name)))
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from deabayes.study import fit_settings, load_studies
 from deabayes.study_checks import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
-CONFIG_FILES = ", ".join(os.path.relpath(path) for path in workflow.configfiles)
-SNAKEMAKE_KEYS = {"pathvars"}
+CONFIG_FILES = ", ".join(config_files())
 
 # `logged LOG COMMAND`: what the command says is in its log and, where it failed, also shown.
 shell.prefix(
@@ -29,11 +28,6 @@ shell.prefix(
 
 # Snakemake sets OMP_, OPENBLAS_ and MKL_NUM_THREADS to a job's threads, not this one.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
-
-
-def settings_given():
-    """What the configuration says to the library, without what it says to Snakemake."""
-    return {key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS}
 
 
 def read_studies():
@@ -83,8 +77,7 @@ try:
     if workflow.is_main_process:
         check(STUDIES, POPULATIONS)
 except UserError as error:
-    print(error, file=sys.stderr)
-    sys.exit(1)
+    end(error)
 
 if workflow.is_main_process:
     for line in LEFT_OUT:

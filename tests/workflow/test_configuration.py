@@ -1,0 +1,81 @@
+"""What a config file says, to `snakemake` as to the command line; mistakes are one message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.unit.study_folders import make_folder
+from tests.workflow.test_workflow_snakemake import snakemake
+
+SOUND = """\
+studies:
+  a: &a
+    specimen: strip
+    candidates: [kv_gm_1]
+  b:
+    <<: *a
+    candidates: [kv_gm_2]
+sampling: {ensembles: 3.0, ess: 1e3, walkers: 24}
+"""
+
+
+def said(folder: Path, *arguments: str) -> str:
+    """What a dry run that cannot be started says."""
+    run = snakemake(folder, "--cores", "1", "--dry-run", "--quiet", *arguments)
+    assert run.returncode == 1, run.stdout
+    assert "Traceback" not in run.stderr
+    return run.stderr
+
+
+@pytest.mark.parametrize("name", ["config.yaml", "mine.yaml"])
+def test_numbers_and_merge_keys_are_read_as_the_library_reads_them(
+    tmp_path: Path, name: str
+) -> None:
+    make_folder(tmp_path)
+    (tmp_path / name).write_text(SOUND)
+    given = () if name == "config.yaml" else ("--configfile", tmp_path / name)
+    arguments = ("--cores", "1", "--dry-run", "--config", "data_root=elsewhere")
+    run = snakemake(tmp_path, *arguments, *given)
+    assert run.returncode == 0, run.stderr
+    for file in ("a/kv_gm_1/ensembles/3.nc", "b/kv_gm_2/ensembles/3.nc"):
+        assert f"results/{file}" in run.stdout
+    assert "ensembles/4.nc" not in run.stdout
+
+
+def test_two_studies_of_one_name_are_a_mistake(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "mine.yaml").write_text(SOUND.replace("  b:", "  a:"))
+    error = said(tmp_path, "--configfile", str(tmp_path / "mine.yaml"))
+    assert "mine.yaml, line 5: key 'a' is given twice" in error
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (SOUND.replace("    specimen", "   specimen", 1), "config.yaml, line 4: "),
+        (SOUND.replace("    specimen", "\t  specimen", 1), "config.yaml, line 3: "),
+        ("", "config.yaml: expected `key: value` lines, found nothing"),
+        (SOUND.replace("  b:", "  a:"), "config.yaml, line 5: key 'a' is given twice"),
+    ],
+    ids=["indent", "tab", "empty", "twice"],
+)
+def test_what_cannot_be_read_is_named_by_file_and_line(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(text)
+    error = said(tmp_path)
+    assert error.startswith(words) and error.count("\n") == 1
+
+
+def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(SOUND)
+    (tmp_path / "fewer.yaml").write_text("sampling: {ensembles: 2}")
+    arguments = ("--cores", "1", "--dry-run", "--configfile", tmp_path / "fewer.yaml")
+    run = snakemake(tmp_path, *arguments)
+    assert run.returncode == 0, run.stderr
+    assert "a/kv_gm_1/ensembles/2.nc" in run.stdout and "ensembles/3.nc" not in run.stdout
+    wrong = said(tmp_path, "--config", "data_rot=elsewhere")
+    assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
