@@ -170,3 +170,17 @@ def test_driven_by_frequency_is_even_a_simulation():
     )
     np.testing.assert_allclose(found["gain"].values, expected[0], rtol=1e-12)
     assert found["gain"].attrs["units"] == "1/V"
+
+
+def test_what_is_predicted_is_checked_as_what_is_simulated():
+    fitted = Fitted.from_tree(file(None), 50, 1)
+    drive = {"time": TIME, "voltage": np.full(TIME.size, 2000.0)}
+    for changes, conditions, words in (
+        ({}, {"laod_g": 300.0}, "did you mean 'load_g'"),
+        ({"voltage": np.full(TIME.size, np.nan)}, {}, "voltage must be finite, found nan at index"),
+        ({"time": np.datetime64("2024-05-13") + np.arange(TIME.size)}, {}, "found dates"),
+        ({"time": TIME[::-1]}, {}, "time must ascend"),
+    ):
+        with pytest.raises(UserError, match=words):
+            fitted.experiment(drive | changes, None, conditions)
+    assert fitted.experiment(drive, None, {"load_g": 300.0}).coordinate_name == "time"

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deabayes.commands.checks import checked
+from deabayes.commands.drive import read_drive
 from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study
-
-if TYPE_CHECKING:
-    from deabayes.experiment import FloatArray
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
@@ -165,30 +163,13 @@ def simulate_record(
     from deabayes.simulation import simulate
 
     load_for(system, config)
-    driven: dict[str, Any] = _drive(system, excitation)
+    driven: dict[str, Any] = read_drive(system, excitation)
     response = simulate(
         system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **driven
     )
     table = response.to_dataframe().reset_index()
     write_atomically(lambda path: table.to_csv(path, index=False), output)
     return str(response.attrs.get("failure", ""))
-
-
-def _drive(system: str, path: Path) -> dict[str, FloatArray]:
-    """The time and the channels of a record that drive a system; SI."""
-    from deabayes.reading.columns import CHANNELS
-    from deabayes.reading.records import read_record
-    from deabayes.systems import system_class
-
-    drives = system_class(system).excitations
-    columns = read_record(path, channels={**CHANNELS, **drives}).columns
-    driven = {name: values for name, values in columns.items() if name in ("time", *drives)}
-    if not driven.keys() & drives.keys():
-        raise UserError(
-            f"{path}: has no column {' or '.join(drives)} to drive system {system!r}, only "
-            f"{', '.join(columns)}"
-        )
-    return driven
 
 
 def download(studies: Sequence[str], config: Path) -> Iterator[str]:

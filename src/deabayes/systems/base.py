@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from deabayes.experiment import (
     Quantity,
     Specimen,
 )
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.systems.stretched_spring import StretchedSpring
 
@@ -55,6 +56,10 @@ class System(ABC):
     protocols: ClassVar[tuple[str, ...]]
     excitations: ClassVar[Mapping[str, str]]
     """Excitation channel -> SI unit."""
+    in_time: ClassVar[tuple[str, ...]] = ()
+    """Excitation channels that drive nothing without time."""
+    conditions: ClassVar[tuple[str, ...] | None] = None
+    """What is held during a record and read here (`load_g`); None where it is not told."""
     even: ClassVar[tuple[str, ...]] = ()
     """Excitation channels whose sign makes no difference to any response."""
     responses: ClassVar[Mapping[str, str]]
@@ -189,6 +194,28 @@ class System(ABC):
                 f"quantities in specimen.yaml, in {unit}"
             )
         return self.specimen.quantities[quantity]
+
+    def check_conditions(self, given: Mapping[str, object]) -> None:
+        """Refuse conditions that no response of this system depends on, and values that are none.
+
+        Raises
+        ------
+        Faults
+        """
+        known = given if self.conditions is None else self.conditions
+        hint = "" if known else "; it has none, remove it"
+        faults = [
+            f"condition {name!r} is unknown for system {self.name!r}{hint or nearest(name, known)}"
+            for name in given
+            if name not in known
+        ]
+        faults += [
+            f"condition {name!r} must be a number or a text, found {value!r}"
+            for name, value in given.items()
+            if name in known and not isinstance(value, str | Real)
+        ]
+        if faults:
+            raise Faults(faults)
 
     def check_channels(self, excitation: str, response: str) -> None:
         """Refuse an excitation or a response that this system does not have.

@@ -74,6 +74,8 @@ class Membrane(System):
     name = "membrane"
     protocols = ("step", "creep", "sine", "sweep")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
+    in_time = ("voltage",)
+    conditions = ()
     even = ("voltage",)
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}

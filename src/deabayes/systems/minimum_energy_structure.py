@@ -79,6 +79,8 @@ class MinimumEnergyStructure(System):
     name = "minimum_energy_structure"
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
+    in_time = ("voltage",)
+    conditions = ("voltage", "prehistory")
     even = ("voltage",)
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}

@@ -50,6 +50,7 @@ class TensileStrip(System):
     name = "tensile_strip"
     protocols = ("relaxation", "load_unload", "step", "sine", "sweep", "quasi_static")
     excitations: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m"}
+    conditions = ("deformation", "protocol")
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"nominal_stress": "Pa", "force": "N"}
     required_quantities: ClassVar[Mapping[str, str]] = {}

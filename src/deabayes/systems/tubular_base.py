@@ -49,6 +49,8 @@ class TubularBase(System):
     name: ClassVar[str] = "tubular"
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    in_time = ("voltage",)
+    conditions = ("load_g", "bias_kV")
     units_add = "compliances"
     responses: ClassVar[Mapping[str, str]] = {
         "strain": "1",
