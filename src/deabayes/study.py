@@ -203,9 +203,16 @@ def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) ->
     return replace(
         study,
         specimen=specimen,
+        prior_from=None if study.prior_from is None else _from_here(study.prior_from),
         model=model_of(specimen, own) if study.model is None else seen(study.model, bases),
         data_root=None if root is None else Path(os.path.normpath(base / root.expanduser())),
     )
+
+
+def _from_here(path: str) -> str:
+    """A path in the one spelling that Snakemake knows it by: `./results/x` is `results/x`."""
+    place = Path(os.path.normpath(path))
+    return (place.relative_to(Path.cwd()) if place.is_relative_to(Path.cwd()) else place).as_posix()
 
 
 def _split(study: Study, column: str | None) -> list[Study]:

@@ -79,3 +79,19 @@ def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
     assert "a/kv_gm_1/ensembles/2.nc" in run.stdout and "ensembles/3.nc" not in run.stdout
     wrong = said(tmp_path, "--config", "data_rot=elsewhere")
     assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
+
+
+def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    there = "results/b/kv_gm_2/posterior.nc"
+    (tmp_path / "config.yaml").write_text(SOUND.replace("  b:", f"    prior_from: ./{there}\n  b:"))
+    assert "study a, kv_gm_1, prior_from: it has" in said(tmp_path)
+    text = SOUND.replace("kv_gm_1", "kv_gm_2").replace("  b:", f"    prior_from: ./{there}\n  b:")
+    (tmp_path / "config.yaml").write_text(text)
+    assert "prior_from: b from b: " in said(tmp_path), "the merge key hands it on"
+    text = text.replace("    <<: *a\n", "    specimen: strip\n")
+    (tmp_path / "config.yaml").write_text(text.replace("/b/kv", "/bb/kv"))
+    assert said(tmp_path).count("'bb' is no study; did you mean 'b'?") == 1
+    (tmp_path / "config.yaml").write_text(text)
+    run = snakemake(tmp_path, "--cores", "1", "--dry-run")
+    assert run.returncode == 0, run.stderr

@@ -26,7 +26,7 @@ def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     elif any(each.name == what for each in load_populations(config)):
         _check_population(find_population(what, config), config, say)
     else:
-        _check_study(find_study(what, config), say)
+        _check_study(find_study(what, config), say, config)
 
 
 def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> None:
@@ -41,12 +41,28 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
         raise Faults(report.faults)
 
 
-def _check_study(study: Study, say: Callable[[str], None]) -> None:
+def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
     from deabayes.checking import check_folder
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
     for warning in checked(study):
         say(f"  - {warning}")
+    faults = _prior_faults(study, config)
+    if faults:
+        raise Faults(faults)
+
+
+def _prior_faults(study: Study, config: Path) -> list[str]:
+    """What is wrong with the posterior that a study has for its prior."""
+    from deabayes.population.settings import load_populations
+    from deabayes.prior_sources import Sources
+    from deabayes.study import load_studies
+
+    if study.prior_from is None:
+        return []
+    studies = {each.name: each for each in load_studies(config)}
+    populations = {each.name: each for each in load_populations(config)}
+    return Sources(studies, populations).faults(study)
 
 
 def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
@@ -59,7 +75,7 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
     for name in population.studies:
         say("")
         try:
-            _check_study(find_study(name, config), say)
+            _check_study(find_study(name, config), say, config)
         except UserError as error:
             faults += str(error).splitlines()
     if faults:
