@@ -149,7 +149,7 @@ def test_split_by_a_column(config: Path) -> None:
         ("candidates: [kv_gm_1, kv_gm_2]", "candidates: kv_gm_1", ["expected a list", "kv_gm_1"]),
         ("candidates: [kv_gm_1, kv_gm_2]", "candidates: []", ["at least 1"]),
         ("noise_scale: range", "noise_scale: rang", ["noise_scale", "did you mean 'range'"]),
-        ("ensembles: 2", "ensembles: 0", ["sampling.ensembles", ">= 1", "found 0"]),
+        ("ensembles: 2", "ensembles: 0", ["sampling.ensembles", ">= 2", "found 0"]),
         ("ensembles: 2", "ensembles: two", ["sampling.ensembles", "a whole number", "'two'"]),
         ("walkers: 64", "walkers: 33", ["studies.vhb.sampling.walkers", "a multiple of 2", "33"]),
         ("r_hat: 1.02", "r_hat: 0.9", ["sampling.r_hat", "> 1", "0.9"]),

@@ -43,6 +43,17 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+def scalar(text: str) -> str:
+    """The text as it is to be written in a YAML file, in quotes where it needs them."""
+    import yaml
+
+    try:
+        plain = yaml.load(text, Loader=_loader()) == text
+    except yaml.YAMLError:
+        plain = False
+    return text if plain else "'" + text.replace("'", "''") + "'"
+
+
 @cache
 def _loader() -> type[Any]:
     import yaml
