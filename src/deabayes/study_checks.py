@@ -62,7 +62,7 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
 
 
 def check_names(study: Study) -> list[str]:
-    """Faults that show without reading a record: of the folder's two tables, and names in them.
+    """Faults that show without reading a record: of the folder's tables, names in them, files.
 
     What a workflow should say before its first job, for all studies together.
     """
@@ -70,7 +70,7 @@ def check_names(study: Study) -> list[str]:
         read = read_folder(study.specimen, study.data_root, check_records=False)
     except UserError as error:
         return [*str(error).splitlines(), *_unknown_names(study)]
-    faults = _unknown_names(study)
+    faults = [*read.missing(read.table), *_unknown_names(study)]
     faults += _further_faults(study, _used_rows(study, read, faults))
     _systems(study, read.specimen, faults)
     return faults

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import make_folder
+from tests.unit.study_folders import make_folder, replace_in
 from tests.workflow.test_workflow_snakemake import snakemake
 
 SOUND = """\
@@ -95,3 +96,23 @@ def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text(text)
     run = snakemake(tmp_path, "--cores", "1", "--dry-run")
     assert run.returncode == 0, run.stderr
+
+
+def test_a_record_that_is_not_there_is_named_as_check_names_it(tmp_path: Path) -> None:
+    table = make_folder(tmp_path) / "experiments.csv"
+    replace_in(table, "records/pull.csv", "records/pul.csv")
+    (tmp_path / "config.yaml").write_text(SOUND)
+    error = said(tmp_path)
+    assert "pul.csv (pull): there is no such file" in error
+    assert "did you mean 'records/pull.csv'?" in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["strip/specimen.yaml", "strip/experiments.csv", "config.yaml"])
+def test_a_file_that_may_not_be_read(tmp_path: Path, name: str) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(SOUND)
+    (tmp_path / name).chmod(0)
+    if os.access(tmp_path / name, os.R_OK):
+        pytest.skip("whoever runs this may read everything")
+    error = said(tmp_path)
+    assert f"{name}: Permission denied" in error and error.count("\n") == 1

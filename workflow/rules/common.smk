@@ -82,7 +82,7 @@ try:
     # Jobs read the Snakefile again; what was checked once need not be.
     if workflow.is_main_process:
         check(STUDIES, POPULATIONS, NAMES_LEFT_OUT)
-except UserError as error:
+except (UserError, OSError) as error:
     end(error)
 
 if workflow.is_main_process:

@@ -13,6 +13,10 @@ SNAKEMAKE_KEYS = {"pathvars"}
 
 def end(error):
     """End with a user's mistake alone; where in our files it was found is no help."""
+    if isinstance(error, OSError):
+        if error.filename is None:
+            raise error
+        error = f"{error.filename}: {error.strerror}; it must be there for you to read"
     print(error, file=sys.stderr)
     sys.exit(1)
 
@@ -21,7 +25,7 @@ def check_yaml(path):
     """End with the file and line of a mistake in a configuration that Snakemake is to read."""
     try:
         read_yaml(Path(path))
-    except UserError as error:
+    except (UserError, OSError) as error:
         end(error)
 
 
