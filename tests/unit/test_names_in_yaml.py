@@ -81,3 +81,27 @@ def test_the_command_line_says_it(
     with pytest.raises(SystemExit):
         main(("check", "2024"))
     assert "the key 2024 is a number to YAML" in capsys.readouterr().err
+
+
+def test_a_study_called_as_its_folder_is_checked_with_its_entry(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_folder(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    main(("check", "strip"))
+    config(tmp_path, "studies: {strip: {specimen: strip, candidates: [kv_gn_1]}}")
+    with pytest.raises(SystemExit):
+        main(("check", "strip"))
+    assert "study strip, candidates" in capsys.readouterr().err
+    main(("check", "./strip"))
+
+
+def test_a_config_that_is_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(("check", "strip"))
+    said = capsys.readouterr().err
+    assert said.startswith("deabayes: config.yaml: there is no such file; correct the path")
+    assert "deabayes new" not in said

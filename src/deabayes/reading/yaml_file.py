@@ -26,7 +26,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     path = Path(path)
     if not path.is_file():
-        raise UserError(f"{path}: there is no such file; `deabayes new` writes one to fill in")
+        remedy = "correct the path, or write it (docs/reference/configuration.md)"
+        if path.name == "specimen.yaml":
+            remedy = "`deabayes new` writes one to fill in"
+        raise UserError(f"{path}: there is no such file; {remedy}")
     try:
         content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_loader())
     except UnicodeDecodeError as error:
