@@ -8,8 +8,12 @@ min_version("9.27")
 container: "docker://python:3.11"
 
 
+include: "workflow/rules/configuration.smk"
+
+
 # Studies of one's own: `snakemake --configfile my.yaml` (replaces these).
 if "studies" not in config:
+    check_yaml("config.yaml")
 
     configfile: "config.yaml"
 

@@ -83,7 +83,7 @@ class Calibrated:
 
     def _held(self, excitation: str, conditions: Held) -> Held:
         """The conditions that responses depend on, as far as they are known."""
-        names = self.system.conditions.get(excitation, {})
+        names = (self.system.conditions or {}).get(excitation, {})
         held = {name: conditions.get(name, unstated) for name, unstated in names.items()}
         return {name: value for name, value in held.items() if value is not None}
 

@@ -22,14 +22,14 @@ class Faults(UserError):
         super().__init__("\n".join(self.faults))
 
 
-def closest(name: str, known: Iterable[str]) -> str | None:
-    """The known name most like `name`, None if none is."""
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+def closest(name: object, known: Iterable[object]) -> str | None:
+    """The known name most like `name`, None if none is; what is no text (a key 2024) as written."""
+    close = difflib.get_close_matches(str(name), [str(each) for each in known], n=1, cutoff=0.5)
     return close[0] if close else None
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def nearest(name: object, known: Iterable[object]) -> str:
     """Say which known name `name` may have meant: ``"; did you mean 'creep'?"``."""
-    known = list(known)
-    meant = closest(name, known)
-    return f"; known: {', '.join(sorted(known))}" if meant is None else f"; did you mean {meant!r}?"
+    names = [str(each) for each in known]
+    meant = closest(name, names)
+    return f"; known: {', '.join(sorted(names))}" if meant is None else f"; did you mean {meant!r}?"

@@ -11,8 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from deabayes.calibrated import Calibrated
-from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
+from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
+from deabayes.given_drive import excitation_of
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
@@ -164,48 +165,25 @@ class Fitted:
             raise UserError(
                 f"protocol {protocol!r} is unknown{nearest(protocol, self.system.protocols)}"
             )
-        excitation, values, coordinate_name, coordinate = self._channels(channels)
-        fitted = [r.response_name for r in self.records if r.excitation_name == excitation]
+        given = {name: values for name, values in channels.items() if name != "time"}
+        driven, label = excitation_of(self.system, channels.get("time"), given, conditions)
+        fitted = [r.response_name for r in self.records if r.excitation_name == driven.name]
         response = response or next(iter(fitted), self.records[0].response_name)
         if response not in self.system.responses:
             raise UserError(
                 f"response {response!r} is unknown{nearest(response, self.system.responses)}"
             )
-        unit = self.system.excitations[excitation]
         return Experiment(
             name="prediction",
             protocol=protocol or "prediction",
             role="validate",
-            coordinate_name=coordinate_name,
-            coordinate_unit="s" if coordinate_name == "time" else unit,
-            coordinate=coordinate,
+            coordinate_name=label,
+            coordinate_unit="s" if label == "time" else driven.unit,
+            coordinate=driven.coordinate,
             response_name=response,
             response_unit=self.system.responses[response],
-            response=np.full(coordinate.size, np.nan),
-            samples_averaged=np.ones(coordinate.size),
-            excitation=Excitation(excitation, unit, coordinate, values, conditions),
+            response=np.full(driven.coordinate.size, np.nan),
+            samples_averaged=np.ones(driven.coordinate.size),
+            excitation=driven,
             provenance=self.specimen.provenance.get("kind", "measured"),
         )
-
-    def _channels(
-        self, channels: Mapping[str, FloatArray]
-    ) -> tuple[str, FloatArray, str, FloatArray]:
-        known = self.system.excitations
-        arrays = {name: np.atleast_1d(np.asarray(v, dtype=float)) for name, v in channels.items()}
-        time = arrays.pop("time", None)
-        for name in arrays:
-            if name not in known:
-                raise UserError(f"channel {name!r} is unknown{nearest(name, known)}")
-        if len(arrays) != 1:
-            raise UserError(
-                f"give time= and exactly one excitation of {', '.join(known)}; "
-                f"got {', '.join(channels) or 'none'}"
-            )
-        name, values = next(iter(arrays.items()))
-        coordinate = values if time is None else time
-        if coordinate.shape != values.shape or np.any(np.diff(coordinate) <= 0):
-            raise UserError(
-                f"time and {name} must have one length ({coordinate.size} and {values.size}), "
-                "and the coordinate must increase"
-            )
-        return name, values, "time" if time is not None else name, coordinate

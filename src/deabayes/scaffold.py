@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
 from deabayes.faults import UserError
+from deabayes.reading.schema import schema
 from deabayes.reading.specimen import system_class
 from deabayes.reading.table import channels_of
+from deabayes.reading.yaml_file import scalar
 
 DISPLAY_UNITS = {"m": "mm", "m^2": "mm^2", "kg": "g", "V": "kV", "F": "nF", "Pa": "kPa"}
 METADATA = {
@@ -17,7 +21,7 @@ METADATA = {
 }
 
 SPECIMEN = """\
-# What was tested. Replace every `...`; then run `deabayes check {folder}`.
+# What was tested. Replace every `...`; then run `deabayes check {shell_folder}`.
 name: {name}
 system: {system}
 provenance:
@@ -73,12 +77,18 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
     UserError : unknown system, a name that cannot be a folder, or a folder that exists.
     """
     kind = system_class(system)
-    if not name or not all(c.isalnum() or c in "_-." for c in name) or not name[0].isalnum():
-        raise UserError(f"{name!r} cannot be a study's name; use letters, digits, '_', '-' and '.'")
+    pattern = schema("config")["properties"]["studies"]["propertyNames"]["pattern"]
+    if not re.fullmatch(pattern, name):
+        raise UserError(
+            f"{name!r} cannot be a study's name; use letters from a to z, digits, '_', '-' and "
+            "'.', beginning with a letter or digit"
+        )
     folder = Path(parent) / name
     if folder.exists():
         raise UserError(f"{folder}: exists already and is not overwritten; choose another name")
-    words = {"name": name, "system": system, "folder": folder.as_posix(), **_channels(system)}
+    place = folder.as_posix()
+    words = {"name": scalar(name), "system": scalar(system), **_channels(system)}
+    words |= {"folder": scalar(place), "shell_folder": shlex.quote(place)}
     words["required"] = _quantity_lines(kind.required_quantities, "  ")
     words["optional"] = _quantity_lines(kind.optional_quantities, "  # ") or "  # (none)\n"
     (folder / "records").mkdir(parents=True)

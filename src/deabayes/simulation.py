@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,11 @@ from numpy.typing import ArrayLike
 
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.given_drive import excitation_of
+from deabayes.parameter import Parameter
 from deabayes.systems import build
 from deabayes.systems.base import System
+from deabayes.units import array_in_si
 
 
 def simulate(
@@ -32,11 +35,12 @@ def simulate(
     ----------
     system : e.g. ``"tubular"``.
     candidate : e.g. ``"voigt_kelvin_2"``.
-    parameters : SI; one value, or an array of draws (W,), per parameter. A quantity of
-        the specimen that carries an sd may be given too, else its value is taken.
+    parameters : SI, or with a unit (``"1.5 MPa"``); one value, or an array of draws (W,),
+        per parameter. A quantity of the specimen that carries an sd may be given too,
+        else its value is taken.
     specimen : a study folder, or a mapping of its quantities
         (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
-    time : (N,) [s], ascending; without it the excitation is quasi-static.
+    time : (N,) [s] or time spans, ascending; without it the excitation is quasi-static.
     response : response channel; the system's first by default.
     conditions : what is held during the record (`deformation`, `load_g`).
     **excitation : one channel (N,) in SI: ``voltage=``, ``stretch=``, ...; linear
@@ -53,8 +57,8 @@ def simulate(
     Raises
     ------
     UserError
-        Missing or unknown parameters (all of them listed), channels or quantities;
-        arrays of unlike length.
+        Missing, unknown or impossible parameters (all of them listed), channels,
+        conditions or quantities; arrays of unlike length.
 
     Examples
     --------
@@ -73,7 +77,8 @@ def simulate(
     0.01144
     """
     model = build(system, candidate, _specimen(system, specimen))
-    driven, coordinate_name, coordinate = _excitation(model, time, excitation, conditions or {})
+    driven, coordinate_name = excitation_of(model, time, excitation, conditions or {})
+    coordinate = driven.coordinate
     response = response or model.response_to(driven.name)
     draws, scalar = _draws(model, parameters)
     values = model.predict(driven, coordinate, response, draws)
@@ -101,34 +106,6 @@ def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
     return specimen
 
 
-def _excitation(
-    model: System,
-    time: ArrayLike | None,
-    channels: Mapping[str, ArrayLike],
-    conditions: Mapping[str, float | str],
-) -> tuple[Excitation, str, FloatArray]:
-    """The excitation, and the coordinate's name and values."""
-    known = model.excitations
-    for name in channels:
-        if name not in known:
-            raise UserError(
-                f"excitation {name!r} is unknown for system {model.name!r}{nearest(name, known)}"
-            )
-    if len(channels) != 1:
-        found = " and ".join(channels) or "none"
-        raise UserError(f"give exactly one excitation of {', '.join(known)}; found {found}")
-    name, values = next((n, np.atleast_1d(np.asarray(v, float))) for n, v in channels.items())
-    coordinate = values if time is None else np.atleast_1d(np.asarray(time, float))
-    label = name if time is None else "time"
-    if coordinate.ndim != 1 or coordinate.shape != values.shape:
-        raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
-    if not (np.isfinite(coordinate).all() and np.isfinite(values).all()):
-        raise UserError(f"{label} and {name} must be finite")
-    if np.any(np.diff(coordinate) <= 0.0):
-        raise UserError(f"{label} must ascend")
-    return Excitation(name, known[name], coordinate, values, conditions), label, coordinate
-
-
 def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
     """Every parameter as (W,), and whether each was given as a single value."""
     needed = {p.name: p for p in model.parameters()}
@@ -143,7 +120,14 @@ def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, Flo
         for name in given
         if name not in needed
     ]
-    arrays = {n: np.asarray(v, dtype=float) for n, v in {**quantities, **given}.items()}
+    arrays = {name: np.asarray(value) for name, value in quantities.items()}
+    for name, value in given.items():
+        try:
+            unit = needed[name].unit if name in needed else "1"
+            arrays[name] = array_in_si(value, unit, f"parameter {name}")
+        except UserError as error:
+            faults.append(str(error))
+    faults += _impossible(needed.values(), arrays)
     sizes = {array.size for array in arrays.values() if array.ndim == 1}
     if len(sizes) > 1 or any(array.ndim > 1 for array in arrays.values()):
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
@@ -153,6 +137,20 @@ def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, Flo
     size = sizes.pop() if sizes else 1
     scalar = all(array.ndim == 0 for array in arrays.values())
     return {name: np.full(size, arrays[name]) for name in needed}, scalar
+
+
+def _impossible(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Single values that no draw can have; among many draws they are draws that fail."""
+    for parameter in parameters:
+        value = arrays.get(parameter.name, np.ones(2))
+        if value.ndim > 0 or (np.isfinite(value) and (value >= 0.0 or _signed(parameter))):
+            continue
+        needed = "finite" if _signed(parameter) else "finite and not negative"
+        yield f"parameter {parameter.name} is {value:g} {parameter.unit}; it must be {needed}"
+
+
+def _signed(parameter: Parameter) -> bool:
+    return parameter.prior.support[0] < 0.0
 
 
 def _dataset(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +29,11 @@ class Sampling:
     autocorrelation_times: float = 50.0
     particles: int = 1024
     seed: int = 1
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # YAML and its schema take 4.0 for a whole number
+            if each.type == "int":
+                object.__setattr__(self, each.name, int(getattr(self, each.name)))
 
 
 @dataclass(frozen=True)
@@ -198,9 +203,16 @@ def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) ->
     return replace(
         study,
         specimen=specimen,
+        prior_from=None if study.prior_from is None else _from_here(study.prior_from),
         model=model_of(specimen, own) if study.model is None else seen(study.model, bases),
         data_root=None if root is None else Path(os.path.normpath(base / root.expanduser())),
     )
+
+
+def _from_here(path: str) -> str:
+    """A path in the one spelling that Snakemake knows it by: `./results/x` is `results/x`."""
+    place = Path(os.path.normpath(path))
+    return (place.relative_to(Path.cwd()) if place.is_relative_to(Path.cwd()) else place).as_posix()
 
 
 def _split(study: Study, column: str | None) -> list[Study]:

@@ -15,6 +15,7 @@ from deabayes.reading.checks import shorter_than_time_constant, too_few_points
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import repeated_records
+from deabayes.reading.table import selected
 
 if TYPE_CHECKING:
     from deabayes.experiment import Experiment, Role, Specimen
@@ -62,7 +63,7 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
 
 
 def check_names(study: Study) -> list[str]:
-    """Faults that show without reading a record: of the folder's two tables, and names in them.
+    """Faults that show without reading a record: of the folder's tables, names in them, files.
 
     What a workflow should say before its first job, for all studies together.
     """
@@ -70,7 +71,7 @@ def check_names(study: Study) -> list[str]:
         read = read_folder(study.specimen, study.data_root, check_records=False)
     except UserError as error:
         return [*str(error).splitlines(), *_unknown_names(study)]
-    faults = _unknown_names(study)
+    faults = [*read.missing(read.table), *_unknown_names(study)]
     faults += _further_faults(study, _used_rows(study, read, faults))
     _systems(study, read.specimen, faults)
     return faults
@@ -180,11 +181,10 @@ def _unknown_names(study: Study) -> list[str]:
 
 def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
     """The rows a study uses, in the roles it gives them."""
-    kept = [
-        row
-        for row in read.table
-        if all(str(row.metadata.get(key)) == value for key, value in study.select.items())
-    ]
+    kept = selected(read.table, study.select)
+    if not kept:
+        faults += _nothing_selected(study, read)
+        return []
     known = [row.name for row in kept]
     used: list[ExperimentRow] = []
     listed: tuple[tuple[Role, tuple[str, ...] | None], ...]
@@ -206,6 +206,22 @@ def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Exper
                 f"study {study.name}: no record to calibrate on in {study.specimen}; {todo}"
             )
     return used
+
+
+def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
+    """Why no row has what `select` wants, column by column."""
+    columns = dict.fromkeys(key for row in read.table for key in row.metadata)
+    found = []
+    for key, value in study.select.items():
+        where = f"study {study.name}, select: {study.specimen}"
+        values = [str(row.metadata[key]) for row in read.table if key in row.metadata]
+        if key not in columns:
+            hint = nearest(key, columns) if columns else "; remove it"
+            found.append(f"{where} has no column {key!r} in experiments.csv{hint}")
+        elif not selected(read.table, {key: value}):
+            hint = nearest(value, dict.fromkeys(values))
+            found.append(f"{where} has no experiment with {key} {value!r}{hint}")
+    return found or [f"{where} has no experiment with all of these values; drop one of them"]
 
 
 def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:

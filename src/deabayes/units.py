@@ -7,8 +7,10 @@ where `1` is expected, or `rad/s` where `Hz` is expected, is a wrong dimension.
 
 from __future__ import annotations
 
+import datetime
 import re
 from functools import cache
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -88,7 +90,7 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
     ------
     UserError : no number, no unit where one is needed, unknown unit, wrong dimension.
     """
-    if isinstance(text, int | float) and not isinstance(text, bool):
+    if isinstance(text, Real) and not isinstance(text, bool):
         return float(text)
     match = NUMBER_AND_UNIT.match(text) if isinstance(text, str) else None
     if match is None:
@@ -99,6 +101,38 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
     if not unit and expected_unit != "1":
         raise UserError(f"{where}: {text!r} has no unit; write '{number} {expected_unit}'")
     return float(to_si(float(number), unit, expected_unit, where))
+
+
+def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
+    """Values as floats in the SI unit `unit`: numbers, texts with a unit, spans of time.
+
+    Raises
+    ------
+    UserError : dates, anything else that is no number, texts without unit.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise UserError(f"{where}: rows of unlike length; give one array of numbers") from None
+    first = array.flat[0] if array.size else None
+    if array.dtype.kind == "M" or isinstance(first, datetime.date | np.datetime64):
+        raise UserError(
+            f"{where}: expected numbers in {unit}, found dates ({first}); give what has passed "
+            "since the first, as `t - t[0]`"
+        )
+    if array.dtype.kind == "m" or isinstance(first, datetime.timedelta):
+        if unit != "s":
+            raise UserError(f"{where}: expected numbers in {unit}, found spans of time ({first})")
+        return np.asarray(array.astype("timedelta64[ns]") / np.timedelta64(1, "s"), dtype=float)
+    if isinstance(first, str):
+        parsed = [parse_quantity(str(each), unit, where) for each in array.flat]
+        return np.asarray(parsed, dtype=float).reshape(array.shape)
+    if array.dtype.kind not in "fiubO":
+        raise UserError(f"{where}: expected numbers in {unit}, found {first!r}")
+    try:
+        return array.astype(float)
+    except (TypeError, ValueError):
+        raise UserError(f"{where}: expected numbers in {unit}, found {values!r:.60}") from None
 
 
 def si_unit(unit: str, where: str = "") -> str:

@@ -93,7 +93,14 @@ PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
         ({"candidates": ("kv_gn_1",)}, ["candidates", "kv_gn_1"]),
         ({"calibrate": ("relx",)}, ["calibrate", "no experiment 'relx'", "'relax'?"]),
         ({"calibrate": ("relax",), "validate": ("pul",)}, ["validate", "'pull'?"]),
-        ({"select": {"note": "second"}}, ["no record to calibrate on"]),
+        ({"select": {"note": "second"}}, ["no experiment with note 'second'", "known: first"]),
+        ({"select": {"nope": "1"}}, ["study s, select: ", "no column 'nope' in experiments.csv"]),
+        ({"select": {"nots": "first"}}, ["did you mean 'note'?"]),
+        (
+            {"select": {"note": "first", "stretch_rate_per_s": "0.05"}},
+            ["no experiment with all of these values"],
+        ),
+        ({"select": {"stretch_rate_per_s": "5e-2"}}, ["no record to calibrate on"]),
     ],
 )
 def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: list[str]) -> None:

@@ -206,3 +206,17 @@ def test_a_protocol_that_is_none():
     post = Posterior(file(further_prior(STUDY, target())))
     with pytest.raises(UserError, match="did you mean 'frequency_response'"):
         post.predict(frequency=FREQUENCY, protocol="frequency_respons", **ASKED)
+
+
+def test_what_is_predicted_is_checked_as_what_is_simulated():
+    fitted = Fitted.from_tree(file(None), 50, 1)
+    drive = {"time": TIME, "voltage": np.full(TIME.size, 2000.0)}
+    for changes, conditions, words in (
+        ({}, {"laod_g": 300.0}, "did you mean 'load_g'"),
+        ({"voltage": np.full(TIME.size, np.nan)}, {}, "voltage must be finite, found nan at index"),
+        ({"time": np.datetime64("2024-05-13") + np.arange(TIME.size)}, {}, "found dates"),
+        ({"time": TIME[::-1]}, {}, "time must ascend"),
+    ):
+        with pytest.raises(UserError, match=words):
+            fitted.experiment(drive | changes, None, conditions)
+    assert fitted.experiment(drive, None, {"load_g": 300.0}).coordinate_name == "time"

@@ -1,9 +1,14 @@
+import datetime
+
 import numpy as np
+import pandas as pd
 import pytest
 from tests.unit.golden import REPOSITORY, golden_table
 
 import deabayes
 from deabayes.faults import UserError
+from deabayes.reading.specimen import read_specimen
+from deabayes.systems import REGISTRY, system_class
 
 QUANTITIES = {"thickness": "80 um", "relative_permittivity": 3.1, "active_length": "70 mm"}
 VALUES = {"E_0": 1.5e6, "E_1": 12e6, "E_2": 6e6, "tau_1": 6e-3, "tau_2": 0.12}
@@ -64,6 +69,23 @@ def test_missing_and_unknown_parameters_are_all_listed():
         ({"time": TIME[::-1]}, "must ascend"),
         ({"voltage": np.full(TIME.size, np.nan)}, "finite"),
         ({"stretch": TIME}, "'stretch' is unknown"),
+        ({"voltage": [1, 1, np.inf, 1, 1, 1]}, "voltage must be finite, found inf at index 2"),
+        ({"time": np.datetime64("2024-05-13") + np.arange(6)}, r"time: .* found dates \(2024"),
+        ({"time": [datetime.datetime(2024, 5, 13)] * 6}, r"time: .* found dates \(2024"),
+        ({"voltage": np.arange(6).astype("timedelta64[s]")}, "voltage: .* found spans of time"),
+        ({"voltage": ["high"] * 6}, "voltage: expected a number and a unit .* found 'high'"),
+        ({"voltage": [None] * 6}, "voltage must be finite, found nan at index 0"),
+        ({"voltage": [[1, 2], [3]]}, "voltage: rows of unlike length"),
+        ({"time": None}, "voltage drives system 'tubular' in time; give time"),
+        ({"parameters": VALUES | {"E_0": "1.5 mm"}}, "parameter E_0: unit 'mm' is a length"),
+        ({"parameters": VALUES | {"E_0": "1.5e6"}}, "parameter E_0: '1.5e6' has no unit"),
+        ({"parameters": VALUES | {"E_0": -1.5e6}}, "E_0 is -1.5e.06 Pa; .* not negative"),
+        ({"parameters": VALUES | {"tau_1": np.nan}}, "tau_1 is nan s; it must be finite"),
+        ({"conditions": {"laod_g": 300}}, "'laod_g' is unknown .* did you mean 'load_g'"),
+        ({"conditions": {"load_kg": 0.3}}, "'load_kg' is unknown .* did you mean 'load_g'"),
+        ({"conditions": {"load_g": None}}, "'load_g' must be a number or a text, found None"),
+        ({"specimen": QUANTITIES | {"thickness": {"value": 8e-5}}}, "thickness: 'unit' is missing"),
+        ({"specimen": QUANTITIES | {"thickness": {"unit": "m"}}}, "thickness: 'value' is missing"),
         ({"response": "strian"}, "did you mean 'strain'"),
         ({"specimen": {"thickness": "80 um"}}, "relative_permittivity"),
         ({"specimen": QUANTITIES | {"thickness": "80 V"}}, "thickness"),
@@ -72,6 +94,39 @@ def test_missing_and_unknown_parameters_are_all_listed():
 def test_mistakes_are_user_errors(changes, message):
     with pytest.raises(UserError, match=message):
         run(**changes)
+
+
+def test_spans_of_time_units_and_numbers_of_numpy_are_taken():
+    expected = run().strain
+    spans = TIME * 1e6 * np.timedelta64(1, "us")
+    for time in (spans, list(spans.astype(object)), pd.Series(spans)):
+        np.testing.assert_allclose(run(time=time).strain, expected, rtol=1e-12)
+    np.testing.assert_allclose(run(voltage=["2 kV"] * 6).strain, expected, rtol=1e-12)
+    written = VALUES | {"E_0": "1.5 MPa", "tau_1": "6 ms", "E_1": np.float32(12e6)}
+    np.testing.assert_allclose(run(written).strain, expected, rtol=1e-12)
+    mapping = {"value": np.int64(80), "unit": "um", "sd": None}
+    for thickness in (mapping, np.float64(80e-6), np.array(80e-6)[()]):
+        specimen = QUANTITIES | {"thickness": thickness}
+        np.testing.assert_allclose(run(specimen=specimen).strain, expected, rtol=1e-12)
+    rounded = QUANTITIES | {"relative_permittivity": np.float32(3.1)}
+    np.testing.assert_allclose(run(specimen=rounded).strain, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("system", REGISTRY)
+def test_every_system_says_which_conditions_it_reads(system):
+    assert system_class(system).conditions is not None
+
+
+def test_a_hung_mass_is_a_condition_that_is_read():
+    folder = REPOSITORY / "data" / "tubular"
+    mass = {"moving_mass": 0.05, "cross_section": 6e-5}
+    known = deabayes.systems.build("tubular", "voigt_kelvin_2_inertia", read_specimen(folder))
+    values = VALUES | {p.name: mass[p.name] for p in known.parameters() if p.name in mass}
+    arguments = ("tubular", "voigt_kelvin_2_inertia", values, folder)
+    drive = {"time": TIME, "voltage": np.full(TIME.size, 2000.0)}
+    light = deabayes.simulate(*arguments, **drive)
+    heavy = deabayes.simulate(*arguments, **drive, conditions={"load_g": 3000})
+    assert not np.allclose(light.strain, heavy.strain)
 
 
 def test_an_excitation_is_needed_and_the_system_must_be_the_folders():

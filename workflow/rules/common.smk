@@ -12,14 +12,14 @@ from deabayes.faults import Faults, UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.population.settings import to_settings as population_to_settings
+from deabayes.prior_sources import Sources
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
 from deabayes.study import fit_settings, load_studies
 from deabayes.study_checks import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
-CONFIG_FILES = ", ".join(os.path.relpath(path) for path in workflow.configfiles)
-SNAKEMAKE_KEYS = {"pathvars"}
+CONFIG_FILES = ", ".join(config_files())
 
 # `logged LOG COMMAND`: what the command says is in its log and, where it failed, also shown.
 shell.prefix(
@@ -31,13 +31,8 @@ shell.prefix(
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 
-def settings_given():
-    """What the configuration says to the library, without what it says to Snakemake."""
-    return {key: value for key, value in config.items() if key not in SNAKEMAKE_KEYS}
-
-
 def read_studies():
-    """The studies whose records are at hand, and a line on each folder that is left out."""
+    """The studies with records at hand, a line on each folder left out, the names of its studies."""
     at_hand, left_out = {}, {}
     for study in load_studies(settings_given(), CONFIG_FILES):
         missing = missing_data(study.specimen, study.data_root)
@@ -45,7 +40,8 @@ def read_studies():
             left_out.setdefault(missing, []).append(study.name)
         else:
             at_hand[study.name] = study
-    return at_hand, [f"{few(names)} left out: {why}" for why, names in left_out.items()]
+    lines = [f"{few(names)} left out: {why}" for why, names in left_out.items()]
+    return at_hand, lines, [name for names in left_out.values() for name in names]
 
 
 def read_populations():
@@ -66,25 +62,28 @@ def few(names):
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} like it"
 
 
-def check(studies, populations):
+def check(studies, populations, names_left_out):
     """Raise for every name in the configuration that nothing has, before the first job."""
     faults = [fault for study in studies.values() for fault in check_names(study)]
     for population in () if faults else populations.values():
         faults += check_population(population, studies)
+    if not faults:
+        results = Path(workflow.pathvars.items["results"])
+        sources = Sources(studies, populations, results, names_left_out)
+        faults = [fault for study in studies.values() for fault in sources.faults(study)]
     if faults:
         raise Faults(list(dict.fromkeys(faults)))
 
 
 try:
-    STUDIES, LEFT_OUT = read_studies()
+    STUDIES, LEFT_OUT, NAMES_LEFT_OUT = read_studies()
     POPULATIONS, left_out_too = read_populations()
     LEFT_OUT += left_out_too
     # Jobs read the Snakefile again; what was checked once need not be.
     if workflow.is_main_process:
-        check(STUDIES, POPULATIONS)
-except UserError as error:
-    print(error, file=sys.stderr)
-    sys.exit(1)
+        check(STUDIES, POPULATIONS, NAMES_LEFT_OUT)
+except (UserError, OSError) as error:
+    end(error)
 
 if workflow.is_main_process:
     for line in LEFT_OUT:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deabayes.commands.checks import checked
+from deabayes.commands.drive import read_drive
 from deabayes.commands.find import find_study
+from deabayes.commands.output import keep_inputs
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study
-
-if TYPE_CHECKING:
-    from deabayes.experiment import FloatArray
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
@@ -40,6 +39,7 @@ def fit_one(
     from deabayes.pipeline import fit_ensemble
 
     found = find_study(study, config)
+    keep_inputs(output, Path(study), config, prepared)
     fit_ensemble(found, _known(found, candidate), prepared, ensemble, output, progress=True)
 
 
@@ -57,6 +57,8 @@ def pool_by_name(
     from deabayes.pipeline import pool_candidate
 
     found = find_study(study, config)
+    keep_inputs(output, Path(study), config, *ensembles)
+    keep_inputs(summary, Path(study), config, *ensembles, option="--summary")
     pool_candidate(found, candidate, prepared, ensembles, output, summary, True, processes)
 
 
@@ -90,6 +92,7 @@ def compare_posteriors(
     posteriors = _posteriors(sources, results)
     prepared = prepared or posteriors[0].parent.parent / "prepared"
     output = output or posteriors[0].parent.parent / "comparison.csv"
+    keep_inputs(output, prepared, *posteriors, *(p.with_name("scores.json") for p in posteriors))
     for posterior in posteriors:
         scores = posterior.with_name("scores.json")
         if not scores.exists() or scores.stat().st_mtime < posterior.stat().st_mtime:
@@ -112,6 +115,7 @@ def weigh_experiments(results: Path, config: Path, asked: str | None, output: Pa
     else:
         entries = entries_of(asked)
     output = output or results / "further_experiments.csv"
+    keep_inputs(output, config, results / "study.yaml", results / "comparison.csv")
     further_experiments(results, entries, output)
     return output.read_text()
 
@@ -128,9 +132,12 @@ def predict_posteriors(
     lines = []
     for posterior in posteriors:
         table = errors or posterior.with_name("errors.csv")
+        records = prepared or posterior.parent.parent / "prepared"
+        keep_inputs(output, posterior, records)
+        keep_inputs(errors, posterior, records, option="--errors")
         lines += predict_candidate(
             posterior,
-            prepared or posterior.parent.parent / "prepared",
+            records,
             output or posterior.with_name("predictions"),
             table,
         )
@@ -156,30 +163,13 @@ def simulate_record(
     from deabayes.simulation import simulate
 
     load_for(system, config)
-    driven: dict[str, Any] = _drive(system, excitation)
+    driven: dict[str, Any] = read_drive(system, excitation)
     response = simulate(
         system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **driven
     )
     table = response.to_dataframe().reset_index()
     write_atomically(lambda path: table.to_csv(path, index=False), output)
     return str(response.attrs.get("failure", ""))
-
-
-def _drive(system: str, path: Path) -> dict[str, FloatArray]:
-    """The time and the channels of a record that drive a system; SI."""
-    from deabayes.reading.columns import CHANNELS
-    from deabayes.reading.records import read_record
-    from deabayes.systems import system_class
-
-    drives = system_class(system).excitations
-    columns = read_record(path, channels={**CHANNELS, **drives}).columns
-    driven = {name: values for name, values in columns.items() if name in ("time", *drives)}
-    if not driven.keys() & drives.keys():
-        raise UserError(
-            f"{path}: has no column {' or '.join(drives)} to drive system {system!r}, only "
-            f"{', '.join(columns)}"
-        )
-    return driven
 
 
 def download(studies: Sequence[str], config: Path) -> Iterator[str]:

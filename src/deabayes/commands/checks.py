@@ -17,16 +17,28 @@ if TYPE_CHECKING:
 def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     """Check a study folder, a study with its folder, or a population and its studies.
 
+    A name that the config has is that of the study, also where a folder is called so.
     Faults are raised once all is said.
     """
     from deabayes.population.settings import load_populations
 
-    if Path(what).is_dir() or Path(what).name != what:
+    a_path = Path(what).is_dir() or Path(what).name != what
+    if a_path and not _names_entry(config, what):
         _check_folder(Path(what), config, say)
     elif any(each.name == what for each in load_populations(config)):
         _check_population(find_population(what, config), config, say)
     else:
-        _check_study(find_study(what, config), say)
+        _check_study(find_study(what, config), say, config)
+
+
+def _names_entry(config: Path, what: str) -> bool:
+    """Whether a config has a study or a population called as a folder here is."""
+    from deabayes.reading.yaml_file import read_yaml
+
+    if Path(what).name != what or not Path(config).is_file():
+        return False
+    content = read_yaml(config)
+    return any(what in (content.get(key) or ()) for key in ("studies", "populations"))
 
 
 def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> None:
@@ -41,12 +53,28 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
         raise Faults(report.faults)
 
 
-def _check_study(study: Study, say: Callable[[str], None]) -> None:
+def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
     from deabayes.checking import check_folder
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
     for warning in checked(study):
         say(f"  - {warning}")
+    faults = _prior_faults(study, config)
+    if faults:
+        raise Faults(faults)
+
+
+def _prior_faults(study: Study, config: Path) -> list[str]:
+    """What is wrong with the posterior that a study has for its prior."""
+    from deabayes.population.settings import load_populations
+    from deabayes.prior_sources import Sources
+    from deabayes.study import load_studies
+
+    if study.prior_from is None:
+        return []
+    studies = {each.name: each for each in load_studies(config)}
+    populations = {each.name: each for each in load_populations(config)}
+    return Sources(studies, populations).faults(study)
 
 
 def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
@@ -59,7 +87,7 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
     for name in population.studies:
         say("")
         try:
-            _check_study(find_study(name, config), say)
+            _check_study(find_study(name, config), say, config)
         except UserError as error:
             faults += str(error).splitlines()
     if faults:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from deabayes.commands.options import CONFIG, EXISTING, RESULTS, TARGET
+from deabayes.commands.output import keep_inputs
 
 
 @click.command()
@@ -18,6 +19,7 @@ def score(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one posterior."""
     from deabayes.pipeline import score_candidate
 
+    keep_inputs(output, posterior)
     score_candidate(posterior, prepared, output)
 
 
@@ -29,6 +31,7 @@ def nested(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence by nested sampling, to check that of `score`; needs the package dynesty."""
     from deabayes.pipeline import check_evidence
 
+    keep_inputs(output, posterior)
     check_evidence(posterior, prepared, output)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from deabayes.commands.options import CONFIG, EXISTING, TARGET
+from deabayes.commands.output import keep_inputs
 
 
 @click.command()
@@ -30,6 +31,8 @@ def simulate(
     """Simulate the response of CANDIDATE of SYSTEM to an excitation record."""
     from deabayes.commands.by_hand import simulate_record
 
+    tables = (specimen / "specimen.yaml", specimen / "experiments.csv")
+    keep_inputs(output, excitation, config, *tables)
     failure = simulate_record(system, candidate, specimen, excitation, settings, output, config)
     if failure:
         click.echo(f"{output}: cells are empty: {failure}", err=True)
@@ -51,4 +54,5 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     """
     from deabayes.pipeline import export_posterior
 
+    keep_inputs(output, posterior)
     export_posterior(posterior, to, output, **options)

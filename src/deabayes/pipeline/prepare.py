@@ -9,6 +9,7 @@ from pathlib import Path
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError, nearest
 from deabayes.reading.raw import ExperimentRow
+from deabayes.reading.table import selected
 from deabayes.study import Study
 
 
@@ -53,11 +54,7 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
     `calibrate` and `validate` of the study override the role column, `validate: []` with no
     held-out record; `select` keeps the rows whose metadata column has the wanted value.
     """
-    kept = [
-        row
-        for row in rows
-        if all(str(row.metadata.get(column)) == value for column, value in study.select.items())
-    ]
+    kept = selected(rows, study.select)
     known = [row.name for row in kept]
     for key, names in (("calibrate", study.calibrate), ("validate", study.validate)):
         for name in names or ():

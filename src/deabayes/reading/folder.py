@@ -82,11 +82,10 @@ class StudyFolder:
     def faults(self, rows: Sequence[ExperimentRow] | None = None) -> list[str]:
         """Every fault of these rows' records, and of the rows together."""
         rows = self.table if rows is None else rows
-        missing = [row for row in rows if self.locate(row) is None]
-        found = self._missing_files(missing, len(rows))
+        found = self.missing(rows)
         sound = []
         for row in rows:
-            if row in missing:
+            if self.locate(row) is None:
                 continue
             try:
                 sound.append((row, self.record(row)))
@@ -95,6 +94,14 @@ class StudyFolder:
             except UserError as error:
                 found.append(str(error))
         return found + repeated_records(sound, str(self.path / FILE))
+
+    def missing(self, rows: Sequence[ExperimentRow]) -> list[str]:
+        """What is to be said of those of these rows whose record is not there."""
+        lost = [row for row in rows if self.locate(row) is None]
+        if lost and self.file.download is not None:
+            names = [row.record for row in lost]
+            return [missing_sentence(self.path, self.file.download, names, len(rows))]
+        return [self._missing_file(row) for row in lost]
 
     def _channels(self, row: ExperimentRow) -> Mapping[str, str]:
         try:
@@ -109,12 +116,6 @@ class StudyFolder:
     def _published(self) -> dict[str, PublicRecord]:
         download = self.file.download
         return {} if download is None else read_registry(self.path / download["registry"])
-
-    def _missing_files(self, rows: Sequence[ExperimentRow], total: int) -> list[str]:
-        if rows and self.file.download is not None:
-            names = [row.record for row in rows]
-            return [missing_sentence(self.path, self.file.download, names, total)]
-        return [self._missing_file(row) for row in rows]
 
     def _missing_file(self, row: ExperimentRow) -> str:
         """Names are compared without their endings, which would make any two alike."""

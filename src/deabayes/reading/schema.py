@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import datetime
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -45,9 +46,34 @@ def violations(content: Any, name: str, where: str) -> list[str]:
     """Every violation of a schema, in file order, as ``where, key: found; what to do``."""
     import jsonschema
 
+    unquoted = list(_keys_that_are_no_text(content, where))
+    if unquoted:
+        return unquoted
     validator = jsonschema.Draft202012Validator(schema(name))
     errors = sorted(validator.iter_errors(content), key=lambda error: list(map(str, error.path)))
     return [sentence for error in errors for sentence in _sentences(error, where)]
+
+
+def _keys_that_are_no_text(content: Any, where: str, key: str = "") -> Iterator[str]:
+    """Keys that YAML reads as a number, a date or a truth value."""
+    items = enumerate(content) if isinstance(content, list) else ()
+    for name, value in content.items() if isinstance(content, Mapping) else items:
+        if isinstance(content, Mapping) and not isinstance(name, str):
+            place = f"{where}, {key}" if key else where
+            yield (
+                f"{place}: the key {name} is {_kind(name)} to YAML; write it in quotes, as in "
+                "'2024-05-13': or 'on':"
+            )
+        yield from _keys_that_are_no_text(value, where, f"{key}.{name}".lstrip("."))
+
+
+def _kind(value: object) -> str:
+    """What YAML takes an unquoted word for."""
+    if isinstance(value, bool):
+        return "true or false"
+    if value is None:
+        return "nothing"
+    return "a date" if isinstance(value, datetime.date) else "a number"
 
 
 def _sentences(error: Any, where: str) -> list[str]:
@@ -70,6 +96,8 @@ def _sentences(error: Any, where: str) -> list[str]:
             types = error.validator_value
             types = [types] if isinstance(types, str) else types
             wanted = " or ".join(TYPE_NAMES[kind] for kind in types)
+            if "string" in types and not isinstance(error.instance, list | Mapping | None):
+                found = f"{error.instance}, which is {_kind(error.instance)}: write it in quotes"
             return [f"{place}: expected {wanted}, found {found}{_description(error)}"]
         case "pattern" | "propertyNames" | "anyOf" | "oneOf" | "not":
             return [f"{place}: {found} is not possible here{_description(error)}"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from deabayes.systems.base import System
 
 FILE = "specimen.yaml"
+MINIMAL = {"name": "specimen", "provenance": {"kind": "simulated"}}
 INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
 MAY_BE_ZERO = ("delay", "resolution")
 
@@ -93,7 +95,9 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
     faults: list[str] = []
     for name, given in quantities.items():
         if isinstance(given, Mapping):
-            content["quantities"][name] = given
+            content["quantities"][name] = plain = _plain(given)
+            mapping = {**MINIMAL, "system": system, "quantities": {name: plain}}
+            faults += violations(mapping, "specimen", where)
             continue
         unit = units.get(name, "1")
         try:
@@ -101,10 +105,21 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
             content["quantities"][name] = {"value": value, "unit": unit}
         except UserError as error:
             faults.append(str(error))
+    if faults:
+        raise Faults(faults)
     read = _quantities(content, where, faults)
     if faults:
         raise Faults(faults)
     return Specimen(where, system, {"kind": "simulated"}, read, {})
+
+
+def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A quantity's mapping with Python's own numbers in place of numpy's."""
+    given = {key: value for key, value in entry.items() if value is not None}
+    return {
+        key: float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
+        for key, value in given.items()
+    }
 
 
 def system_class(name: str) -> type[System]:

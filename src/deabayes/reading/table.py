@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,18 @@ def values_of(folder: Path, column: str) -> list[str]:
             "fill it in"
         )
     return list(dict.fromkeys(str(row.metadata[column]) for row in rows))
+
+
+def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[ExperimentRow]:
+    """The rows whose metadata columns have the wanted values, numbers by value (for `select`)."""
+    return [
+        row
+        for row in rows
+        if all(
+            row.metadata.get(column) in (value, _number_or_text(value))
+            for column, value in wanted.items()
+        )
+    ]
 
 
 def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:

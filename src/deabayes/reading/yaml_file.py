@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     path = Path(path)
     if not path.is_file():
-        raise UserError(f"{path}: there is no such file; `deabayes new` writes one to fill in")
+        remedy = "correct the path, or write it (docs/reference/configuration.md)"
+        if path.name == "specimen.yaml":
+            remedy = "`deabayes new` writes one to fill in"
+        raise UserError(f"{path}: there is no such file; {remedy}")
     try:
         content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_loader())
     except UnicodeDecodeError as error:
@@ -44,6 +46,17 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+def scalar(text: str) -> str:
+    """The text as it is to be written in a YAML file, in quotes where it needs them."""
+    import yaml
+
+    try:
+        plain = yaml.load(text, Loader=_loader()) == text
+    except yaml.YAMLError:
+        plain = False
+    return text if plain else "'" + text.replace("'", "''") + "'"
+
+
 @cache
 def _loader() -> type[Any]:
     import yaml
@@ -51,16 +64,17 @@ def _loader() -> type[Any]:
     class Loader(yaml.SafeLoader):
         """SafeLoader with YAML 1.2 floats and without silently overwritten keys."""
 
-        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
-            seen: set[Hashable] = set()
-            for key_node, _ in node.value:
-                key = self.construct_object(key_node, deep=True)
-                if isinstance(key, Hashable) and key in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"key {key!r} is given twice", key_node.start_mark
+        def compose_mapping_node(self, anchor: Any) -> Any:
+            # As written: merge keys (`<<: *other`) give what they bring in once more later.
+            node = super().compose_mapping_node(anchor)
+            seen: set[tuple[str, str]] = set()
+            for key, _ in node.value:
+                if (key.tag, str(key.value)) in seen:
+                    raise yaml.composer.ComposerError(
+                        None, None, f"key {key.value!r} is given twice", key.start_mark
                     )
-                seen.add(key)
-            return super().construct_mapping(node, deep)
+                seen.add((key.tag, str(key.value)))
+            return node
 
     Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+0123456789."))
     return Loader

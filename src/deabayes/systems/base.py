@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from deabayes.experiment import (
     Quantity,
     Specimen,
 )
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.systems.stretched_spring import StretchedSpring
 
@@ -57,10 +58,13 @@ class System(ABC):
     protocols: ClassVar[tuple[str, ...]]
     excitations: ClassVar[Mapping[str, str]]
     """Excitation channel -> SI unit."""
+    in_time: ClassVar[tuple[str, ...]] = ()
+    """Excitation channels that drive nothing without time."""
     even: ClassVar[tuple[str, ...]] = ()
     """Excitation channels whose sign makes no difference to any response."""
-    conditions: ClassVar[Conditions] = {}
-    """What is held during a record and its response depends on: compared with the calibrated."""
+    conditions: ClassVar[Conditions | None] = None
+    """What is held during a record and its response depends on (`load_g`), by excitation: compared
+    with the calibrated, and others refused; None where it is not told."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
     proportional: ClassVar[tuple[str, ...]] = ()
@@ -193,6 +197,31 @@ class System(ABC):
                 f"quantities in specimen.yaml, in {unit}"
             )
         return self.specimen.quantities[quantity]
+
+    def check_conditions(self, given: Mapping[str, object]) -> None:
+        """Refuse conditions that no response of this system depends on, and values that are none.
+
+        Raises
+        ------
+        Faults
+        """
+        told = self.conditions
+        known = dict.fromkeys(
+            given if told is None else (name for names in told.values() for name in names)
+        )
+        hint = "" if known else "; it has none, remove it"
+        faults = [
+            f"condition {name!r} is unknown for system {self.name!r}{hint or nearest(name, known)}"
+            for name in given
+            if name not in known and name != "protocol"
+        ]
+        faults += [
+            f"condition {name!r} must be a number or a text, found {value!r}"
+            for name, value in given.items()
+            if name in known and not isinstance(value, str | Real)
+        ]
+        if faults:
+            raise Faults(faults)
 
     def check_channels(self, excitation: str, response: str) -> None:
         """Refuse an excitation or a response that this system does not have.

@@ -28,7 +28,7 @@ from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
-from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
@@ -74,6 +74,8 @@ class Membrane(System):
     name = "membrane"
     protocols = ("step", "creep", "sine", "sweep")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
+    in_time = ("voltage",)
+    conditions: ClassVar[Conditions] = {}
     even = ("voltage",)
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}

@@ -79,6 +79,7 @@ class MinimumEnergyStructure(System):
     name = "minimum_energy_structure"
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
+    in_time = ("voltage",)
     even = ("voltage",)
     conditions: ClassVar[Conditions] = {
         "displacement": {"voltage": None},

@@ -49,6 +49,7 @@ class TubularBase(System):
     name: ClassVar[str] = "tubular"
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    in_time: ClassVar[tuple[str, ...]] = ("voltage",)
     conditions: ClassVar[Conditions] = {
         "voltage": {"load_g": 0.0},
         "frequency": {"load_g": 0.0, "bias_kV": None, "amplitude_kV": None},

@@ -1,0 +1,60 @@
+"""A drive that is given as arrays in Python, checked: what `simulate` and `predict` follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import Excitation, FloatArray
+from deabayes.faults import UserError, nearest
+from deabayes.systems.base import System
+from deabayes.units import array_in_si
+
+
+def excitation_of(
+    system: System,
+    time: ArrayLike | None,
+    channels: Mapping[str, ArrayLike],
+    conditions: Mapping[str, float | str],
+) -> tuple[Excitation, str]:
+    """The excitation, and what its coordinate is: `time`, or the channel itself without one.
+
+    Raises
+    ------
+    UserError
+        Unknown or more than one channel, a drive in time without time, values that are no
+        finite numbers, a coordinate that does not ascend, unknown conditions.
+    """
+    system.check_conditions(conditions)
+    known = system.excitations
+    for name in channels:
+        if name not in known:
+            raise UserError(
+                f"excitation {name!r} is unknown for system {system.name!r}{nearest(name, known)}"
+            )
+    if len(channels) != 1:
+        found = " and ".join(channels) or "none"
+        raise UserError(f"give exactly one excitation of {', '.join(known)}; found {found}")
+    name, given = next(iter(channels.items()))
+    if time is None and name in system.in_time:
+        raise UserError(f"{name} drives system {system.name!r} in time; give time= [s] as well")
+    values = _finite(given, known[name], name)
+    label = name if time is None else "time"
+    coordinate = values if time is None else _finite(time, "s", "time")
+    if coordinate.ndim != 1 or coordinate.shape != values.shape:
+        raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
+    back = np.flatnonzero(np.diff(coordinate) <= 0.0)
+    if back.size:
+        raise UserError(f"{label} must ascend; it does not at index {back[0] + 1}")
+    return Excitation(name, known[name], coordinate, values, conditions), label
+
+
+def _finite(given: ArrayLike, unit: str, name: str) -> FloatArray:
+    values = np.atleast_1d(array_in_si(given, unit, name))
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        where = ", ".join(map(str, bad[0]))
+        raise UserError(f"{name} must be finite, found {values[tuple(bad[0])]} at index {where}")
+    return values

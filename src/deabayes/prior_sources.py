@@ -1,0 +1,139 @@
+"""What `prior_from` names, held against the studies of a config before anything is run."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from deabayes.api import open_posterior
+from deabayes.faults import UserError, nearest
+from deabayes.population.settings import FOLDER, Population
+from deabayes.posterior import wider_systems
+from deabayes.prior_overrides import check_same_order
+from deabayes.reading.specimen import read_specimen
+from deabayes.study import Study
+from deabayes.systems import System, build
+
+POSTERIOR = "posterior.nc"
+
+
+@dataclass(frozen=True)
+class Sources:
+    """The posteriors that a config's studies can have for their prior.
+
+    Attributes
+    ----------
+    studies, populations : of the config, by name, sound by themselves.
+    results : where their results are.
+    left_out : further studies of the config, whose records are not at hand.
+    """
+
+    studies: Mapping[str, Study]
+    populations: Mapping[str, Population]
+    results: Path = Path("results")
+    left_out: Collection[str] = field(default_factory=tuple)
+
+    def faults(self, study: Study) -> list[str]:
+        """A source that does not exist, waits for this study, or does not fit a candidate."""
+        if study.prior_from is None:
+            return []
+        try:
+            names = self._handed_on(study.prior_from)
+        except UserError as error:
+            return [f"study {study.name}, prior_from: {line}" for line in str(error).splitlines()]
+        faults = self._circle(study)
+        for candidate in study.candidates:
+            misfit = _misfit(study, candidate, names)
+            faults += [f"study {study.name}, {candidate}, {misfit}"] if misfit else []
+        return faults
+
+    def _named(self, source: str | None) -> tuple[str, str] | None:
+        """The study and the candidate, or FOLDER and the population, that a path is of."""
+        if source is None or not Path(source).is_relative_to(self.results):
+            return None
+        parts = Path(source).relative_to(self.results).parts
+        return (parts[0], parts[1]) if len(parts) == 3 and parts[2] == POSTERIOR else None
+
+    def _handed_on(self, source: str) -> Sequence[str]:
+        """The parameters that a posterior hands on, the file there or still to come."""
+        named = self._named(source)
+        if named is not None and named[0] == FOLDER and named[1] in self.populations:
+            return self.populations[named[1]].parameters
+        if named is not None and named[0] in self.studies:
+            study = self.studies[named[0]]
+            if named[1] in study.candidates:
+                return [parameter.name for parameter in _system(study, named[1]).parameters()]
+        if Path(source).is_file():
+            return open_posterior(source).as_prior().names
+        raise UserError(f"{source}: {self._why_missing(named)}")
+
+    def _why_missing(self, named: tuple[str, str] | None) -> str:
+        if named is None:
+            return "there is no such file; correct the path, or fit that study first"
+        name, candidate = named
+        if name == FOLDER:
+            return f"{candidate!r} is no population{nearest(candidate, self.populations)}"
+        if name in self.left_out:
+            return f"study {name!r} is left out, as its records are not on this machine"
+        if name not in self.studies:
+            return f"{name!r} is no study{nearest(name, self.studies)}"
+        known = self.studies[name].candidates
+        return f"study {name!r} has no candidate {candidate!r}{nearest(candidate, known)}"
+
+    def _after(self, name: str) -> Sequence[str]:
+        """The studies and populations (`populations/NAME`) that must be fitted before one."""
+        if name.startswith(f"{FOLDER}/"):
+            population = self.populations.get(name.removeprefix(f"{FOLDER}/"))
+            return () if population is None else population.studies
+        named = self._named(self.studies[name].prior_from) if name in self.studies else None
+        if named is None:
+            return ()
+        return (f"{FOLDER}/{named[1]}",) if named[0] == FOLDER else (named[0],)
+
+    def _circle(self, study: Study) -> list[str]:
+        """The same sentence for all studies that wait for each other."""
+        circle = self._way_back(study.name)
+        # A member that has its population for its prior is said with the population.
+        if not circle or (len(circle) == 2 and circle[1].startswith(f"{FOLDER}/")):
+            return []
+        first = circle.index(min(circle))
+        ring = [*circle[first:], *circle[:first], circle[first]]
+        chain = ", ".join(f"{a} from {b}" for a, b in pairwise(ring))
+        return [f"prior_from: {chain}: no posterior can be its own prior; take one of them out"]
+
+    def _way_back(self, start: str) -> list[str]:
+        """The names passed on the way from `start` to itself; none if there is no such way."""
+        ways, passed = [[start]], set[str]()
+        while ways:
+            way = ways.pop()
+            for each in self._after(way[-1]):
+                if each == start:
+                    return way
+                if each not in passed:
+                    passed.add(each)
+                    ways.append([*way, each])
+        return []
+
+
+def _misfit(study: Study, candidate: str, names: Sequence[str]) -> str:
+    """Why a candidate cannot take these parameters over; empty if it can."""
+    system = _system(study, candidate)
+    wider = [_names(each) for each in wider_systems(study, system).values()]
+    if not _names(system) & set(names) and any(each & set(names) for each in wider):
+        return ""  # a prior of what only predictions need
+    try:
+        check_same_order(system.parameters(), names)
+    except UserError as error:
+        return str(error)
+    return ""
+
+
+def _system(study: Study, candidate: str) -> System:
+    specimen = read_specimen(study.specimen)
+    return build(specimen.system, candidate, specimen)
+
+
+def _names(system: System) -> set[str]:
+    return {parameter.name for parameter in system.parameters()}

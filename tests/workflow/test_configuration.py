@@ -1,0 +1,118 @@
+"""What a config file says, to `snakemake` as to the command line; mistakes are one message."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from tests.unit.study_folders import make_folder, replace_in
+from tests.workflow.test_workflow_snakemake import snakemake
+
+SOUND = """\
+studies:
+  a: &a
+    specimen: strip
+    candidates: [kv_gm_1]
+  b:
+    <<: *a
+    candidates: [kv_gm_2]
+sampling: {ensembles: 3.0, ess: 1e3, walkers: 24}
+"""
+
+
+def said(folder: Path, *arguments: str) -> str:
+    """What a dry run that cannot be started says."""
+    run = snakemake(folder, "--cores", "1", "--dry-run", "--quiet", *arguments)
+    assert run.returncode == 1, run.stdout
+    assert "Traceback" not in run.stderr
+    return run.stderr
+
+
+@pytest.mark.parametrize("name", ["config.yaml", "mine.yaml"])
+def test_numbers_and_merge_keys_are_read_as_the_library_reads_them(
+    tmp_path: Path, name: str
+) -> None:
+    make_folder(tmp_path)
+    (tmp_path / name).write_text(SOUND)
+    given = () if name == "config.yaml" else ("--configfile", tmp_path / name)
+    arguments = ("--cores", "1", "--dry-run", "--config", "data_root=elsewhere")
+    run = snakemake(tmp_path, *arguments, *given)
+    assert run.returncode == 0, run.stderr
+    for file in ("a/kv_gm_1/ensembles/3.nc", "b/kv_gm_2/ensembles/3.nc"):
+        assert f"results/{file}" in run.stdout
+    assert "ensembles/4.nc" not in run.stdout
+
+
+def test_two_studies_of_one_name_are_a_mistake(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "mine.yaml").write_text(SOUND.replace("  b:", "  a:"))
+    error = said(tmp_path, "--configfile", str(tmp_path / "mine.yaml"))
+    assert "mine.yaml, line 5: key 'a' is given twice" in error
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (SOUND.replace("    specimen", "   specimen", 1), "config.yaml, line 4: "),
+        (SOUND.replace("    specimen", "\t  specimen", 1), "config.yaml, line 3: "),
+        ("", "config.yaml: expected `key: value` lines, found nothing"),
+        (SOUND.replace("  b:", "  a:"), "config.yaml, line 5: key 'a' is given twice"),
+    ],
+    ids=["indent", "tab", "empty", "twice"],
+)
+def test_what_cannot_be_read_is_named_by_file_and_line(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(text)
+    error = said(tmp_path)
+    assert error.startswith(words) and error.count("\n") == 1
+
+
+def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(SOUND)
+    (tmp_path / "fewer.yaml").write_text("sampling: {ensembles: 2}")
+    arguments = ("--cores", "1", "--dry-run", "--configfile", tmp_path / "fewer.yaml")
+    run = snakemake(tmp_path, *arguments)
+    assert run.returncode == 0, run.stderr
+    assert "a/kv_gm_1/ensembles/2.nc" in run.stdout and "ensembles/3.nc" not in run.stdout
+    wrong = said(tmp_path, "--config", "data_rot=elsewhere")
+    assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
+
+
+def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    there = "results/b/kv_gm_2/posterior.nc"
+    (tmp_path / "config.yaml").write_text(SOUND.replace("  b:", f"    prior_from: ./{there}\n  b:"))
+    assert "study a, kv_gm_1, prior_from: it has" in said(tmp_path)
+    text = SOUND.replace("kv_gm_1", "kv_gm_2").replace("  b:", f"    prior_from: ./{there}\n  b:")
+    (tmp_path / "config.yaml").write_text(text)
+    assert "prior_from: b from b: " in said(tmp_path), "the merge key hands it on"
+    text = text.replace("    <<: *a\n", "    specimen: strip\n")
+    (tmp_path / "config.yaml").write_text(text.replace("/b/kv", "/bb/kv"))
+    assert said(tmp_path).count("'bb' is no study; did you mean 'b'?") == 1
+    (tmp_path / "config.yaml").write_text(text)
+    run = snakemake(tmp_path, "--cores", "1", "--dry-run")
+    assert run.returncode == 0, run.stderr
+
+
+def test_a_record_that_is_not_there_is_named_as_check_names_it(tmp_path: Path) -> None:
+    table = make_folder(tmp_path) / "experiments.csv"
+    replace_in(table, "records/pull.csv", "records/pul.csv")
+    (tmp_path / "config.yaml").write_text(SOUND)
+    error = said(tmp_path)
+    assert "pul.csv (pull): there is no such file" in error
+    assert "did you mean 'records/pull.csv'?" in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["strip/specimen.yaml", "strip/experiments.csv", "config.yaml"])
+def test_a_file_that_may_not_be_read(tmp_path: Path, name: str) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(SOUND)
+    (tmp_path / name).chmod(0)
+    if os.access(tmp_path / name, os.R_OK):
+        pytest.skip("whoever runs this may read everything")
+    error = said(tmp_path)
+    assert f"{name}: Permission denied" in error and error.count("\n") == 1

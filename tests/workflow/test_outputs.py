@@ -1,0 +1,62 @@
+"""What a command reads is not written over, whatever `-o` says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.unit.study_folders import make_folder
+
+from deabayes.cli import main
+
+SIMULATE = ("simulate", "tensile_strip", "kv_gm_1", "--specimen", "strip", "--excitation")
+RECORD = "strip/records/relax.csv"
+POSTERIOR = "fit/one/posterior.nc"
+READ = {
+    RECORD: (*SIMULATE, RECORD),
+    "strip/../strip/records/relax.csv": (*SIMULATE, RECORD),
+    "strip/specimen.yaml": (*SIMULATE, RECORD),
+    "link.csv": (*SIMULATE, RECORD),
+    POSTERIOR: ("export", POSTERIOR, "--to", "csv"),
+    "fit/one/../one/posterior.nc": ("score", POSTERIOR, "--prepared", "prepared"),
+    f"fit/../{POSTERIOR}": ("nested", POSTERIOR, "--prepared", "prepared"),
+    "fit/../fit/one/../one/posterior.nc": ("compare", POSTERIOR, "--prepared", "prepared"),
+    "prepared": ("predict", POSTERIOR, "--prepared", "prepared"),
+}
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with a study folder, prepared records and what may be a posterior."""
+    make_folder(tmp_path)
+    (tmp_path / "link.csv").symlink_to(RECORD)
+    (tmp_path / "prepared").mkdir()
+    (tmp_path / POSTERIOR).parent.mkdir(parents=True)
+    (tmp_path / POSTERIOR).write_text("draws")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 1
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("output", READ)
+def test_what_is_read_is_not_written_over(
+    place: Path, capsys: pytest.CaptureFixture[str], output: str
+) -> None:
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    said = refusal(capsys, *READ[output], "-o", output)
+    kind = "folder" if output == "prepared" else "file"
+    assert said == f"deabayes: -o {output}: is the {kind} that is read; name another\n"
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+
+
+def test_the_table_of_errors_is_not_written_over_the_posterior(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = refusal(capsys, "predict", POSTERIOR, "--prepared", "prepared", "--errors", POSTERIOR)
+    assert said.startswith(f"deabayes: --errors {POSTERIOR}: is the file that is read")

@@ -1,0 +1,72 @@
+"""`deabayes simulate` from a record that cannot drive: file, row and remedy in one message."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from tests.unit.study_folders import make_folder
+
+from deabayes.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+TUBE = ("tubular", "voigt_kelvin_1", "--specimen", str(ROOT / "data" / "tubular"))
+TUBE_VALUES = ("E_0=1.5e6", "E_1=6e6", "tau_1=0.1")
+STRIP = ("tensile_strip", "neo_hookean", "--specimen", "strip")
+
+
+def simulate(place: Path, record: str, system: tuple[str, ...], values: tuple[str, ...]) -> None:
+    (place / "drive.csv").write_text(record)
+    settings = [word for value in values for word in ("--set", value)]
+    main(["simulate", *system, "--excitation", "drive.csv", *settings, "-o", "out.csv"])
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    make_folder(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ("Zeit [s],voltage [kV]\n0,1\n1,2\n2,3\n", "'Zeit' is a time .* write 'time .s.'"),
+        ("t [ms],voltage [kV]\n0,1\n1,2\n2,3\n", "'t' is a time"),
+        ("tiem,voltage [kV]\n0,1\n1,2\n2,3\n", "column 'time' is missing, voltage drives"),
+        ("time [s],voltage [kV]\n0,1\n2,2\n1,3\n", "column time: goes back at data row 3"),
+        ("time [s],voltage [kV]\n0,1\n1,2\n1,3\n", "column time: data row 3 repeats"),
+        ("time [s],voltage [kV]\n0,1\n1,nan\n2,3\n", "column voltage: .* first in data row 2"),
+        ("time [s],voltage [kV]\n0,1\n,2\n2,3\n", "column time: .* first in data row 2"),
+    ],
+)
+def test_a_drive_in_time(
+    place: Path, capsys: pytest.CaptureFixture[str], record: str, words: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        simulate(place, record, TUBE, TUBE_VALUES)
+    said = capsys.readouterr().err
+    assert (
+        ended.value.code == 1 and said.startswith("deabayes: drive.csv") and said.count("\n") == 1
+    )
+
+    assert re.search(words, said), said
+    assert not (place / "out.csv").exists()
+
+
+def test_a_drive_without_time_ascends(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulate(place, "stretch [1],note\n1,a\n1.5,b\n2,c\n", STRIP, ("mu=3e4",))
+    assert (place / "out.csv").read_text().startswith("stretch,nominal_stress")
+    with pytest.raises(SystemExit):
+        simulate(place, "stretch [1],note\n1,a\n2,b\n1.5,c\n", STRIP, ("mu=3e4",))
+    assert "drive.csv, column stretch: does not ascend at data row 3" in capsys.readouterr().err
+
+
+def test_a_parameter_outside_its_support_is_named(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        simulate(place, "time [s],voltage [kV]\n0,1\n1,2\n", TUBE, ("E_0=-1.5e6", *TUBE_VALUES[1:]))
+    assert ended.value.code == 1
+    assert "parameter E_0 is -1.5e+06 Pa; it must be" in capsys.readouterr().err

@@ -1,0 +1,45 @@
+"""The configuration as the library reads it: duplicate keys are mistakes, `1e3` is a number."""
+
+import os
+import sys
+from pathlib import Path
+
+from deabayes.faults import UserError
+from deabayes.reading.yaml_file import read_yaml
+from snakemake.utils import update_config
+
+SNAKEMAKE_KEYS = {"pathvars"}
+
+
+def end(error):
+    """End with a user's mistake alone; where in our files it was found is no help."""
+    if isinstance(error, OSError):
+        if error.filename is None:
+            raise error
+        error = f"{error.filename}: {error.strerror}; it must be there for you to read"
+    print(error, file=sys.stderr)
+    sys.exit(1)
+
+
+def check_yaml(path):
+    """End with the file and line of a mistake in a configuration that Snakemake is to read."""
+    try:
+        read_yaml(Path(path))
+    except (UserError, OSError) as error:
+        end(error)
+
+
+def config_files():
+    """The files that were read; those of the command line have the last say."""
+    count = len(workflow.config_settings.configfiles)
+    files = [*workflow.configfiles[count:], *workflow.configfiles[:count]]
+    return [os.path.relpath(path) for path in files]
+
+
+def settings_given():
+    """What the files and `--config key=value` say, without what they say to Snakemake."""
+    given = {}
+    for path in config_files():
+        update_config(given, read_yaml(Path(path)))
+    update_config(given, workflow.config_settings.config)
+    return {key: value for key, value in given.items() if key not in SNAKEMAKE_KEYS}
