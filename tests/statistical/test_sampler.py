@@ -7,6 +7,7 @@ from emcee.moves import DESnookerMove
 from tests.unit.coordinates import COORDINATES
 
 from deabayes.distributions import LogNormal, LogUniform
+from deabayes.left_out import ON_THE_WAY
 from deabayes.parameter import Parameter
 from deabayes.prior import Prior
 from deabayes.sampling.checkpoint import Store
@@ -29,7 +30,6 @@ from deabayes.sampling.run import Run, Target
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
 from deabayes.sampling.warp import fit_warp
-from deabayes.scoring import ON_THE_WAY
 from deabayes.study import Sampling
 
 

@@ -70,7 +70,9 @@ def check(studies, populations, names_left_out):
     if not faults:
         results = Path(workflow.pathvars.items["results"])
         sources = Sources(studies, populations, results, names_left_out)
-        faults = [fault for study in studies.values() for fault in sources.faults(study)]
+        faults = [
+            fault for study in studies.values() for fault in sources.faults(study)
+        ]
     if faults:
         raise Faults(list(dict.fromkeys(faults)))
 
