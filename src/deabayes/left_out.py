@@ -16,54 +16,63 @@ ON_THE_WAY = Schedule(final_rounds=(0, 0))
 INTO_FAILURE = Schedule(final_rounds=(5, 30), final_forgotten=0.3)
 
 
-class _Parts:
-    """What is left out and the rest at the same draws, each evaluated once."""
+class _Whole:
+    """The density of all data and what is left out of it, at the same draws evaluated once."""
 
     def __init__(self, log_rest: LogDensity, log_left: LogDensity) -> None:
         self._log_rest, self._log_left = log_rest, log_left
         self._at, self._left = np.empty(0), np.empty(0)
 
-    def whole(self, z: FloatArray) -> FloatArray:
-        rest = np.asarray(self._log_rest(z))
+    def __call__(self, z: FloatArray) -> FloatArray:
         self._at, self._left = z, np.asarray(self._log_left(z))
-        return rest + self._left
+        return np.asarray(self._log_rest(z)) + self._left
 
-    def removed(self, z: FloatArray) -> FloatArray:
-        if z is not self._at:
-            self.whole(z)
-        return -self._left
+    def left(self, z: FloatArray) -> FloatArray:
+        return self._left if z is self._at else np.asarray(self._log_left(z))
+
+
+def log_ratio_without(
+    log_whole: LogDensity, log_left: LogDensity, z: FloatArray, rng: np.random.Generator
+) -> tuple[float, FloatArray]:
+    r"""log of the normalising constant of p(theta | y) / L_left(theta) where L_left > 0.
+
+    Draws of the posterior of all data are annealed to that without y_left,
+    p(theta | y) L_left^(-beta), beta 0 -> 1; it is 1 / p(y_left | y_rest) where no draw fails.
+
+    Parameters
+    ----------
+    log_whole : z (W, d) -> (W,), of the posterior of all data, unnormalised.
+    log_left : z (W, d) -> (W,), log-likelihood of what is left out given the rest.
+    z : (S, d) draws of the posterior of all data.
+
+    Returns
+    -------
+    the logarithm, and the draws at the end of the way, (S, d).
+    """
+    found = anneal(z, log_whole, lambda z: -log_left(z), rng, ON_THE_WAY)
+    return found.log_evidence, found.particles
 
 
 def left_out_log_density(
-    log_rest: LogDensity,
-    log_left: LogDensity,
-    z: FloatArray,
-    rng: np.random.Generator,
-    may_fail: bool = True,
+    log_rest: LogDensity, log_left: LogDensity, z: FloatArray, rng: np.random.Generator
 ) -> float:
     r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest].
 
-    Draws of the posterior of all data are annealed to that without y_left,
-    p(theta | y) L_left^(-beta), beta 0 -> 1; the ratio of the normalising constants along the
-    way is P(L_left > 0 | y_rest) / p(y_left | y_rest). Draws without a response to what is left
-    out are not met on it: at its end the draws go on without y_left, and the share of those that
-    have a response is the probability.
+    Draws without a response to what is left out are not met on the way of `log_ratio_without`,
+    which ends at P(L_left > 0 | y_rest) / p(y_left | y_rest): at its end the draws go on without
+    y_left, and the share of those that have a response is the probability.
 
     Parameters
     ----------
     log_rest : z (W, d) -> (W,), of the posterior without what is left out, unnormalised.
-    log_left : z (W, d) -> (W,), log-likelihood of what is left out given the rest; NaN or -inf
-        where there is no response.
+    log_left : as of `log_ratio_without`; NaN or -inf where there is no response.
     z : (S, d) draws of the posterior of all data.
-    may_fail : whether log_left may be NaN or -inf where log_rest is finite.
     """
-    parts = _Parts(log_rest, log_left)
-    found = anneal(z, parts.whole, parts.removed, rng, ON_THE_WAY)
-    if not may_fail:
-        return -found.log_evidence
-    without = settle(found.particles, log_rest, rng, INTO_FAILURE).particles
+    whole = _Whole(log_rest, log_left)
+    ratio, particles = log_ratio_without(whole, whole.left, z, rng)
+    without = settle(particles, log_rest, rng, INTO_FAILURE).particles
     share = float(np.mean(np.isfinite(log_left(without))))
-    return -found.log_evidence + float(np.log(max(share, 0.5 / len(without))))
+    return float(np.log(max(share, 0.5 / len(without)))) - ratio
 
 
 def leave_one_experiment_out(
@@ -104,7 +113,4 @@ def leave_block_out(
         points = target.pointwise_log_likelihood(theta, (experiment,))[experiment]
         return np.asarray(points[:, block].sum(axis=1))
 
-    def log_rest(z: FloatArray) -> FloatArray:
-        return target(z) - log_left(z)
-
-    return left_out_log_density(log_rest, log_left, z, rng, may_fail=False)
+    return -log_ratio_without(target, log_left, z, rng)[0]

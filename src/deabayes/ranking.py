@@ -30,7 +30,7 @@ from deabayes.posterior import LogPosterior
 from deabayes.storage import stacked
 
 LOO_DRAWS = 1000
-SAMPLED_DRAWS = 512
+SAMPLED_DRAWS = 256
 """That a block is left out with by sampling, where importance weights are unreliable."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
 FEWEST_BLOCKS = 10

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from deabayes.comparison import leave_one_block_out
-from deabayes.left_out import left_out_log_density
+from deabayes.left_out import left_out_log_density, log_ratio_without
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
 
@@ -72,12 +72,16 @@ def test_a_block_that_the_others_do_not_expect_is_said_to_be_unreliable_and_is_s
     def log_left(z):
         return log_densities(design, data, z)[:, of_block(last)].sum(axis=1)
 
-    def log_rest(z):
-        all_points = log_densities(design, data, z).sum(axis=1)
-        return all_points - log_left(z) - 0.5 * np.sum(z**2, axis=1)
+    def log_whole(z):
+        return log_densities(design, data, z).sum(axis=1) - 0.5 * np.sum(z**2, axis=1)
 
-    sampled = left_out_log_density(log_rest, log_left, z[:512], rng)
-    assert sampled == pytest.approx(wanted, abs=0.3)
+    ratio, without = log_ratio_without(log_whole, log_left, z[:256], rng)
+    assert -ratio == pytest.approx(wanted, abs=0.3)
+    mean, _ = posterior(design[:-3], data[:-3])
+    np.testing.assert_allclose(without.mean(axis=0), mean, atol=0.1)
+    assert left_out_log_density(
+        lambda z: log_whole(z) - log_left(z), log_left, z[:256], rng
+    ) == pytest.approx(wanted, abs=0.3)
 
 
 def test_draws_that_cannot_have_what_is_left_out_count():
