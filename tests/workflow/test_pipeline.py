@@ -158,7 +158,7 @@ def test_predict_refuses_what_it_cannot_read(post):
         post.predict(time=np.arange(3.0), voltag=np.arange(3.0))
     with pytest.raises(UserError, match="exactly one excitation"):
         post.predict(time=np.arange(3.0))
-    with pytest.raises(UserError, match="must increase"):
+    with pytest.raises(UserError, match="must ascend"):
         post.predict(time=np.zeros(3), voltage=np.arange(3.0))
 
 

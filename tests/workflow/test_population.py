@@ -24,7 +24,7 @@ from deabayes.storage import read_tree, write_tree
 from deabayes.study import Sampling, load_study, write_study
 
 RECORDS = {"tube_a": "creep_2000V", "tube_b": "creep_2500V", "tube_c": "creep_1500V"}
-BUDGET = Sampling(ensembles=1, walkers=24, max_steps=120, particles=64, seed=1)
+BUDGET = Sampling(ensembles=2, walkers=24, max_steps=120, particles=64, seed=1)
 TUBES = Population(
     "tubes",
     tuple(RECORDS),
