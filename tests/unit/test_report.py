@@ -213,6 +213,16 @@ def test_candidates_that_were_not_compared_are_not_called_one(tmp_path: Path) ->
     assert verdict(StudyResults(study)).startswith("3 candidates were fitted and not compared")
 
 
+def test_a_warning_of_a_record_stands_once(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1,), protocols=("relaxation",), warnings=("3 gaps",))
+    results = StudyResults(write_study(tmp_path, fake))
+    (said,) = (n for n in notices.of_study(results) if n.title == "Data")
+    (of_record,) = said.details
+    results.recommended.attributes["warnings"] = [of_record, "prior_from: no normal"]
+    (of_fit,) = notices.stored(results.recommended)
+    assert of_fit.details == ("prior_from: no normal",)
+
+
 def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
     fake = Fake(candidates=(1,), protocols=("relaxation",))
     results = StudyResults(write_study(tmp_path, fake)).recommended

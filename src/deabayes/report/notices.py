@@ -205,17 +205,23 @@ def narrow_bands(results: CandidateResults) -> Iterator[Notice]:
 
 
 def stored(results: CandidateResults) -> Iterator[Notice]:
-    """Warnings that the fit itself left in the posterior file."""
+    """Warnings in the posterior file, but for those of its records, which stand under `data`."""
     texts = results.attributes.get("warnings") or []
-    if isinstance(texts, list) and texts:
-        yield _notice(results, "Warnings of the fit", [str(text) for text in texts], serious=False)
+    of_records = set(_of_records(results.study))
+    details = [str(text) for text in texts if text not in of_records]
+    if details:
+        yield _notice(results, "Warnings of the fit", details, serious=False)
 
 
 def data(results: StudyResults) -> Iterator[Notice]:
     """What preparation noticed about the records."""
-    details = [f"{e.name}: {text}" for e in results.experiments.values() for text in e.warnings]
+    details = _of_records(results)
     if details:
         yield Notice(results.name, "", "Data", tuple(details), serious=False)
+
+
+def _of_records(results: StudyResults) -> list[str]:
+    return [f"{e.name}: {text}" for e in results.experiments.values() for text in e.warnings]
 
 
 def _notice(
