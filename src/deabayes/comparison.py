@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
+from deabayes.pareto import smoothed
 
 SMALLEST_ELPD_GAIN = 4.0
 SMALLEST_EVIDENCE_GAIN = 1.0
-UNRELIABLE_K_HAT = 0.7
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
 
@@ -83,24 +83,19 @@ def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
 def leave_one_block_out(terms: FloatArray) -> BlockLoo:
     """Pareto-smoothed importance sampling over blocks (Vehtari, Gelman & Gabry 2017).
 
-    Draws of the full posterior have weights 1 / p(block | theta_s), of which
-    `psislw` takes the log density and not its negative.
+    Draws of the full posterior have weights 1 / p(block | theta_s).
 
     Parameters
     ----------
     terms : (S, B) log p(block | what precedes it, theta_s).
     """
-    from arviz_stats.base import array_stats
     from scipy.special import logsumexp
 
-    log_weights, k_hat = [], []
-    for block in terms.T:
-        smoothed, k = array_stats.psislw(block, r_eff=1.0)
-        log_weights.append(np.asarray(smoothed))
-        k_hat.append(float(k))
-    weights = np.stack(log_weights, axis=1)
-    elpd = logsumexp(weights + terms, axis=0) - logsumexp(weights, axis=0)
-    return BlockLoo(np.asarray(elpd), np.asarray(k_hat))
+    weighed = [smoothed(-block) for block in terms.T]
+    elpd = [
+        logsumexp(weights + block) for (weights, _), block in zip(weighed, terms.T, strict=True)
+    ]
+    return BlockLoo(np.asarray(elpd), np.asarray([k_hat for _, k_hat in weighed]))
 
 
 def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:

@@ -12,12 +12,11 @@ from deabayes.experiment import FloatArray, Specimen
 from deabayes.inheritance import Inheritance
 from deabayes.posterior import LogPosterior
 from deabayes.prior import Prior
+from deabayes.prior_from_posterior import LARGEST_MISFIT
 from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
-LARGEST_MISFIT = 0.05
-"""Distance of distribution functions between inherited draws and the normal made of them."""
 
 
 @dataclass(frozen=True)

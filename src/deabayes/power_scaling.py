@@ -7,15 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.pareto import UNRELIABLE_K_HAT, smoothed
 
 ALPHAS = (0.99, 1.01)
 SENSITIVE = 0.05
 """From here on a quantity counts as moved (Kallioinen et al. 2024)."""
-UNRELIABLE_K_HAT = 0.7
-"""Weights with a larger Pareto shape are not relied on (Vehtari et al. 2024, JMLR 25(72))."""
-EVEN = 0.01
-"""Log-weights that differ by less have no tail to smooth: a component that is constant but for
-rounding leaves only its rounding to fit one to."""
 BY_CHANCE = 0.5
 """Of quantities that do not move, 95 % show less than this times sd(log c) / sqrt(draws).
 
@@ -64,18 +60,8 @@ def sensitivities(
 
 def _weights(log_weights: FloatArray) -> FloatArray | None:
     """Pareto-smoothed weights that sum to 1; None where they cannot be relied on."""
-    from arviz_stats.base import array_stats
-
-    smoothed, k_hat = log_weights, 0.0
-    if np.ptp(log_weights) > EVEN:
-        try:
-            smoothed, k_hat = array_stats.psislw(-log_weights, r_eff=1.0)
-        except ValueError:  # too few draws for a tail, or a tail of equal ones
-            return None
-    if not float(k_hat) <= UNRELIABLE_K_HAT:
-        return None
-    weights = np.exp(smoothed - np.max(smoothed))
-    return np.asarray(weights / weights.sum())
+    weights, k_hat = smoothed(log_weights)
+    return np.exp(weights) if k_hat <= UNRELIABLE_K_HAT else None
 
 
 def _slope(draws: FloatArray, weights: list[FloatArray | None]) -> float:

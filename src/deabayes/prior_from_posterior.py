@@ -12,6 +12,8 @@ from deabayes.faults import UserError
 from deabayes.normal_scores import FloatArray
 
 FEWEST_DRAWS_PER_PARAMETER = 10
+LARGEST_MISFIT = 0.05
+"""Distance of distribution functions from which draws are no longer called normal."""
 
 
 class PriorFromPosterior(NamedTuple):

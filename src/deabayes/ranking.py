@@ -13,7 +13,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from deabayes.comparison import (
-    UNRELIABLE_K_HAT,
     BlockLoo,
     Decision,
     Score,
@@ -26,6 +25,7 @@ from deabayes.comparison import (
 )
 from deabayes.experiment import FloatArray
 from deabayes.left_out import leave_block_out
+from deabayes.pareto import UNRELIABLE_K_HAT
 from deabayes.posterior import LogPosterior
 from deabayes.storage import stacked
 

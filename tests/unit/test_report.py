@@ -19,7 +19,7 @@ from deabayes.report.notices import (
     noise_took_physics,
 )
 from deabayes.report.page import verdict
-from deabayes.report.tables import parameters
+from deabayes.report.tables import errors, parameters
 
 UNCONVERGED = Fake(
     name="fake_tube",
@@ -211,6 +211,15 @@ def test_candidates_that_were_not_compared_are_not_called_one(tmp_path: Path) ->
     study = write_study(tmp_path)
     (study / "comparison.csv").unlink()
     assert verdict(StudyResults(study)).startswith("3 candidates were fitted and not compared")
+
+
+def test_a_score_that_is_not_known_is_left_empty(tmp_path: Path) -> None:
+    folder = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
+    (table,) = folder.glob("*/errors.csv")
+    scores = ["coverage_50", "coverage_90", "crps"]
+    pd.read_csv(table).assign(**dict.fromkeys(scores, np.nan)).to_csv(table, index=False)
+    (row,) = errors(StudyResults(folder).recommended)["calibration"]
+    assert [row[score] for score in scores] == ["", "", ""]
 
 
 def test_a_warning_of_a_record_stands_once(tmp_path: Path) -> None:

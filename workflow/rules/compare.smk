@@ -33,7 +33,7 @@ rule compare:
         scores=scores_of,
         checks=checks_of,
         prepared="<results>/{study}/prepared",
-        modules=modules("comparison.py", "ranking.py", "left_out.py"),
+        modules=modules("comparison.py", "ranking.py", "left_out.py", "pareto.py"),
     output:
         report(
             "<results>/{study}/comparison.csv",

@@ -20,6 +20,7 @@ SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
     "noise_origin.py",
     "power_scaling.py",
+    "pareto.py",
     "posterior_*.py",
     "rapidity.py",
     "storage.py",

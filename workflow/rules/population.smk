@@ -21,6 +21,7 @@ rule population:
             "posterior_content.py",
             "prediction.py",
             "noise_origin.py",
+            "pareto.py",
             "rapidity.py",
             "fitted.py",
             "errors*.py",

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
+from deabayes.pareto import UNRELIABLE_K_HAT, smoothed
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.power_scaling import UNRELIABLE_K_HAT
+from deabayes.prior_from_posterior import LARGEST_MISFIT
 
 FEWEST_EFFECTIVE = 100.0
-LARGEST_MISFIT = 0.05
 SILENT = 0.1
 """Contraction below which a specimen's records say nothing of a parameter."""
 OUTLYING = 0.005
@@ -79,7 +79,8 @@ def shrink(
         scaled = (member.phi - m) / s
         density = -0.5 * np.einsum("kd,kd->k", scaled, scaled) - np.log(s).sum() - log_y
         log_mean = np.logaddexp(log_mean, density)
-    weights, k_hat = _smoothed(log_mean - member.log_prior)
+    log_weights, k_hat = smoothed(log_mean - member.log_prior)
+    weights = np.exp(log_weights)
     kish = 1.0 / np.sum(weights**2)
     variances = member.likelihood.variances
     return Shrunken(
@@ -196,17 +197,3 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
 def _allowed(members: tuple[Member, ...], theta: FloatArray) -> NDArray[np.bool_]:
     priors = {id(member.prior): member.prior for member in members}.values()
     return np.any([np.isfinite(prior.log_density(theta)) for prior in priors], axis=0)
-
-
-def _smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
-    """Pareto-smoothed weights that sum to one, and the shape; infinite where no tail has one."""
-    from arviz_stats.base import array_stats
-
-    try:
-        with np.errstate(all="ignore"):
-            log_weights, shape = array_stats.psislw(-log_weights, r_eff=1.0)
-        k_hat = float(np.nan_to_num(float(shape), nan=np.inf))
-    except (ValueError, IndexError):  # too few draws for a tail, or a tail of equal ones
-        k_hat = float("inf")
-    weights = np.exp(log_weights - np.max(log_weights))
-    return np.asarray(weights / weights.sum()), k_hat

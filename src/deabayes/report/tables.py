@@ -173,7 +173,9 @@ def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
         "e_m": interval(row["e_m_percent"], row["e_m_q05"], row["e_m_q95"]),
         "coverage_50": _percent(row["coverage_50"]),
         "coverage_90": _percent(row["coverage_90"]),
-        "crps": f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
+        "crps": ""
+        if np.isnan(row["crps"])
+        else f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
         "extrapolation": flag if isinstance(flag, str) else "",
     }
 
