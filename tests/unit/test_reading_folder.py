@@ -18,6 +18,7 @@ from tests.unit.study_folders import (
 
 from deabayes.faults import Faults, UserError
 from deabayes.reading.folder import read_folder, scan_folder
+from deabayes.reading.table import scan_table
 
 Break = Callable[[Path], object]
 
@@ -183,10 +184,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         )
         for written, meant in {
             "Load_g": "load_g",
-            "load_kg": "load_g",
-            "load": "load_g",
             "Bias_kV": "bias_kV",
-            "voltage_V": "voltage_kV",
             "frequency": "frequency_Hz",
             "Amplitude_kV": "amplitude_kV",
             "deformaton": "deformation",
@@ -258,6 +256,29 @@ def test_cells_of_several_lines(tmp_path: Path) -> None:
     replace_in(folder / "experiments.csv", "validate", "valid")
     with pytest.raises(Faults, match="line 6, role"):
         read_folder(folder)
+
+
+@pytest.mark.parametrize(
+    ("system", "written", "meant"),
+    [
+        ("tubular", "load_kg", "load_g"),
+        ("tubular", "load", "load_g"),
+        ("tubular", "amplitude_V", "amplitude_kV"),
+        ("minimum_energy_structure", "voltage_V", "voltage_kV"),
+        ("tensile_strip", "load_kg", None),
+        ("tensile_strip", "amplitude_mm", None),
+        ("tensile_strip", "deformation_rate", None),
+        ("membrane", "load", None),
+    ],
+)
+def test_only_columns_that_the_system_reads_can_be_misspelt(
+    tmp_path: Path, system: str, written: str, meant: str | None
+) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "stretch_rate_per_s", written)
+    found = [fault for fault in scan_table(folder, system)[1] if "no model reads" in fault]
+    assert bool(found) == (meant is not None)
+    assert meant is None or f"column {written!r}; did you mean {meant!r}?" in found[0]
 
 
 @pytest.mark.parametrize("case", BREAKS)

@@ -22,8 +22,10 @@ WITHOUT_TIME = ("quasi_static", "frequency_response")
 READ_BY_MODELS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV",
                   "deformation", "prehistory", "columns")  # fmt: skip
 """Columns that need not be there and count where they are."""
-ALIKE = 0.8
-"""Similarity from which another name is taken for a misspelt one of these (`load` for `load_g`)."""
+OF_ANY_RECORD = ("frequency_Hz", "columns")
+OF_A_VOLTAGE = ("voltage_kV", "amplitude_kV")
+ALIKE = 0.82
+"""Similarity from which another name is taken for a misspelt one of these."""
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
@@ -160,23 +162,35 @@ def _header_faults(header: list[str], path: Path) -> list[str]:
 
 
 def _misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
-    """Columns that would be passed over for their spelling or unit.
-
-    A system of the user's own may read what it likes: only upper and lower case is checked.
-    """
-    from deabayes.systems import OWN
-
-    cutoff = 1.0 if system in OWN else ALIKE
+    """Columns that would be passed over for their spelling or unit."""
     spelling = {name.lower(): name for name in READ_BY_MODELS}
+    read = {name.lower(): name for name in _read_by(system)}
+    stems = {name.partition("_")[0]: name for name in read.values()}
     faults = []
     for name in header:
-        meant = [spelling[n] for n in get_close_matches(name.lower(), spelling, 1, cutoff)]
-        if meant and name not in READ_BY_MODELS and meant[0] not in header:
+        low = name.lower()
+        close = [read[each] for each in get_close_matches(low, read, 1, ALIKE)]
+        meant = spelling.get(low) or stems.get(low) or next(iter(close), None)
+        if meant and name not in READ_BY_MODELS and meant not in header:
             faults.append(
-                f"{path}: no model reads column {name!r}; did you mean {meant[0]!r}? Rename it so, "
+                f"{path}: no model reads column {name!r}; did you mean {meant!r}? Rename it so, "
                 "with values in that unit, or give it a less similar name"
             )
     return faults
+
+
+def _read_by(system: str | None) -> tuple[str, ...]:
+    """Columns whose misspelling matters to a system; one of the user's own may read any."""
+    from deabayes.systems import OWN, REGISTRY
+
+    if system in OWN:
+        return ()
+    if system not in REGISTRY:
+        return READ_BY_MODELS
+    kind = system_class(system)
+    held = {name for names in (kind.conditions or {}).values() for name in names}
+    driven = OF_A_VOLTAGE if "voltage" in {*held, *kind.excitations} else ()
+    return tuple(n for n in READ_BY_MODELS if n in (*held, *driven, *OF_ANY_RECORD))
 
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:
