@@ -5,7 +5,7 @@ its modulus over its time constant; of one that is too fast, its modulus. In log
 ridges are straight lines and go on as such where no draw has been. In z they bend, as the score
 of a log-uniform or an ordered parameter is no linear function of its logarithm: fitted to the
 draws below the 90th percentile of a slow unit's time constant, a proposal was off by 39 nats at
-the largest draw, in logarithms by 5 (docs/validation.md).
+the largest draw, in logarithms by 5 (docs/sampler.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
 **Pairs and units.** See `pairs` and `shares`.

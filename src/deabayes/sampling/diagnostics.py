@@ -24,7 +24,7 @@ LONG_ENOUGH, LOOSE_TAU_TOLERANCE = 1.5, 0.15
 A walker that now and then sits still makes tau itself uncertain: of simulated stationary runs
 of 120 tau that hold such walkers, the tolerance of 5 % alone lets 28 % pass, this rule 53 %; of
 runs that are too short (33 and 46 tau) 12 and 45 % pass by either, or 12 and 47 %
-(docs/validation.md)."""
+(docs/sampler.md)."""
 BURN_IN_TIMES = 5.0
 GATE_STEPS = 400
 """Steps per walker that statistics are computed from; more change none of them visibly."""
