@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
-    from deabayes.own_models import load_models
+    from deabayes.own_models.loading import load_models
     from deabayes.simulation import simulate
 
 __version__ = version("deabayes")
@@ -26,7 +26,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(api, name)
     if name == "load_models":
-        from deabayes.own_models import load_models
+        from deabayes.own_models.loading import load_models
 
         return load_models
     if name == "simulate":

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from deabayes.storage import read_tree, stacked
+from deabayes.posteriors.storage import read_tree, stacked
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from deabayes.prior_from_posterior import PriorFromPosterior
+    from deabayes.prior.from_posterior import PriorFromPosterior
 
 
 class Posterior:
@@ -104,7 +104,7 @@ class Posterior:
             study names a wider one for some protocols.
         """
         from deabayes.fitted import Fitted
-        from deabayes.prediction import to_dataset
+        from deabayes.prediction.bands import to_dataset
 
         fitted = Fitted.from_tree(self._tree, size, seed)
         experiment = fitted.experiment(channels, response, conditions or {}, protocol)
@@ -123,7 +123,7 @@ class Posterior:
 
     def as_prior(self) -> PriorFromPosterior:
         """The material and specimen parameters as a prior for another study, correlations kept."""
-        from deabayes.inheritance import handed_on
+        from deabayes.posteriors.inheritance import handed_on
 
         return handed_on(self._tree)
 

@@ -10,18 +10,18 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.calibrated import Calibrated
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.given_drive import excitation_of
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
-from deabayes.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
-from deabayes.outcomes import Reading
-from deabayes.own_models import restore
-from deabayes.prediction import Samples, sample_response
+from deabayes.own_models.loading import restore
+from deabayes.posteriors.storage import specimen_from_json, stacked
+from deabayes.prediction.bands import Samples, sample_response
+from deabayes.prediction.calibrated import Calibrated
+from deabayes.prediction.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.prediction.outcomes import Reading
 from deabayes.record_noise import noise_coordinate
-from deabayes.storage import specimen_from_json, stacked
 from deabayes.systems import build as build_system
 from deabayes.systems.base import System
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sensitivity import Indices, design, indices
 from deabayes.systems.base import System
 

@@ -10,7 +10,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
-from deabayes.prior import Prior, PriorFromPosterior
+from deabayes.prior.joint import Prior, PriorFromPosterior
 from deabayes.record_noise import (
     noise_coordinate,
     noise_group,

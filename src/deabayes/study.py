@@ -81,7 +81,7 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
     ------
     Faults : every violation of the schema (schemas/config.schema.yaml), and of what it names.
     """
-    from deabayes.model_files import load_named
+    from deabayes.own_models.files import load_named
     from deabayes.reading.schema import violations
     from deabayes.reading.yaml_file import read_yaml
 
@@ -116,7 +116,7 @@ def load_study(path: Path, name: str | None = None) -> Study:
     ------
     Faults, UserError : violations of the schema, or no study of this name.
     """
-    from deabayes.model_files import load_named
+    from deabayes.own_models.files import load_named
     from deabayes.reading.schema import violations
     from deabayes.reading.yaml_file import read_yaml
 
@@ -195,7 +195,7 @@ def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> d
 
 def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) -> Study:
     """The study with its folders seen from the working directory, and its system's file."""
-    from deabayes.model_files import model_of, seen
+    from deabayes.own_models.files import model_of, seen
 
     found = [base for base in bases if (base / study.specimen).is_dir()]
     base = found[0] if found else bases[0]

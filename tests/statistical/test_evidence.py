@@ -5,7 +5,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from deabayes.scoring import bridge_evidence, bridge_log_ratio
+from deabayes.comparison.scoring import bridge_evidence, bridge_log_ratio
 
 
 def gaussian_problem(dimension, seed):

@@ -6,10 +6,10 @@ import pytest
 from emcee.moves import DESnookerMove
 from tests.unit.coordinates import COORDINATES
 
+from deabayes.comparison.left_out import ON_THE_WAY
 from deabayes.distributions import LogNormal, LogUniform
-from deabayes.left_out import ON_THE_WAY
 from deabayes.parameter import Parameter
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sampling.checkpoint import Store
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.diagnostics import assess

@@ -6,7 +6,7 @@ from scipy import stats
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.unit_hop import UnitHop

@@ -12,7 +12,7 @@ from deabayes.parameter import Parameter
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 MEDIANS, SIGMAS = (1e4, 2.0), (1.0, 0.7)
 DRAWS = 8000

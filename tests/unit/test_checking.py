@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from tests.unit.study_folders import HEADER, make_folder, record_lines, replace_in, write_lines
 
-from deabayes.checking import check_folder
+from deabayes.checks.folder import check_folder
+from deabayes.checks.study import check_names, check_study
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
 from deabayes.study import Study
-from deabayes.study_checks import check_names, check_study
 from deabayes.systems import REGISTRY
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))

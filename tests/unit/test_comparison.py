@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from deabayes.comparison import (
+from deabayes.comparison.decision import (
     BlockLoo,
     Score,
     block_edges,

@@ -15,7 +15,7 @@ from deabayes.distributions import LogNormal, Uniform
 from deabayes.experiment import Experiment
 from deabayes.influence import PriorModel, stage_sensitivity
 from deabayes.parameter import Parameter
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 VOLTS, PERIOD, CYCLES = 2e3, 20.0, 4
 MISSED = 1.0 - np.cos(2.0 * np.pi / PHASES)

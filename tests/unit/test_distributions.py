@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deabayes.distribution_settings import from_settings
 from deabayes.distributions import (
     REGISTRY,
     HalfNormal,
@@ -17,6 +16,7 @@ from deabayes.distributions import (
     TruncatedNormal,
     Uniform,
 )
+from deabayes.distributions.settings import from_settings
 from deabayes.faults import UserError
 
 CASES = [

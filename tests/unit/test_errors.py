@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deabayes.errors import (
+from deabayes.prediction.errors import (
     crps,
     interval_coverage,
     joint_log_score,

@@ -17,7 +17,7 @@ from deabayes.experiment import Excitation, Specimen
 from deabayes.export import export
 from deabayes.export.state_space import evenly
 from deabayes.faults import UserError
-from deabayes.storage import stacked, write_tree
+from deabayes.posteriors.storage import stacked, write_tree
 from deabayes.systems import build
 from deabayes.systems.biased_sine import fundamental_pressure
 from deabayes.systems.circuit import Circuit

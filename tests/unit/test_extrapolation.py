@@ -16,7 +16,7 @@ from tests.unit.test_tubular_frequency_response import SPECIMEN as TUBE
 from tests.unit.test_tubular_frequency_response import experiments as gain_and_phase
 
 from deabayes.experiment import Specimen
-from deabayes.noise_origin import CalibratedRecord, records_to_json
+from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.tensile_strip import TensileStrip
 from deabayes.systems.tubular import Tubular

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import deabayes
-from deabayes.errors_table import error_row
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise.white import White
-from deabayes.prediction import NoiseOrigin, sample_response, to_dataset
+from deabayes.prediction.bands import NoiseOrigin, sample_response, to_dataset
+from deabayes.prediction.errors_table import error_row
 from deabayes.systems.membrane import Membrane
 
 SPECIMEN = Specimen(

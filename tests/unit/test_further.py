@@ -12,10 +12,10 @@ from tests.unit.membranes import PLAIN, membrane, step
 
 from deabayes.faults import Faults
 from deabayes.fitted import Fitted
-from deabayes.further import contenders, further_table, outlook
+from deabayes.further.planned import altered, faults, plan
+from deabayes.further.table import contenders, further_table, outlook
 from deabayes.noise import REGISTRY as NOISE
-from deabayes.noise_origin import CalibratedRecord
-from deabayes.planned import altered, faults, plan
+from deabayes.prediction.noise_origin import CalibratedRecord
 from deabayes.residual_scale import ResidualScale
 
 TIME = np.linspace(1.0, 60.0, 40)

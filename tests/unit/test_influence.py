@@ -14,7 +14,7 @@ from deabayes import influence
 from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation
 from deabayes.influence import PriorModel
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 TIME = np.r_[0.5, np.geomspace(1.0, 600.0, 12)]
 NARROW = 0.01

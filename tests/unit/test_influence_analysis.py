@@ -16,7 +16,7 @@ from deabayes.analyses.influence_curves import loops_dataset
 from deabayes.distributions import LogNormal
 from deabayes.figures.results import StudyResults
 from deabayes.influence import PriorModel
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 SHEETS = {"prior_curves": 2, "one_at_a_time": 2, "one_at_a_time_loops": 1, "sobol_indices": 3}
 """Figure -> its sheets, one per record that is shown."""

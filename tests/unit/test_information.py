@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from deabayes.information import candidate_information, parameter_information
+from deabayes.further.information import candidate_information, parameter_information
 from deabayes.noise import REGISTRY as NOISE
-from deabayes.outcomes import Normal, Predictive, Reading
+from deabayes.prediction.outcomes import Normal, Predictive, Reading
 
 TIME = np.linspace(0.0, 1.0, 12)
 CONSTANT, LINE = np.ones((1, 12)), np.stack([np.ones(12), TIME])

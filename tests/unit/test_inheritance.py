@@ -10,11 +10,11 @@ import xarray as xr
 from deabayes.distributions import Normal
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.inheritance import inherit_from
 from deabayes.parameter import Parameter
-from deabayes.posterior_content import _notes, _with_doubts
-from deabayes.prior import Prior
-from deabayes.storage import specimen_to_json, write_tree
+from deabayes.posteriors.content import _notes, _with_doubts
+from deabayes.posteriors.inheritance import inherit_from
+from deabayes.posteriors.storage import specimen_to_json, write_tree
+from deabayes.prior.joint import Prior
 
 KINDS = {"mu_alpha": "material", "cross_section": "specimen", "permittivity": "specimen",
          "mu_0": "derived"}  # fmt: skip

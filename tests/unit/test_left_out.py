@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison import leave_one_block_out
-from deabayes.left_out import left_out_log_density, log_ratio_without
+from deabayes.comparison.decision import leave_one_block_out
+from deabayes.comparison.left_out import left_out_log_density, log_ratio_without
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
 

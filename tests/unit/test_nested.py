@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from deabayes.comparison import Score, evidence_conflict
+from deabayes.comparison.decision import Score, evidence_conflict
+from deabayes.comparison.nested import nested
 from deabayes.faults import UserError
-from deabayes.nested import nested
 
 
 def test_the_evidence_of_a_normal_model():

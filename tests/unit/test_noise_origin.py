@@ -14,7 +14,7 @@ from deabayes.experiment import Quantity
 from deabayes.faults import UserError
 from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
-from deabayes.noise_origin import CalibratedRecord, records_to_json
+from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.membrane import Membrane
 

@@ -13,8 +13,8 @@ from tests.validation.sampled import Sampled
 from tests.validation.tally import verdict
 from tests.validation.worlds import tubular
 
-from deabayes.comparison import decide
-from deabayes.ranking import score_all
+from deabayes.comparison.decision import decide
+from deabayes.comparison.ranking import score_all
 
 TASK = {"family": "voigt_kelvin", "world": "closed", "truth": 1, "replicate": 0}
 

@@ -12,10 +12,10 @@ from tests.unit.own_model_page import write_page
 from tests.unit.study_folders import replace_in
 
 import deabayes
-from deabayes import own_models
 from deabayes.cli import main
 from deabayes.faults import Faults, UserError
-from deabayes.own_models import load_models, recorded, restore
+from deabayes.own_models import loading as own_models
+from deabayes.own_models.loading import load_models, recorded, restore
 from deabayes.pipeline.identify import chain_folder
 from deabayes.study import load_studies, load_study, write_study
 from deabayes.systems import OWN, system_class

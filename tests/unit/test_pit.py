@@ -13,10 +13,10 @@ from tests.unit.fake_results import Fake, write_study
 from tests.unit.test_noise_origin import NOISE_DRAWS, TIME, fitted, record
 
 from deabayes import figures
-from deabayes.errors import uniformity_p
-from deabayes.errors_table import error_row
 from deabayes.figures.results import StudyResults
-from deabayes.prediction import to_dataset
+from deabayes.prediction.bands import to_dataset
+from deabayes.prediction.errors import uniformity_p
+from deabayes.prediction.errors_table import error_row
 
 
 def noisy(seed, factor=1.0):

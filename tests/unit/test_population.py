@@ -26,7 +26,7 @@ from deabayes.population.specimens import (
     warnings_of,
     without,
 )
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 MEAN, SPREAD = np.log([2e4, 3.0]), np.array([0.1, 0.3])
 

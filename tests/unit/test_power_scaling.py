@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from deabayes import power_scaling
 from deabayes.experiment import FloatArray
-from deabayes.power_scaling import SENSITIVE
+from deabayes.posteriors import power_scaling
+from deabayes.posteriors.power_scaling import SENSITIVE
 
 DRAWS = 40_000
 

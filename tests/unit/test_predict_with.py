@@ -11,15 +11,15 @@ import pytest
 from tests.unit.test_tubular_frequency_response import SPECIMEN, draws, driven, experiments
 
 from deabayes.api import Posterior
+from deabayes.checks.study import check_names
 from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
 from deabayes.fitted import Fitted
 from deabayes.posterior import build, further_prior
-from deabayes.posterior_content import PosteriorContent
-from deabayes.posterior_file import posterior_tree
-from deabayes.prior import PriorFromPosterior
+from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.file import posterior_tree
+from deabayes.prior.joint import PriorFromPosterior
 from deabayes.study import Study
-from deabayes.study_checks import check_names
 from deabayes.systems.tubular import Tubular
 
 UNCERTAIN = replace(
@@ -139,7 +139,7 @@ def test_a_held_out_record_is_predicted_with_the_wider_candidate():
 def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
     study = Study("shaken", Path("data/tubular"), ("voigt_kelvin_2" + ENDING,), noise="white")
     fitted = build(study, "voigt_kelvin_2" + ENDING, SPECIMEN, experiments(100))
-    from deabayes.noise_origin import CalibratedRecord, find_noise
+    from deabayes.prediction.noise_origin import CalibratedRecord, find_noise
 
     records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in fitted.records]
     assert {r.response_name: r.proportional for r in records} == {"gain": True, "phase": False}

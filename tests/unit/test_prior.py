@@ -9,7 +9,7 @@ from scipy import stats
 from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from deabayes.faults import Faults, UserError
 from deabayes.parameter import Parameter
-from deabayes.prior import Prior, PriorFromPosterior
+from deabayes.prior.joint import Prior, PriorFromPosterior
 
 
 def parameter(name, prior, unit="1", **kwargs):

@@ -9,9 +9,9 @@ import pytest
 import yaml
 from tests.unit.study_folders import make_folder
 
+from deabayes.checks.prior_sources import Sources
 from deabayes.cli import main
 from deabayes.population.settings import load_populations
-from deabayes.prior_sources import Sources
 from deabayes.study import load_studies
 
 ROOT = Path(__file__).resolve().parents[2]

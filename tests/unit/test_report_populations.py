@@ -16,7 +16,7 @@ from deabayes.figures.results import StudyResults
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.report import populations
 
 

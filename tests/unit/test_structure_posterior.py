@@ -18,11 +18,11 @@ from tests.unit.structures import (
 )
 
 from deabayes.experiment import Experiment, Quantity
-from deabayes.inheritance import Inheritance
 from deabayes.pipeline import identify
 from deabayes.posterior import build
-from deabayes.prior import Prior
-from deabayes.prior_from_posterior import PriorFromPosterior
+from deabayes.posteriors.inheritance import Inheritance
+from deabayes.prior.from_posterior import PriorFromPosterior
+from deabayes.prior.joint import Prior
 from deabayes.simulation import simulate
 from deabayes.study import Study
 from deabayes.systems.minimum_energy_structure import CHUNK

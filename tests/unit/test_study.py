@@ -125,7 +125,7 @@ def test_split_by_a_column(config: Path) -> None:
     config.write_text(
         f"studies: {{s: {{specimen: strip, candidates: [gent], split_by: material, {asked}}}}}"
     )
-    from deabayes.study_checks import check_names
+    from deabayes.checks.study import check_names
 
     soft, hard = load_studies(config)
     assert set(soft.further_experiments) == {"again", "misspelt"}

@@ -11,12 +11,12 @@ from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, draws
 import deabayes
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior, build, log_standard_normal
-from deabayes.posterior_content import PosteriorContent
-from deabayes.posterior_file import posterior_tree
-from deabayes.posterior_summary import SUMMARY_COLUMNS
-from deabayes.power_scaling import SENSITIVE
-from deabayes.prior import PriorFromPosterior
-from deabayes.storage import write_tree
+from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.file import posterior_tree
+from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.posteriors.storage import write_tree
+from deabayes.posteriors.summary import SUMMARY_COLUMNS
+from deabayes.prior.joint import PriorFromPosterior
 
 SIZE = (2, 4000)
 COLUMNS = ["prior_sensitivity", "likelihood_sensitivity"]

@@ -13,7 +13,7 @@ from tests.validation.tally import (
     verdict,
 )
 
-from deabayes.comparison import BlockLoo, Decision, Score, decide
+from deabayes.comparison.decision import BlockLoo, Decision, Score, decide
 
 
 def score(order, evidence, terms, converged=True):

@@ -10,7 +10,7 @@ from tests.unit.tubes import QUANTITIES, circuit
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.systems import build
 from deabayes.systems.biased_sine import BiasedSine, charge_coefficients
 from deabayes.systems.circuit import Circuit, Supply, time_constant_from_phase

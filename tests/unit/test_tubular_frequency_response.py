@@ -10,9 +10,9 @@ import pytest
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import QUANTITIES, golden_inputs
 
+from deabayes.comparison.left_out import leave_one_experiment_out
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.left_out import leave_one_experiment_out
 from deabayes.noise.default_priors import CORRELATED_FRACTION
 from deabayes.posterior import build
 from deabayes.preparation import measured_rows, prepare

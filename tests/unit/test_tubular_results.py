@@ -22,8 +22,8 @@ from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.pipeline import predict_candidate
 from deabayes.posterior import further_prior
+from deabayes.posteriors.storage import write_tree
 from deabayes.preparation.prepared import write_prepared
-from deabayes.storage import write_tree
 from deabayes.systems.tubular import Tubular
 
 LOADS = (100, 300, 500)

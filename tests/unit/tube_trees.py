@@ -9,7 +9,7 @@ import xarray as xr
 from tests.unit.tubes import QUANTITIES
 
 from deabayes.experiment import FloatArray, Quantity, Specimen
-from deabayes.storage import specimen_to_json
+from deabayes.posteriors.storage import specimen_to_json
 from deabayes.systems import build
 
 CENTRES = {"E_0": 1.5e6, "E_1": 12e6, "E_2": 6e6, "tau_1": 6e-3, "tau_2": 0.12}

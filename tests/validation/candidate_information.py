@@ -20,9 +20,9 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from deabayes.experiment import FloatArray
-from deabayes.information import candidate_information
+from deabayes.further.information import candidate_information
 from deabayes.noise.white import White
-from deabayes.outcomes import Predictive, Reading
+from deabayes.prediction.outcomes import Predictive, Reading
 from tests.validation import rows
 
 OUTPUT = Path("docs/validation/candidate_information.csv")

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise_origin import NoiseOrigin
-from deabayes.prediction import sample_response
+from deabayes.prediction.bands import sample_response
+from deabayes.prediction.noise_origin import NoiseOrigin
 from tests.validation import rows
 from tests.validation.sampled import Sampled, sample
 from tests.validation.worlds import OU, Simulated, given, group_of, membrane, simulate

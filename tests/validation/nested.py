@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from deabayes import scoring
+from deabayes.comparison import scoring
+from deabayes.comparison.nested import LIVE, nested
 from deabayes.experiment import FloatArray
-from deabayes.nested import LIVE, nested
 from deabayes.study import Sampling
 from tests.validation import rows
 from tests.validation.cases import RELAXATION_TIMES, case

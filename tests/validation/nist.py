@@ -41,7 +41,7 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.noise.white import White
 from deabayes.parameter import Parameter
 from deabayes.posterior import LogPosterior, Record
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.record_noise import noise_group, noise_parameters, record_scale
 from deabayes.study import Sampling, Study
 from deabayes.systems.base import Draws, Simulator, System

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.errors import crps
 from deabayes.experiment import FloatArray
 from deabayes.pipeline.prepare import prepare_study
 from deabayes.posterior import LogPosterior, Record, build
+from deabayes.prediction.errors import crps
 from deabayes.reading.specimen import read_specimen
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide

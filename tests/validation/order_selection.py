@@ -35,10 +35,10 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from deabayes import scoring
-from deabayes.comparison import Score
+from deabayes.comparison import scoring
+from deabayes.comparison.decision import Score
+from deabayes.comparison.ranking import Ranked, score_all
 from deabayes.posterior import LogPosterior
-from deabayes.ranking import Ranked, score_all
 from tests.validation import rows
 from tests.validation.order_signal import SHOWN, signal
 from tests.validation.sampled import Sampled, sample

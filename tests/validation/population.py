@@ -28,7 +28,7 @@ from deabayes.population.coordinate import Coordinate
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel, sample
 from deabayes.population.specimens import new_specimens, shrink
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.study import Sampling
 from tests.unit.populations import parameter, world
 from tests.validation import rows

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from deabayes.storage import read_tree
+from deabayes.posteriors.storage import read_tree
 
 OUTPUT = Path("docs/validation/real_records.csv")
 

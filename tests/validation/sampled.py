@@ -9,8 +9,8 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.posterior_content import convergence_summary
-from deabayes.posterior_summary import quantities
+from deabayes.posteriors.content import convergence_summary
+from deabayes.posteriors.summary import quantities
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.pooling import PooledResult, pool

@@ -16,7 +16,7 @@ LATER = """
 import sys
 import numpy as np
 from pathlib import Path
-from deabayes import prediction
+from deabayes.prediction import bands as prediction
 from deabayes.pipeline import build_target, read_experiments
 from dataclasses import replace
 from deabayes.posterior import further_prior, wider_systems

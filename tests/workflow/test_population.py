@@ -19,8 +19,8 @@ from deabayes import figures, pipeline
 from deabayes.faults import UserError
 from deabayes.figures.population_results import PopulationResults
 from deabayes.population.settings import SETTINGS, Population, write_population
+from deabayes.posteriors.storage import read_tree, write_tree
 from deabayes.report import build
-from deabayes.storage import read_tree, write_tree
 from deabayes.study import Sampling, load_study, write_study
 
 RECORDS = {"tube_a": "creep_2000V", "tube_b": "creep_2500V", "tube_c": "creep_1500V"}

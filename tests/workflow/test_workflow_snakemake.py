@@ -16,7 +16,7 @@ from snakemake.exceptions import WorkflowError
 
 from deabayes.commands.by_hand import weigh_experiments
 from deabayes.pipeline import compare_candidates
-from deabayes.storage import read_tree, write_tree
+from deabayes.posteriors.storage import read_tree, write_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PUBLIC = ("vhb4910", "treloar", "silicones")

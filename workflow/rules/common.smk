@@ -12,11 +12,11 @@ from deabayes.faults import Faults, UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.population.settings import to_settings as population_to_settings
-from deabayes.prior_sources import Sources
+from deabayes.checks.prior_sources import Sources
 from deabayes.reading.download import missing_data
 from deabayes.reading.folder import read_folder
 from deabayes.study import fit_settings, load_studies
-from deabayes.study_checks import check_names
+from deabayes.checks.study import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
 CONFIG_FILES = ", ".join(config_files())

@@ -2,7 +2,7 @@ rule score:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("scoring.py", "left_out.py"),
+        modules=modules("comparison/scoring.py", "comparison/left_out.py"),
     output:
         "<results>/{study}/{candidate}/scores.json",
     log:
@@ -17,7 +17,7 @@ rule nested:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("nested.py", "batched.py"),
+        modules=modules("comparison/nested.py", "comparison/batched.py"),
     output:
         "<results>/{study}/{candidate}/nested.json",
     log:
@@ -33,7 +33,12 @@ rule compare:
         scores=scores_of,
         checks=checks_of,
         prepared="<results>/{study}/prepared",
-        modules=modules("comparison.py", "ranking.py", "left_out.py", "pareto.py"),
+        modules=modules(
+            "comparison/decision.py",
+            "comparison/ranking.py",
+            "comparison/left_out.py",
+            "pareto.py",
+        ),
     output:
         report(
             "<results>/{study}/comparison.csv",
@@ -53,10 +58,10 @@ rule further_experiments:
         posteriors=posteriors_of,
         prepared="<results>/{study}/prepared",
         modules=modules(
-            "further.py",
-            "planned.py",
-            "information.py",
-            "outcomes.py",
+            "further/table.py",
+            "further/planned.py",
+            "further/information.py",
+            "prediction/outcomes.py",
             "fitted.py",
         ),
     output:

@@ -1,29 +1,27 @@
 MODEL = modules(
     "experiment.py",
     "parameter.py",
-    "distribution*.py",
+    "distributions/*.py",
     "instruments.py",
-    "prior*.py",
+    "prior/*.py",
     "posterior.py",
-    "inheritance.py",
+    "posteriors/inheritance.py",
     "record_noise.py",
     "residual_scale.py",
     "electrostatics.py",
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
-    "own_model*.py",
+    "own_models/*.py",
     "noise/*.py",
 )
 POOLED = modules("sampling/pooling.py", "sampling/refit.py")
 SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
-    "noise_origin.py",
-    "power_scaling.py",
+    "prediction/noise_origin.py",
     "pareto.py",
-    "posterior_*.py",
-    "rapidity.py",
-    "storage.py",
+    "posteriors/*.py",
+    "prediction/rapidity.py",
 )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.fitted import Fitted
-from deabayes.prior import Prior, PriorFromPosterior
+from deabayes.prior.joint import Prior, PriorFromPosterior
 from deabayes.study import Study
 from deabayes.systems.base import System
 
@@ -36,7 +36,7 @@ class Analysis:
     def write(self, folder: Path) -> None:
         """Write `{table}.csv` and `{curve}.nc` into a folder."""
         from deabayes.files import write_atomically
-        from deabayes.storage import write_dataset
+        from deabayes.posteriors.storage import write_dataset
 
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in self.tables.items():

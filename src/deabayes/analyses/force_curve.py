@@ -9,8 +9,8 @@ import numpy as np
 from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import band, interval, labels
-from deabayes.errors import relative_maximum_error, relative_rms_error
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.prediction.errors import relative_maximum_error, relative_rms_error
 
 if TYPE_CHECKING:
     import xarray as xr

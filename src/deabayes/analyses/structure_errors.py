@@ -9,8 +9,8 @@ from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import Cycles
 from deabayes.analyses.summaries import beside, interval, labels
-from deabayes.errors import relative_rms_error
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.prediction.errors import relative_rms_error
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Errors of the sines (Table 5)"

@@ -118,7 +118,7 @@ def determined_rows(
     context: StudyContext, name: str, derived: dict[str, FloatArray]
 ) -> Iterator[dict[str, object]]:
     """Contraction and relative half width of every film parameter and of the whole film's."""
-    from deabayes.posterior_summary import contraction
+    from deabayes.posteriors.summary import contraction
 
     fitted, prior = context.candidates[name], context.prior_of(name)
     own = [n for n in prior.names if n.startswith(("mu_", "alpha_")) or n in paper.FILM]

@@ -16,7 +16,7 @@ from deabayes.study import Study
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
     """Write a study folder to fill in; the entry for the config."""
-    from deabayes.model_files import load_for
+    from deabayes.own_models.files import load_for
     from deabayes.scaffold import new_study
 
     load_for(system, config)
@@ -159,7 +159,7 @@ def simulate_record(
     Returns why the response ends or is missing, empty where it is whole.
     """
     from deabayes.files import write_atomically
-    from deabayes.model_files import load_for
+    from deabayes.own_models.files import load_for
     from deabayes.simulation import simulate
 
     load_for(system, config)

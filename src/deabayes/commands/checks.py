@@ -42,8 +42,8 @@ def _names_entry(config: Path, what: str) -> bool:
 
 
 def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> None:
-    from deabayes.checking import check_folder
-    from deabayes.model_files import load_for
+    from deabayes.checks.folder import check_folder
+    from deabayes.own_models.files import load_for
     from deabayes.reading.specimen import system_named
 
     load_for(system_named(folder), config)
@@ -54,7 +54,7 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 
 
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
-    from deabayes.checking import check_folder
+    from deabayes.checks.folder import check_folder
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
     for warning in checked(study):
@@ -66,8 +66,8 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
 
 def _prior_faults(study: Study, config: Path) -> list[str]:
     """What is wrong with the posterior that a study has for its prior."""
+    from deabayes.checks.prior_sources import Sources
     from deabayes.population.settings import load_populations
-    from deabayes.prior_sources import Sources
     from deabayes.study import load_studies
 
     if study.prior_from is None:
@@ -96,7 +96,7 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
 
 def checked(study: Study) -> list[str]:
     """The warnings on a study; its faults are raised."""
-    from deabayes.study_checks import check_study
+    from deabayes.checks.study import check_study
 
     faults, warnings = check_study(study)
     if faults:

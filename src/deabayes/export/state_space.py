@@ -12,8 +12,8 @@ from deabayes.experiment import FloatArray
 from deabayes.export.state_space_files import WRITERS
 from deabayes.faults import UserError
 from deabayes.integrate.state_space import StateSpace
-from deabayes.own_models import restore
-from deabayes.storage import specimen_from_json, stacked
+from deabayes.own_models.loading import restore
+from deabayes.posteriors.storage import specimen_from_json, stacked
 from deabayes.systems import Draws, System, build
 from deabayes.systems.linear_model import LinearModel, Signal
 from deabayes.units import parse_quantity

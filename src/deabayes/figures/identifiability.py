@@ -12,7 +12,7 @@ from deabayes.figures import style
 from deabayes.figures.decided_by import SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.figures.quantities import symbol_text
 from deabayes.figures.results import CandidateResults
-from deabayes.power_scaling import SENSITIVE
+from deabayes.posteriors.power_scaling import SENSITIVE
 
 SCOPE = "candidate"
 TITLE = "What the data determined"

@@ -43,7 +43,7 @@ def analyse_study(results: Path, output: Path) -> list[str]:
 def fitted_candidates(study: Study, results: Path) -> dict[str, Fitted]:
     """The candidates of a study that have a posterior, in the study's order."""
     from deabayes.fitted import Fitted
-    from deabayes.storage import read_tree
+    from deabayes.posteriors.storage import read_tree
 
     files = {name: results / name / "posterior.nc" for name in study.candidates}
     found = {

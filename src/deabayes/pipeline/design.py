@@ -28,9 +28,9 @@ def further_experiments(results: Path, asked: Mapping[str, Settings], output: Pa
     import pandas as pd
 
     from deabayes.fitted import Fitted
-    from deabayes.further import contenders, further_table
-    from deabayes.planned import plan
-    from deabayes.storage import read_tree
+    from deabayes.further.planned import plan
+    from deabayes.further.table import contenders, further_table
+    from deabayes.posteriors.storage import read_tree
 
     comparison = results / "comparison.csv"
     if not comparison.is_file():

@@ -18,8 +18,8 @@ from deabayes.study import Study, fit_settings
 if TYPE_CHECKING:
     import xarray as xr
 
-    from deabayes.inheritance import Inheritance
     from deabayes.posterior import LogPosterior
+    from deabayes.posteriors.inheritance import Inheritance
 
 
 def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
@@ -65,13 +65,13 @@ def pool_candidate(
     """
     from deabayes.files import write_atomically
     from deabayes.posterior import further_prior
-    from deabayes.posterior_content import PosteriorContent
-    from deabayes.posterior_file import posterior_tree
-    from deabayes.posterior_summary import quantities
+    from deabayes.posteriors.content import PosteriorContent
+    from deabayes.posteriors.file import posterior_tree
+    from deabayes.posteriors.storage import write_tree
+    from deabayes.posteriors.summary import quantities
     from deabayes.sampling.ensemble import Ensemble
     from deabayes.sampling.guide import Guide
     from deabayes.sampling.pooling import pool
-    from deabayes.storage import write_tree
 
     target = build_target(study, candidate, prepared)
     guide = Guide.of(target)
@@ -117,7 +117,7 @@ def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
 
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
     """The study that a posterior file is of, and the log-posterior that its draws are of."""
-    from deabayes.own_models import restore
+    from deabayes.own_models.loading import restore
     from deabayes.study import from_settings
 
     restore(tree.attrs)
@@ -127,7 +127,7 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
 
 def inherited_prior(study: Study) -> Inheritance | None:
     """The posterior that `prior_from` names, as a prior for the study's specimen."""
-    from deabayes.inheritance import inherit_from
+    from deabayes.posteriors.inheritance import inherit_from
     from deabayes.reading.specimen import read_specimen
 
     if study.prior_from is None:

@@ -18,9 +18,9 @@ ANNEALED_DRAWS = 512
 
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
-    from deabayes import scoring
-    from deabayes.left_out import leave_one_experiment_out
-    from deabayes.storage import read_tree
+    from deabayes.comparison import scoring
+    from deabayes.comparison.left_out import leave_one_experiment_out
+    from deabayes.posteriors.storage import read_tree
 
     tree = read_tree(posterior)
     study, target = stored_target(tree, prepared)
@@ -52,8 +52,8 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
 
 def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence of one candidate by nested sampling: nested.json."""
-    from deabayes.nested import nested
-    from deabayes.storage import read_tree
+    from deabayes.comparison.nested import nested
+    from deabayes.posteriors.storage import read_tree
 
     tree = read_tree(posterior)
     study, target = stored_target(tree, prepared)
@@ -75,10 +75,10 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
     """
     import pandas as pd
 
-    from deabayes.errors_table import error_row
     from deabayes.fitted import Fitted
-    from deabayes.prediction import to_dataset
-    from deabayes.storage import read_tree, write_dataset
+    from deabayes.posteriors.storage import read_tree, write_dataset
+    from deabayes.prediction.bands import to_dataset
+    from deabayes.prediction.errors_table import error_row
 
     tree = read_tree(posterior)
     fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
@@ -104,8 +104,8 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
 def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path) -> None:
     """Rank the candidates of a study: comparison.csv."""
-    from deabayes.ranking import Ranked, comparison_table
-    from deabayes.storage import read_tree
+    from deabayes.comparison.ranking import Ranked, comparison_table
+    from deabayes.posteriors.storage import read_tree
 
     ranked = []
     for posterior in posteriors:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from deabayes.population.model import PopulationModel
     from deabayes.population.settings import Population
     from deabayes.population.specimens import Shrunken
-    from deabayes.prior import Prior
+    from deabayes.prior.joint import Prior
     from deabayes.sampling.pooling import PooledResult
 
 WEIGHING_DRAWS = 1000
@@ -46,7 +46,7 @@ def fit_population(population: Population, results: Path, output: Path, progress
     from deabayes.population.files import population_tree, shrinkage_table, summary_table
     from deabayes.population.member import read_members
     from deabayes.population.model import PopulationModel, sample
-    from deabayes.storage import read_tree, write_tree
+    from deabayes.posteriors.storage import read_tree, write_tree
 
     folders = [results / study for study in population.studies]
     trees = [read_tree(folder / population.candidate / "posterior.nc") for folder in folders]

@@ -25,6 +25,6 @@ def build_report(
 def export_posterior(posterior: Path, to: str, output: Path, **options: object) -> None:
     """Write a posterior in another program's format, which may take options."""
     from deabayes.export import export
-    from deabayes.storage import read_tree
+    from deabayes.posteriors.storage import read_tree
 
     export(read_tree(posterior), to, output, **options)

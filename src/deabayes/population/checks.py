@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from deabayes.distribution_settings import from_settings
 from deabayes.distributions import REGISTRY
+from deabayes.distributions.settings import from_settings
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.settings import Population
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.study import Settings, Study
 
 FEWEST_SPECIMENS = 3

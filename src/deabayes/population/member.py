@@ -13,8 +13,8 @@ from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.likelihood import Likelihood, fit
-from deabayes.prior import Prior
-from deabayes.storage import stacked
+from deabayes.posteriors.storage import stacked
+from deabayes.prior.joint import Prior
 
 PRIOR_DRAWS = 20000
 SEED = 20261122

@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from deabayes.distribution_settings import from_settings
 from deabayes.distributions import Distribution, HalfNormal, LogNormal, Normal
+from deabayes.distributions.settings import from_settings
 from deabayes.experiment import FloatArray
 from deabayes.parameter import Parameter
 from deabayes.population.coordinate import OF_LOGARITHM, Coordinate
 from deabayes.population.kernel import log_marginals
 from deabayes.population.member import Member
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.pooling import PooledResult, pool
 from deabayes.study import Sampling, Settings

@@ -12,7 +12,7 @@ from deabayes.faults import UserError
 from deabayes.pareto import UNRELIABLE_K_HAT, smoothed
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
-from deabayes.prior_from_posterior import LARGEST_MISFIT
+from deabayes.prior.from_posterior import LARGEST_MISFIT
 
 FEWEST_EFFECTIVE = 100.0
 SILENT = 0.1

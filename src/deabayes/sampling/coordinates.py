@@ -22,10 +22,10 @@ from typing import Self
 import numpy as np
 
 from deabayes.distributions import LogNormal, LogUniform, Uniform
+from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
-from deabayes.normal_scores import log_normal_density
 from deabayes.posterior import LogPosterior
-from deabayes.prior_blocks import ROUNDING, Independent, Ordered
+from deabayes.prior.blocks import ROUNDING, Independent, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 from deabayes.sampling.shares import unit_shares
 

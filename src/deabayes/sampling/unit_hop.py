@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sampling.mixture import RandomSource
 from deabayes.sampling.units import Units, units_of
 

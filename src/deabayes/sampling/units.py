@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 
 
 @dataclass(frozen=True)

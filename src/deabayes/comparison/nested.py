@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from deabayes.batched import Batched
+from deabayes.comparison.batched import Batched
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 

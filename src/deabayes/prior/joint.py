@@ -7,18 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from deabayes.distributions import LogNormal, format_number
+from deabayes.distributions.scores import FloatArray
 from deabayes.faults import UserError
-from deabayes.normal_scores import FloatArray
 from deabayes.parameter import Parameter
-from deabayes.prior_blocks import (
+from deabayes.prior.blocks import (
     Block,
     Independent,
     LogNormals,
     Ordered,
     Parts,
 )
-from deabayes.prior_from_posterior import PosteriorBlock, PriorFromPosterior
-from deabayes.prior_overrides import check_same_order, overridden
+from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
+from deabayes.prior.overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0

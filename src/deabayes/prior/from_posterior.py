@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deabayes.distributions.scores import FloatArray
 from deabayes.faults import UserError
-from deabayes.normal_scores import FloatArray
 
 FEWEST_DRAWS_PER_PARAMETER = 10
 LARGEST_MISFIT = 0.05

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from deabayes.fitted import Fitted
-from deabayes.information import candidate_information, parameter_information
-from deabayes.outcomes import Predictive
-from deabayes.planned import Planned
+from deabayes.further.information import candidate_information, parameter_information
+from deabayes.further.planned import Planned
+from deabayes.prediction.outcomes import Predictive
 
 IN_THE_RUNNING = 3.0
 """Nats of log evidence below the best, odds of 20 to 1, within which a candidate counts."""

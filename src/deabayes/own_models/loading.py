@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from deabayes.faults import Faults, UserError
-from deabayes.own_model_checks import system_faults
+from deabayes.own_models.class_checks import system_faults
 from deabayes.systems import OWN, System
 
 REMEDY = "docs/how-to/own-model.md has one to start from"

@@ -11,7 +11,7 @@ from deabayes.api import open_posterior
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posterior import wider_systems
-from deabayes.prior_overrides import check_same_order
+from deabayes.prior.overrides import check_same_order
 from deabayes.reading.specimen import read_specimen
 from deabayes.study import Study
 from deabayes.systems import System, build

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.inheritance import Inheritance
 from deabayes.posterior import LogPosterior
-from deabayes.prior import Prior
-from deabayes.prior_from_posterior import LARGEST_MISFIT
+from deabayes.posteriors.inheritance import Inheritance
+from deabayes.prior.from_posterior import LARGEST_MISFIT
+from deabayes.prior.joint import Prior
 from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.outcomes import Predictive, Readings
+from deabayes.prediction.outcomes import Predictive, Readings
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.errors import (
+from deabayes.experiment import Experiment
+from deabayes.prediction.bands import LEVELS, Samples
+from deabayes.prediction.errors import (
     crps,
     interval_coverage,
     joint_log_score,
@@ -12,8 +14,6 @@ from deabayes.errors import (
     relative_rms_error,
     uniformity_p,
 )
-from deabayes.experiment import Experiment
-from deabayes.prediction import LEVELS, Samples
 
 
 def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from deabayes.experiment import Experiment
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.systems import Draws, System
 
 TRIAL_DRAWS = 3

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes import planned
 from deabayes.faults import UserError, nearest
-from deabayes.model_trial import try_models
+from deabayes.further import planned
+from deabayes.own_models.trial import try_models
 from deabayes.reading.checks import shorter_than_time_constant, too_few_points
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -140,7 +140,7 @@ def _prior_faults(
     """Priors of the study that name no parameter of any candidate, or that cannot be used."""
     from deabayes.noise import REGISTRY as NOISE
     from deabayes.posterior import wider_systems
-    from deabayes.prior import Prior
+    from deabayes.prior.joint import Prior
     from deabayes.record_noise import noise_parameters
 
     calibrate = [each for each in experiments if each.role == "calibrate"]

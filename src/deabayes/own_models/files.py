@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Faults, UserError
-from deabayes.own_models import load_models
+from deabayes.own_models.loading import load_models
 from deabayes.reading.schema import violations
 from deabayes.reading.specimen import system_named
 from deabayes.reading.yaml_file import read_yaml

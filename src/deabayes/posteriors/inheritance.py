@@ -11,8 +11,8 @@ import xarray as xr
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.prior_from_posterior import PriorFromPosterior
-from deabayes.storage import read_tree, specimen_from_json, stacked
+from deabayes.posteriors.storage import read_tree, specimen_from_json, stacked
+from deabayes.prior.from_posterior import PriorFromPosterior
 
 OF_THE_MATERIAL = frozenset({"density", "permittivity", "relative_permittivity"})
 """Quantities that a specimen states and that its material decides."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
-from deabayes.noise_origin import NoiseOrigin
+from deabayes.prediction.noise_origin import NoiseOrigin
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 

@@ -9,8 +9,8 @@ import pandas as pd
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior, log_standard_normal
-from deabayes.posterior_content import PosteriorContent
-from deabayes.power_scaling import sensitivities
+from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.power_scaling import sensitivities
 
 SUMMARY_COLUMNS = (
     "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction "

@@ -13,13 +13,13 @@ from typing import Protocol
 import numpy as np
 
 from deabayes.distributions import Distribution, LogNormal, LogUniform
-from deabayes.faults import UserError
-from deabayes.normal_scores import (
+from deabayes.distributions.scores import (
     UNRESOLVED_SCORE,
     FloatArray,
     log_normal_density,
     log_or_nan,
 )
+from deabayes.faults import UserError
 
 LARGEST_SCORE = 37.0
 ROUNDING = 1e-12

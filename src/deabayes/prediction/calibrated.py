@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.noise_origin import CalibratedRecord
-from deabayes.rapidity import fastest
+from deabayes.prediction.noise_origin import CalibratedRecord
+from deabayes.prediction.rapidity import fastest
 from deabayes.systems.base import System
 
 LONGEST_EXTRAPOLATION = 1.5

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.comparison import (
+from deabayes.comparison.decision import (
     BlockLoo,
     Decision,
     Score,
@@ -23,11 +23,11 @@ from deabayes.comparison import (
     evidence_conflict,
     leave_one_block_out,
 )
+from deabayes.comparison.left_out import leave_block_out
 from deabayes.experiment import FloatArray
-from deabayes.left_out import leave_block_out
 from deabayes.pareto import UNRELIABLE_K_HAT
 from deabayes.posterior import LogPosterior
-from deabayes.storage import stacked
+from deabayes.posteriors.storage import stacked
 
 LOO_DRAWS = 1000
 SAMPLED_DRAWS = 256

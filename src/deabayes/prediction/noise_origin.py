@@ -11,7 +11,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
-from deabayes.rapidity import fastest
+from deabayes.prediction.rapidity import fastest
 from deabayes.record_noise import is_ratio
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System

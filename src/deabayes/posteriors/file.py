@@ -9,11 +9,11 @@ import xarray as xr
 
 import deabayes
 from deabayes.experiment import FloatArray
-from deabayes.noise_origin import CalibratedRecord, records_to_json
-from deabayes.own_models import recorded
-from deabayes.posterior_content import PosteriorContent
-from deabayes.posterior_summary import SUMMARY_COLUMNS, labels, quantities, summary_table
-from deabayes.storage import specimen_to_json
+from deabayes.own_models.loading import recorded
+from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.storage import specimen_to_json
+from deabayes.posteriors.summary import SUMMARY_COLUMNS, labels, quantities, summary_table
+from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
 from deabayes.study import to_settings
 
 PRIOR_DRAWS = 1000

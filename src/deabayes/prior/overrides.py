@@ -8,8 +8,8 @@ from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
-from deabayes.distribution_settings import from_settings
 from deabayes.distributions import Distribution, Uniform
+from deabayes.distributions.settings import from_settings
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 

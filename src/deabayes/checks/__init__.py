@@ -1,0 +1,1 @@
+"""What a user asks for, held against what there is before anything is run."""

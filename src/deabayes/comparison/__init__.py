@@ -1,0 +1,1 @@
+"""Which candidate the records support: evidence, left-out blocks, and the rule that decides."""

@@ -1,0 +1,34 @@
+"""Univariate priors by name; a new one is a module `distributions/<name>.py` and a line here."""
+
+from __future__ import annotations
+
+from deabayes.distributions.base import Distribution, FloatArray, format_number
+from deabayes.distributions.halfnormal import HalfNormal
+from deabayes.distributions.lognormal import LogNormal
+from deabayes.distributions.loguniform import LogUniform
+from deabayes.distributions.normal import Normal
+from deabayes.distributions.truncated_normal import TruncatedNormal
+from deabayes.distributions.uniform import Uniform
+
+__all__ = [
+    "REGISTRY",
+    "Distribution",
+    "FloatArray",
+    "HalfNormal",
+    "LogNormal",
+    "LogUniform",
+    "Normal",
+    "TruncatedNormal",
+    "Uniform",
+    "format_number",
+]
+
+REGISTRY: dict[str, type[Distribution]] = {
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "uniform": Uniform,
+    "loguniform": LogUniform,
+    "halfnormal": HalfNormal,
+    "truncated_normal": TruncatedNormal,
+}
+"""Distribution as a config names it -> its class in the module of the same name."""

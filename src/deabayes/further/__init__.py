@@ -1,0 +1,1 @@
+"""Which experiment to do next: what it would tell about candidates and parameters."""

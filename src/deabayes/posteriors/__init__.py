@@ -1,0 +1,1 @@
+"""Posterior files: what is in them, how they are written and read, how they become priors."""
