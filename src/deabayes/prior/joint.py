@@ -104,9 +104,9 @@ class Prior:
     def inherit(self, names: Sequence[str], draws: FloatArray) -> Prior:
         """Replace the priors of parameters that another posterior has drawn.
 
-        A multivariate normal is fitted to the draws in this prior's z, so
-        correlations and supports are kept; its misfit is in `inherited`. Names
-        unknown here are marginalised.
+        A multivariate normal, or a mixture of them where one does not do, is fitted to the
+        draws in this prior's z, so correlations and supports are kept; its misfit is in
+        `inherited`. Names unknown here are marginalised.
 
         Parameters
         ----------
@@ -183,10 +183,7 @@ class Prior:
             text = f"{text}, ascending{spacing} ({parameter.ordered})"
         for inherited in self.inherited:
             if name in inherited.names:
-                text = (
-                    "posterior of another study, multivariate normal on the scores of: "
-                    f"{text}; misfit {inherited.misfit:.3f}"
-                )
+                text = f"{inherited.describe()} of: {text}; misfit {inherited.misfit:.3f}"
         return text
 
     def _build_blocks(self) -> tuple[Block, ...]:

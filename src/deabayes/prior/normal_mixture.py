@@ -1,0 +1,100 @@
+"""A mixture of multivariate normals, written as a transform of a standard normal vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from deabayes.distributions.scores import FloatArray, log_normal_density
+
+
+@dataclass(frozen=True)
+class NormalMixture:
+    r"""x = T(z), z ~ N(0, I), with density sum_j w_j N(x; m_j, L_j L_j^T).
+
+    T is the Knothe-Rosenblatt transform: z_i = Phi^-1(F(x_i | x_1 ... x_{i-1})), where the
+    conditional distribution F is a mixture of univariate normals,
+
+        F = sum_j W_j Phi(e_ji),  e_j = L_j^-1 (x - m_j),  W_j ~ w_j prod_{l < i} phi(e_jl) / L_jll.
+
+    Of one component it is x = m + L z.
+
+    Parameters
+    ----------
+    weights : (K,), summing to one.
+    means : (K, k).
+    factors : (K, k, k), lower Cholesky factors of the covariances.
+    """
+
+    weights: FloatArray
+    means: FloatArray
+    factors: FloatArray
+
+    @property
+    def components(self) -> int:
+        return int(self.weights.size)
+
+    @cached_property
+    def _scales(self) -> FloatArray:
+        """L_jii, (K, k)."""
+        return np.diagonal(self.factors, axis1=1, axis2=2)
+
+    def marginal(self, columns: Sequence[int]) -> NormalMixture:
+        """The mixture of some of the coordinates, in the order given."""
+        covariances = self.factors @ self.factors.transpose(0, 2, 1)
+        kept = covariances[:, columns][:, :, columns]
+        factors = np.asarray(np.linalg.cholesky(kept), dtype=np.float64)
+        return NormalMixture(self.weights, self.means[:, columns], factors)
+
+    def log_density(self, x: FloatArray) -> FloatArray:
+        """log p(x), (W,), of x (W, k)."""
+        from scipy.special import logsumexp
+
+        log_weights = np.tile(np.log(self.weights), (len(x), 1))
+        for e, column in self._standardised(x):
+            log_weights += log_normal_density(e) - np.log(self._scales[:, column])
+        return np.asarray(logsumexp(log_weights, axis=1))
+
+    def whiten(self, x: FloatArray) -> FloatArray:
+        """z (W, k) of x (W, k)."""
+        z = np.empty_like(x, dtype=float)
+        log_weights = np.tile(np.log(self.weights), (len(x), 1))
+        for e, column in self._standardised(x):
+            z[:, column] = _score(log_weights, e)
+            log_weights = log_weights + log_normal_density(e) - np.log(self._scales[:, column])
+        return z
+
+    def colour(self, z: FloatArray) -> FloatArray:
+        """x (W, k) of z (W, k)."""
+        if self.components == 1:
+            return np.asarray(self.means[0] + z @ self.factors[0].T)
+        from deabayes.prior.normal_mixture_kernel import colour
+
+        z = np.ascontiguousarray(z, dtype=float)
+        return np.asarray(colour(z, np.log(self.weights), self.means, self.factors))
+
+    def _standardised(self, x: FloatArray) -> Iterator[tuple[FloatArray, int]]:
+        """For each column in turn e_ji (W, K) and the column."""
+        e = np.zeros((*x.shape, self.components))
+        for column in range(x.shape[1]):
+            e[:, column] = x[:, column, None] - self._centres(e, column)
+            e[:, column] /= self._scales[:, column]
+            yield e[:, column], column
+
+    def _centres(self, e: FloatArray, column: int) -> FloatArray:
+        """Means of x_i given those before, in each component, (W, K)."""
+        before = np.einsum("wlj,jl->wj", e[:, :column], self.factors[:, column, :column])
+        return self.means[:, column] + before
+
+
+def _score(log_weights: FloatArray, e: FloatArray) -> FloatArray:
+    """Phi^-1(sum_j W_j Phi(e_j)), (W,), from whichever tail is smaller."""
+    from scipy.special import log_ndtr, logsumexp, ndtri_exp
+
+    total = logsumexp(log_weights, axis=1)
+    below = np.minimum(logsumexp(log_weights + log_ndtr(e), axis=1) - total, 0.0)
+    above = np.minimum(logsumexp(log_weights + log_ndtr(-e), axis=1) - total, 0.0)
+    return np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
