@@ -335,13 +335,24 @@ class TestInherit:
         z = np.random.default_rng(12).standard_normal((50, len(prior.names)))
         np.testing.assert_allclose(inherited.to_normal(inherited.to_parameters(z)), z, atol=1e-9)
 
-    def test_misfit_tells_normal_from_bimodal(self, posterior_draws):
+    def test_two_modes_are_kept_ten_prior_sds_apart_too(self, posterior_draws):
+        names, draws = posterior_draws
+        bimodal = draws.copy()
+        bimodal[::4, 1] += 1.0
+        inherited = Prior(FREE).inherit(names, bimodal)
+        assert inherited.inherited[0].misfit < 0.03
+        assert "mixture of 2 multivariate normals" in inherited.describe("offset")
+        offset = inherited.sample(np.random.default_rng(12), 20000)[:, 2]
+        assert np.mean(offset > 1.0) == pytest.approx(0.25, abs=0.01)
+        assert np.mean(offset[offset > 1.0]) == pytest.approx(draws[:, 1].mean() + 1.0, abs=0.003)
+
+    def test_misfit_tells_what_a_normal_cannot_describe(self, posterior_draws):
         names, draws = posterior_draws
         prior = Prior(FREE)
         assert prior.inherit(names, draws).inherited[0].misfit < 0.03
-        bimodal = draws.copy()
-        bimodal[::2, 1] += 1.0
-        assert prior.inherit(names, bimodal).inherited[0].misfit > 0.1
+        few = draws[:39].copy()
+        few[::2, 1] += 1.0
+        assert prior.inherit(names, few).inherited[0].misfit > 0.1
 
     def test_a_whole_ordered_group(self):
         prior = Prior((*MU, *ALPHA))

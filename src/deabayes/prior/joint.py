@@ -22,7 +22,8 @@ from deabayes.prior.overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0
-LARGEST_INHERITED_SCORE = 8.0
+LARGEST_INHERITED_SCORE = 30.0
+"""Further out, normal probabilities are no longer told apart."""
 
 
 class Prior:

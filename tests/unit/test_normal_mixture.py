@@ -1,0 +1,150 @@
+"""A mixture of normals as a transform of a standard normal vector."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+from deabayes.prior.from_posterior import PosteriorBlock, distance_from_normal
+from deabayes.prior.normal_mixture import NormalMixture
+
+
+def mixture(components: int, dimension: int, seed: int = 1) -> NormalMixture:
+    rng = np.random.default_rng(seed)
+    roots = 0.5 * rng.normal(size=(components, dimension, dimension))
+    covariances = roots @ roots.transpose(0, 2, 1) + 0.05 * np.eye(dimension)
+    return NormalMixture(
+        rng.dirichlet(np.full(components, 3.0)),
+        2.0 * rng.normal(size=(components, dimension)),
+        np.linalg.cholesky(covariances),
+    )
+
+
+@pytest.mark.parametrize("components", [1, 2, 5])
+@pytest.mark.parametrize("dimension", [1, 4])
+def test_there_and_back(components, dimension):
+    one = mixture(components, dimension)
+    z = 3.0 * np.random.default_rng(2).standard_normal((200, dimension))
+    np.testing.assert_allclose(one.whiten(one.colour(z)), z, atol=1e-10)
+
+
+@pytest.mark.parametrize("score", [-30.0, -9.0, 0.0, 9.0, 30.0])
+def test_far_tails(score):
+    one = mixture(3, 2)
+    z = np.array([[score, 0.0], [0.0, score], [score, -score]])
+    np.testing.assert_allclose(one.whiten(one.colour(z)), z, atol=1e-9)
+
+
+def test_components_far_apart():
+    one = NormalMixture(np.array([0.3, 0.7]), np.array([[-1e3], [1e3]]), np.full((2, 1, 1), 1e-3))
+    z = stats.norm.ppf(np.array([[0.1], [0.3 - 1e-9], [0.3 + 1e-9], [0.9]]))
+    x = one.colour(z)
+    np.testing.assert_allclose(one.whiten(x), z, atol=1e-9)
+    assert np.all(np.abs(np.abs(x) - 1e3) < 0.01)
+
+
+def test_density_is_the_weighted_sum():
+    one = mixture(3, 4)
+    x = np.random.default_rng(3).normal(size=(20, 4))
+    normals = [
+        stats.multivariate_normal(mean, factor @ factor.T).pdf(x)
+        for mean, factor in zip(one.means, one.factors, strict=True)
+    ]
+    np.testing.assert_allclose(one.log_density(x), np.log(one.weights @ normals), rtol=1e-12)
+
+
+def test_quantiles_of_one_coordinate():
+    one = mixture(3, 1)
+
+    def share_below(x: float) -> float:
+        return float(one.weights @ stats.norm.cdf(x, one.means[:, 0], one.factors[:, 0, 0]))
+
+    for score in (-2.0, 0.3, 1.7):
+        below = stats.norm.cdf(score)
+        expected = optimize.brentq(lambda x, p=below: share_below(x) - p, -20, 20)
+        assert one.colour(np.array([[score]]))[0, 0] == pytest.approx(expected, abs=1e-10)
+
+
+def test_draws_have_the_mixture_s_moments():
+    one = mixture(4, 3)
+    x = one.colour(np.random.default_rng(4).standard_normal((200_000, 3)))
+    mean = one.weights @ one.means
+    second = np.einsum(
+        "j,jab->ab", one.weights, one.factors @ one.factors.transpose(0, 2, 1)
+    ) + np.einsum("j,ja,jb->ab", one.weights, one.means, one.means)
+    spread = np.sqrt(np.diag(second - np.outer(mean, mean)))
+    np.testing.assert_allclose(x.mean(axis=0), mean, atol=0.01 * spread.max())
+    np.testing.assert_allclose(
+        np.cov(x.T), second - np.outer(mean, mean), atol=0.02 * spread.max() ** 2
+    )
+
+
+def test_marginal_leaves_the_others_out():
+    one = mixture(3, 4)
+    x = one.colour(np.random.default_rng(5).standard_normal((20_000, 4)))
+    kept = one.marginal([3, 1])
+    assert distance_from_normal(kept.whiten(x[:, [3, 1]])) < 0.015
+    assert distance_from_normal(kept.whiten(x[:, [1, 3]])) > 0.1
+
+
+class TestDistance:
+    def test_of_normal_draws(self):
+        assert distance_from_normal(np.random.default_rng(6).standard_normal((8000, 5))) < 0.02
+
+    def test_of_one_shifted_column(self):
+        z = np.random.default_rng(7).standard_normal((8000, 5))
+        z[:, 2] += 0.5
+        assert distance_from_normal(z) == pytest.approx(2 * stats.norm.cdf(0.25) - 1, abs=0.02)
+
+    def test_of_a_shape_that_no_column_shows(self):
+        """Signs shared by all columns: each is standard normal, together they lie in two cones."""
+        rng = np.random.default_rng(8)
+        z = np.abs(rng.standard_normal(8000))[:, None] * rng.choice([-1.0, 1.0], (8000, 4))
+        assert max(stats.kstest(column, "norm").statistic for column in z.T) < 0.02
+        assert distance_from_normal(z) > 0.1
+
+
+def banana(rng: np.random.Generator, size: int) -> np.ndarray:
+    """A bent ridge in four dimensions."""
+    u = rng.standard_normal((size, 4))
+    x = np.stack([u[:, 0], 0.7 * u[:, 0] ** 2 + 0.1 * u[:, 1], u[:, 2], 0.5 * u[:, 3]], axis=1)
+    return 0.3 * x
+
+
+class TestFit:
+    NAMES = ("a", "b", "c", "d")
+
+    def test_one_normal_where_it_will_do(self):
+        x = mixture(1, 4).colour(np.random.default_rng(9).standard_normal((4000, 4)))
+        block = PosteriorBlock.fit(self.NAMES, x)
+        assert block.mixture.components == 1
+        np.testing.assert_allclose(block.mixture.means[0], x.mean(axis=0))
+        np.testing.assert_allclose(block.mixture.factors[0], np.linalg.cholesky(np.cov(x.T)))
+        assert "multivariate normal on" in block.describe()
+
+    def test_a_bent_ridge_is_followed(self):
+        rng = np.random.default_rng(10)
+        block = PosteriorBlock.fit(self.NAMES, banana(rng, 8000))
+        assert block.misfit < 0.05
+        assert f"mixture of {block.mixture.components} multivariate normals" in block.describe()
+        fresh = banana(rng, 4000)
+        u = fresh / 0.3
+        u = np.stack(
+            [u[:, 0], (u[:, 1] - 0.7 * u[:, 0] ** 2) / 0.1, u[:, 2], u[:, 3] / 0.5], axis=1
+        )
+        exact = np.sum(stats.norm.logpdf(u), axis=1) - 4 * np.log(0.3) - np.log(0.1 * 0.5)
+        lost = np.mean(exact - block.mixture.log_density(fresh))
+        one = NormalMixture(
+            np.ones(1), fresh.mean(axis=0)[None], np.linalg.cholesky(np.cov(fresh.T))[None]
+        )
+        assert lost < 0.15 < 1.5 < np.mean(exact - one.log_density(fresh))
+
+    def test_the_same_draws_give_the_same_prior(self):
+        x = banana(np.random.default_rng(11), 2000)
+        one, other = (PosteriorBlock.fit(self.NAMES, x) for _ in range(2))
+        np.testing.assert_array_equal(one.mixture.means, other.mixture.means)
+
+    def test_few_draws_are_not_split(self):
+        x = banana(np.random.default_rng(12), 79)
+        assert PosteriorBlock.fit(self.NAMES, x).mixture.components == 1
