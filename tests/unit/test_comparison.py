@@ -52,8 +52,24 @@ def test_one_block_with_most_of_the_gain_does_not_hide_what_the_others_gain():
     assert judge(score("b", 5, -1.0, gains), small) == "conflict"
 
 
+def test_blocks_need_not_be_alike():
+    """Simulated specimens: 20.0 and 17.6 nats in all, 7.9 and 5.1 without the best block."""
+    small = score("a", 3, 0.0, np.zeros(9))
+    gains = np.array([12.1, 2.6, 1.3, -1.3, 0.7, 0.7, 2.0, -1.3, 3.1])
+    assert judge(score("b", 5, 18.6, gains), small) == "larger"
+    assert judge(score("b", 5, 0.0, gains), small) == "conflict"
+    gains = [12.5, 0.4, -0.2, 1.1, -1.7, 1.4, 0.5, 0.4, 0.7, 0.7, 0.8, 0.1, 0.9]
+    assert judge(score("b", 5, 13.5, gains), score("a", 3, 0.0, np.zeros(13))) == "larger"
+
+
+def test_seven_nats_within_two_standard_errors_are_not_enough():
+    small = score("a", 3, 0.0, np.zeros(4))
+    assert judge(score("b", 5, 9.0, [2.0, 2.0, 2.0, 1.0]), small) == "larger"
+    assert judge(score("b", 5, 9.0, [7.5, 2.0, 2.0, -4.0]), small) == "conflict"
+
+
 def test_no_block_decides_alone():
-    """What is left without the best block must pass by itself: here 4 nats are not reached."""
+    """What is left without the best block must be 4 nats and a standard error."""
     small = score("a", 3, 0.0, np.zeros(9))
     gains = np.array([70.0, 0.6, 0.4, 0.5, 0.6, 0.4, 0.5, 0.4, 0.5])
     assert judge(score("b", 5, 70.0, gains), small) == "conflict"

@@ -12,6 +12,9 @@ from deabayes.experiment import FloatArray
 from deabayes.pareto import smoothed
 
 SMALLEST_ELPD_GAIN = 4.0
+SAFE_ELPD_GAIN = 8.0
+"""A gain of g nats between two Gaussian predictions, the better of which is right, has a standard
+deviation of sqrt(2 g): from here on g is two of these and more."""
 SMALLEST_EVIDENCE_GAIN = 1.0
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
@@ -105,19 +108,24 @@ def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
     return float(np.sum(difference)), standard_error(difference)
 
 
-def _clear(gains: FloatArray) -> bool:
-    return float(np.sum(gains)) > max(SMALLEST_ELPD_GAIN, 2.0 * standard_error(gains))
-
-
 def left_out_blocks_favour(larger: Score, smaller: Score) -> bool:
-    """Whether the elpd gain exceeds max(4, 2 SE), with all blocks or without the best one.
+    """Whether the larger candidate tells left-out blocks better.
 
-    One block with most of the gain makes the standard error more than half of the sum,
-    however large that is; what the other blocks gain then decides.
+    Its elpd gain exceeds max(4, 2 SE); or it exceeds `SAFE_ELPD_GAIN`, and what is left of it
+    without the block that gains most max(4, SE). The standard error is for blocks that are
+    alike: where a fast unit shows in the first of them only, it is more than half of the sum,
+    however large that is. No block decides alone.
     """
     assert larger.loo is not None and smaller.loo is not None
     gains = np.sort(larger.loo.terms - smaller.loo.terms)
-    return _clear(gains) or _clear(gains[:-1])
+    if _exceeds(gains, SMALLEST_ELPD_GAIN, 2.0):
+        return True
+    return _exceeds(gains, SAFE_ELPD_GAIN, 0.0) and _exceeds(gains[:-1], SMALLEST_ELPD_GAIN, 1.0)
+
+
+def _exceeds(gains: FloatArray, nats: float, standard_errors: float) -> bool:
+    least = standard_errors * standard_error(gains) if standard_errors else 0.0
+    return float(np.sum(gains)) > max(nats, least)
 
 
 def judge(larger: Score, smaller: Score) -> str:
