@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def constants_of(
         structure.inertia, structure.turning, structure.electric, structure.hinge,
         structure.weight, 2.0 * structure.length, np.cos(rest),
         none if model.dry else friction, friction if model.dry else none,
-        total, slow, middle, scale, 1.0 / allowed,
+        total, slow, middle, scale, 1.0 / allowed, *structure.gent_argument,
     )  # fmt: skip
     moved = 2.0 * structure.length * (np.cos(start) - np.cos(rest))
     weight = stiffness * column(lever / stiff)
@@ -87,7 +87,9 @@ def constants_of(
 def film_polynomial(
     structure: Structure, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """S = A_0 t_0 sigma at zero voltage as a polynomial in z = scale (cos theta - middle).
+    """P = A_0 t_0 sigma B at zero voltage as a polynomial in z = scale (cos theta - middle).
+
+    B is the argument of a Gent spring, whose pole is left to the kernel; 1 for other springs.
 
     Interpolated at Chebyshev's nodes between the angles `low` and `high`, each draw's own, (W,).
 
@@ -102,5 +104,7 @@ def film_polynomial(
     nodes = np.cos(np.pi * (np.arange(FILM_DEGREE + 1) + 0.5) / (FILM_DEGREE + 1))
     to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
     # einsum, as a product by BLAS would make a draw's last digits depend on its neighbours.
-    values = structure.film(column(middle) + nodes / column(scale))
+    spring = structure.model.spring
+    endless = replace(structure, draws=spring.without_limit(structure.draws))
+    values = endless.film(column(middle) + nodes / column(scale))
     return middle, scale, np.einsum("wn,pn->wp", values, to_powers)
