@@ -47,6 +47,29 @@ def test_tolerance_holds_for_plausible_draws(units, frequency):
     assert np.max(error) < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("driven", "last"), [(voltage([0.0, 2.0], [3e3, 3e3]), 2.0), (sine(1.0, 2, 3.0, 200), 2.0)]
+)
+@pytest.mark.parametrize("dry", [False, True])
+def test_tolerance_holds_where_it_rings(driven, last, dry):
+    """Errors of the periods that are remembered add up, once to 300 times the tolerance.
+
+    Where dry friction is about to hold the slider, a few draws are less accurate still.
+    """
+    draws = spread_draws(1, 16) | {"k_1": np.full(16, 0.5)}
+    friction = np.geomspace(1e-5, 1e-3, 16) if dry else np.geomspace(1e-3, 0.3, 16)
+    draws["friction_force" if dry else "eta_0"] = friction
+    name = "ogden_4_units_1_dry" if dry else "ogden_4_units_1"
+    times = np.linspace(0.0, last, 400)
+    fine, usual = (
+        structure(name, tolerance).predict(driven, times, "displacement", draws)
+        for tolerance in (1e-9, 1e-6)
+    )
+    error = np.max(np.abs(usual - fine), axis=1) / np.ptp(fine, axis=1)
+    assert np.median(error) < 2e-6
+    assert np.max(error) < (5e-5 if dry else 3e-6)
+
+
 def _motion(system, draws, driven, times):
     """theta, omega and the rate of the slider at evenly spaced times, for one draw."""
     moved = system.predict(driven, times, "displacement", draws)[0]

@@ -15,6 +15,9 @@ from deabayes.systems.structure_static import FLATTEST, STEEPER, STEEPEST, Struc
 
 ESTIMATE = 10.0
 """Error allowed in a step over the tolerance; a test holds the result to the tolerance."""
+RINGING = 3.0
+"""Times the damping ratio, at most 1: the share of that which is allowed where it rings, because
+the errors of as many periods add up as are remembered."""
 FIRST_STEP = 0.1
 """Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
 
@@ -65,10 +68,15 @@ def constants_of(
     slow = np.sqrt(structure.mass(rest) / stiff)
     # A range of the angle that the draw alone tells before integration.
     push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
-    allowed = ESTIMATE * tolerance * np.where(push > 0.0, push / stiff, 1e-12)
+    swing = np.where(push > 0.0, push / stiff, 1e-12)
+    friction = positive(draws["friction_force" if model.dry else "eta_0"])
+    # Dry friction resists like viscous friction at the speed of the swing.
+    viscous = friction * slow / (lever * swing) if model.dry else friction
+    damping = 0.5 * viscous * lever**2 / (stiff * slow)
+    forgotten = np.maximum(damping, slow / np.ptp(history.edges))
+    allowed = ESTIMATE * tolerance * swing * np.minimum(1.0, RINGING * forgotten)
     low, high = np.full_like(rest, FLATTEST), np.minimum(rest + STEEPER, STEEPEST)
     middle, scale, film = film_polynomial(structure, low, high)
-    friction = positive(draws["friction_force" if model.dry else "eta_0"])
     none = np.zeros_like(rest)
     columns = (
         start, FIRST_STEP * slow, low, high,
