@@ -76,6 +76,25 @@ def test_noise_of_the_monitor_is_smoothed_not_followed():
     assert np.max(np.abs(smooth - rough)) < 5e-4 * np.ptp(smooth)
 
 
+@pytest.mark.parametrize("held", [1, 2, 3])
+def test_random_levels_are_no_noise(held):
+    rng = np.random.default_rng(6)
+    levels = np.repeat(2e3 * rng.random(80), held)
+    time = np.arange(levels.size, dtype=float)
+    found = drive(time, levels, 0.0, time[-1], 1e-7)
+    inside = np.linspace(0.0, time[-1], 1237)
+    np.testing.assert_allclose(found.at(inside), np.interp(inside, time, levels), atol=1.0)
+
+
+@pytest.mark.parametrize("half", [3, 4, 6])
+def test_a_triangle_of_few_knots_keeps_its_corners(half):
+    time = np.arange(241.0)
+    volts = 2e3 * np.abs((time / half) % 2.0 - 1.0)
+    found = drive(time, volts, 0.0, 240.0, 1e-7)
+    inside = np.linspace(0.0, 240.0, 1237)
+    np.testing.assert_allclose(found.at(inside), np.interp(inside, time, volts), atol=1.0)
+
+
 def test_a_recorded_step_restarts_at_its_edges_only():
     rng = np.random.default_rng(5)
     time = np.arange(3001) * 0.2

@@ -37,6 +37,18 @@ def test_step_ramp_and_parabola_in_closed_form():
     assert parabola == pytest.approx(expected, rel=1e-11, abs=1e-13)
 
 
+def test_jittered_samples_far_from_zero_keep_their_own_lengths():
+    """Lengths a rounding apart each, whose chain spans more than half a sampling interval."""
+    rng = np.random.default_rng(3)
+    time = 1.7e9 + np.cumsum(1e-4 * (1.0 + 0.3 * rng.uniform(-1.0, 1.0, 5000)))
+    load = hold([time[0]], [1.0], time)
+    resolution = 4.0 * np.finfo(float).eps * time[-1]
+    found = load.lengths[load.length_index]
+    assert np.max(np.abs(found - np.diff(time))) <= resolution
+    even = hold([0.0], [1.0], 1e4 + 1e-4 * np.arange(5000))
+    assert even.lengths.size == 2
+
+
 def test_a_small_first_step_keeps_its_relative_accuracy():
     step = respond(hold([0.0], [1.0], np.array([1e-12, 1e-9])), 0.12)[0]
     assert step == pytest.approx(-np.expm1(-np.array([1e-12, 1e-9]) / 0.12), rel=1e-12)

@@ -111,6 +111,19 @@ def test_accuracy_over_the_prior(units, driven, time):
     assert np.max(errors) < 3e-6
 
 
+@pytest.mark.parametrize("candidate", ["kv_gm_1", "kv_gm_3", "kv_gm_1_inertia"])
+@pytest.mark.parametrize("volts", [0.0, 1e-3, 0.1, 10.0])
+def test_draws_that_hardly_move_do_not_fail(candidate, volts):
+    """Their steps were refused for rounding: at 1 mV all failed, at 0 V a third."""
+    system = membrane(candidate)
+    draws = prior_draws(system, 100, seed=3)
+    rests = np.isfinite(system.pull_in(draws).stretch)
+    time = np.geomspace(1e-5, 600.0, 40)
+    moved = system.predict(step(volts), time, "stretch", draws)[rests] - 3.0
+    twice = system.predict(step(2.0 * volts), time, "stretch", draws)[rests] - 3.0
+    np.testing.assert_allclose(twice, 4.0 * moved, rtol=1e-3, atol=1e-12)
+
+
 @pytest.mark.parametrize("units", [1, 2, 4])
 def test_a_draw_does_not_depend_on_its_company(units):
     system = membrane(f"kv_gm_{units}")

@@ -56,6 +56,22 @@ def test_every_draw_has_its_own_delay():
     assert np.abs(found[1] - found[2]).max() > 1e-2 * np.ptp(found[0])
 
 
+@pytest.mark.parametrize("sd", [None, 5e-5])
+def test_nothing_is_seen_of_a_first_jump_before_the_delay_is_over(sd):
+    """A chain without mass strains at once: 29 % of its final strain were seen too early."""
+    jump = Excitation("voltage", "V", np.array([0.0, 0.3]), np.array([2e3, 2e3]))
+    time = np.append(-1e-3, np.arange(0.0, 0.02, 1e-4))
+    three = {name: np.repeat(values, 3) for name, values in draws().items()}
+    late = LATE if sd else np.full(3, 4e-4)
+    found = Tubular("voigt_kelvin_2", specimen(sd)).predict(
+        jump, time, "strain", three | {"sensor_delay": late}
+    )
+    exact = Tubular("voigt_kelvin_2", replace(specimen(), quantities=QUANTITIES))
+    for row, delay in zip(found, late, strict=True):
+        expected = exact.predict(jump, time - delay, "strain", draws())[0]
+        assert np.abs(row - expected).max() < 3e-4 * np.ptp(expected)
+
+
 def test_it_is_in_the_phase_and_not_in_the_gain():
     table = golden_table("tubular_frf", "load_100g")
     at = driven(table["frequency"], load_g=100)

@@ -355,3 +355,22 @@ def test_kinks_of_a_noisy_stretch_cost_far_less_than_the_noise_itself():
     )
     error = np.max(np.abs(found - expected), axis=1) / np.ptp(expected, axis=1)
     assert np.max(error) < 0.02 * noise
+
+
+@pytest.mark.parametrize("candidate", ["kv_gm_1", "neo_hookean_units_1"])
+def test_what_is_left_at_stretch_one_is_as_accurate_as_elsewhere(candidate):
+    """The spring bears nothing there, and so no error of the unit was refused."""
+    times = np.geomspace(1e-3, 0.1, 30)
+    group = "tau_beta_1" if candidate == "kv_gm_1" else "tau_1"
+    draws = {"mu": 3e4, "mu_alpha": 3e4, "zeta_alpha": 1e4, "J_alpha": 100.0, "J_beta": 100.0}
+    draws = {name: np.full(30, value) for name, value in draws.items()}
+    draws |= {"mu_beta_1": np.full(30, 3e4), group: times}
+    bare = Specimen("strip", "tensile_strip", {}, {})
+    unloaded = Excitation("stretch", "1", np.array([0.0, 0.2, 0.4, 30.0]), np.array([1, 3, 1, 1.0]))
+    after = np.array([0.41, 0.42, 0.45])
+    found = TensileStrip(candidate, bare).predict(unloaded, after, "nominal_stress", draws)
+    whole = TensileStrip(candidate, bare, 1e-9).predict(
+        unloaded, np.append(0.1, after), "nominal_stress", draws
+    )
+    error = np.max(np.abs(found - whole[:, 1:]), axis=1)
+    assert np.max(error) < 1e-8 * np.max(np.abs(whole))

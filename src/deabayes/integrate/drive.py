@@ -27,6 +27,8 @@ EVEN = 1e-9
 """Knots this close to even spacing, over their span, share one basis."""
 SCATTER_NORM = 0.6745 * np.sqrt(924.0)
 """Median absolute sixth difference of white noise over its standard deviation."""
+NOISIEST = 0.01
+"""Of the peak: knots that scatter more are levels of their own, not a monitor's noise."""
 STEADY = 0.01
 """Change of the voltage on a piece, over its peak, that counts as none."""
 JUMP, TURN, WORTH = 0.01, 0.05, 1e-3
@@ -115,13 +117,16 @@ def scatter(knots: FloatArray, volts: FloatArray) -> float:
     """Standard deviation of evenly spaced knots about a smooth curve (robust), 0 if uneven.
 
     From sixth differences, which a sine of 40 knots per period passes with 1e-5 of its
-    amplitude; steps and corners are too few to count.
+    amplitude; steps and corners are too few to count. Also 0 where it is too much for noise: an
+    excitation that changes from knot to knot (random levels, a triangle of few knots) has such
+    differences too, and is followed as it is.
     """
     steps = np.diff(knots)
     middle = float(np.median(steps))
     if knots.size < 4 * FEWEST_KNOTS or np.mean(np.abs(steps - middle) > 0.01 * middle) > 0.2:
         return 0.0
-    return float(np.median(np.abs(np.diff(volts, 6)))) / SCATTER_NORM
+    found = float(np.median(np.abs(np.diff(volts, 6)))) / SCATTER_NORM
+    return found if found <= NOISIEST * float(np.max(np.abs(volts))) else 0.0
 
 
 def _spanning(

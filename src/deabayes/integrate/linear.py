@@ -167,7 +167,11 @@ def _distinct(lengths: FloatArray, largest: float) -> tuple[FloatArray, NDArray[
         return np.zeros(0), np.zeros(0, dtype=np.int64)
     order = np.argsort(lengths, kind="stable")
     ascending = lengths[order]
-    new = np.diff(ascending) > 4.0 * np.finfo(float).eps * largest
+    resolution = 4.0 * np.finfo(float).eps * largest
+    run = np.concatenate([[0], np.cumsum(np.diff(ascending) > resolution)])
+    # Lengths of a jittered record are a run without gaps: none may wander off with its neighbours.
+    above = ascending - ascending[np.searchsorted(run, run)]
+    new = (np.diff(run) > 0) | (np.diff(np.floor(above / resolution)) > 0.0)
     group = np.concatenate([[0], np.cumsum(new)])
     index = np.empty(lengths.size, dtype=np.int64)
     index[order] = group

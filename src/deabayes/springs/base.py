@@ -95,6 +95,17 @@ class Spring(ABC):
     def shear_modulus(self, draws: Mapping[str, FloatArray]) -> FloatArray:
         """Small-strain shear modulus [Pa], (W,)."""
 
+    def inverse_limit(self, draws: Mapping[str, FloatArray]) -> FloatArray:
+        """1/J of a limit J of I1 - 3, whose argument 1 - (I1 - 3)/J divides the stress, (W,).
+
+        Zero for a law without one.
+        """
+        return np.zeros_like(self.shear_modulus(draws), dtype=np.float64)
+
+    def without_limit(self, draws: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """The same draws, their limit at infinity."""
+        return draws
+
     def nominal_stress(
         self,
         stretch: FloatArray,

@@ -63,3 +63,12 @@ class Gent(Spring):
     def shear_modulus(self, draws: Mapping[str, FloatArray]) -> FloatArray:
         """mu [Pa], (W,)."""
         return draws["mu"]
+
+    def inverse_limit(self, draws: Mapping[str, FloatArray]) -> FloatArray:
+        """1/J, (W,); NaN where J is not positive."""
+        limit = np.asarray(draws["J"], dtype=float)
+        return 1.0 / np.where(limit > 0.0, limit, np.nan)
+
+    def without_limit(self, draws: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+        """J infinite."""
+        return {**draws, "J": np.full_like(draws["J"], np.inf, dtype=float)}

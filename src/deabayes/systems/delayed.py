@@ -33,10 +33,13 @@ def delayed(
     simulator_at : the simulator of what happens, at given ascending times.
     coordinate : (N,) when it was seen [s].
     delay : as the specimen states it; with an sd, draws hold it as `name` (W,).
-    start : when the excitation begins; what is seen of before is the state then.
+    start : when the excitation begins; what is seen of before is zero, even where the
+        response jumps then.
     """
     if delay.sd is None:
-        return simulator_at(np.maximum(coordinate - delay.value, start))
+        begun = coordinate - delay.value >= start
+        simulate_exact = simulator_at(np.maximum(coordinate - delay.value, start))
+        return lambda draws: simulate_exact(draws) * begun
     spacing = REACH * delay.sd
     nodes = delay.value + spacing * np.array([-1.0, 0.0, 1.0])
     happened = np.maximum(coordinate - nodes[:, None], start)
@@ -49,6 +52,7 @@ def delayed(
         )
         x = ((draws[name] - delay.value) / spacing)[:, None]
         late = 0.5 * x * (x - 1.0) * before + (1.0 - x**2) * middle + 0.5 * x * (x + 1.0) * after
-        return np.asarray(late)
+        begun = coordinate - draws[name][:, None] >= start
+        return np.asarray(late * begun)
 
     return simulate_late

@@ -19,6 +19,8 @@ from deabayes.systems.specimen_quantities import filled, positive
 ALLOWED_CONSTANT, ALLOWED_VARYING = 1.0, 0.15
 """Error allowed in a step over the tolerance, under constant and under varying voltage (where
 errors of many steps add up); a test holds the result to the tolerance over prior draws."""
+FINEST = 1e-13
+"""Of the pre-stretch: errors that no step is refused for, next to those of rounding."""
 FIRST_STEP = 0.1
 """Of the time of the fastest mode."""
 FOLD_POINTS, FOLD_POINTS_FINE = 32, 400
@@ -116,7 +118,7 @@ class Material:
         scale = initial.compliance * history.peak**2
         scale = scale * np.minimum(1.0, np.ptp(history.edges) / initial.fast)
         estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
-        allowed = estimate * tolerance * np.where(scale > 0.0, scale, 1e-12)
+        allowed = np.maximum(estimate * tolerance * scale, FINEST * self.prestretch)
         columns = (1.0 / self.viscosity, self.modulus, self.inverse_limit, initial.prestress,
                    self.gain, 1.0 / allowed, self.prestretch, limit,
                    FIRST_STEP * initial.fast)  # fmt: skip

@@ -27,7 +27,8 @@ def derived(structure: Structure, voltage: float) -> dict[str, Derived]:
             structure.hinge / 4.0,
         ),
         "snap_voltage": Derived(
-            r"U_\mathrm{max}", "V", "voltage at which the bent branch ends, at 3 degrees at last",
+            r"U_\mathrm{max}", "V", "voltage at which the bent branch ends, at 3 degrees or the "
+            "film's lock-up at last",
             end,
         ),
         f"blocking_force_{kilovolts}": Derived(

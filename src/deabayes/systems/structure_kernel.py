@@ -9,8 +9,9 @@ its equation:
         + 2L s (sum_i k_i (y_i + d) - eta_0 v - F_c v/sqrt(v^2 + v_s^2)),   v = 2L s omega
 
 M_0 = 2J + 2 m_1 l_m^2, C = 4L (m_1 (L - l_m) + m_2 L), G = 2 m_1 g l_m, H = 4K, E = A_0
-epsilon_0 epsilon_r/t_0. S = A_0 t_0 sigma_x at zero voltage is a polynomial in c per draw,
-U one in time on each piece of the excitation. theta carries the arrow (see
+epsilon_0 epsilon_r/t_0. S = A_0 t_0 sigma_x at zero voltage is P/B, P a polynomial in c per draw
+and B = 1 - (I_1 - 3)/J the argument of a Gent spring, 1 for others: a polynomial cannot follow the
+pole. U is a polynomial in time on each piece of the excitation. theta carries the arrow (see
 `integrate.arrow`); omega is eliminated from its equation.
 """
 
@@ -29,25 +30,26 @@ from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
 DEGREE = 5
 """Of the voltage in time on a piece."""
 FILM_DEGREE = 14
-"""Of S in cos theta: 1e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper."""
+"""Of P in cos theta: 1e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper."""
 DRY_SPEED = 5e-4
 """v_s [m/s]: the speed below which dry friction is smoothed; strokes are 1 to 300 mm/s."""
 (
     INERTIA, TURNING, ELECTRIC, HINGE, GRAVITY, LENGTH, REST, VISCOUS, DRY, UNITS, SLOWNESS,
-    MIDDLE, SCALE, ALLOWED, STEP, RATE_OF_STEP, D1, D2, D3, D4, D5, D6, DRIFT, SQUARE, FLOW,
+    MIDDLE, SCALE, ALLOWED, ROOM, TAKEN, LEAST,
+    STEP, RATE_OF_STEP, D1, D2, D3, D4, D5, D6, DRIFT, SQUARE, FLOW,
     SINE, COSINE, PLACE, FORCE, SCHUR, COUPLED, SLOPE, LEVER, DAMPING, PIVOT,
     ERROR, FACTOR, K2, K3, K4, OFFSET, SPAN,
-) = ((arrow.SHARED_ROWS + r) * LANES for r in range(42))  # fmt: skip
-"""Rows of theta's block: constants of the draw (2L, c_0, the sum of k_i and the weight of
-omega's error among them); step, 1/step, squared voltage at the nodes; s, c, d at the argument;
-sums over the units; what a step's Jacobian fixes; control; dense output; place in the piece of
-the excitation, 1/its duration."""
-V0 = (arrow.SHARED_ROWS + 42) * LANES
+) = ((arrow.SHARED_ROWS + r) * LANES for r in range(45))  # fmt: skip
+"""Rows of theta's block: constants of the draw (2L, c_0, the sum of k_i, the weight of omega's
+error and what B c^2 = c^2 (ROOM - TAKEN c^2) - LEAST is made of among them); step, 1/step,
+squared voltage at the nodes; s, c, d at the argument; sums over the units; what a step's Jacobian
+fixes; control; dense output; place in the piece of the excitation, 1/its duration."""
+V0 = (arrow.SHARED_ROWS + 45) * LANES
 S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14 = (
     V0 + (DEGREE + 1 + power) * LANES for power in range(FILM_DEGREE + 1)
 )
-"""Coefficients of U on the piece, and of S: the highest power last."""
-SPEED = (arrow.SHARED_ROWS + 42 + DEGREE + 1 + FILM_DEGREE + 1) * LANES
+"""Coefficients of U on the piece, and of P: the highest power last."""
+SPEED = (arrow.SHARED_ROWS + 45 + DEGREE + 1 + FILM_DEGREE + 1) * LANES
 """From here on omega's own block: in one array, or its loops would not become vectors."""
 ANGLE_ROWS = SPEED // LANES + arrow.SHARED_ROWS
 RATE, STIFFNESS, WEIGHT, SHARE, SOLVE, PULL, LATE = (
@@ -88,7 +90,7 @@ def place(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _film(c: FloatArray, i: int, z: float) -> float:
-    """S [N] at z = (cos theta - middle) scale; written out, so that lanes become vectors."""
+    """P [N] at z = (cos theta - middle) scale; written out, so that lanes become vectors."""
     found = c[S14 + i]
     found = c[S12 + i] + z * (c[S13 + i] + z * found)
     found = c[S10 + i] + z * (c[S11 + i] + z * found)
@@ -100,8 +102,15 @@ def _film(c: FloatArray, i: int, z: float) -> float:
 
 
 @njit(**KERNEL_OPTIONS)
+def _stiffening(c: FloatArray, i: int, square: float) -> float:
+    """1/B at cos^2 theta; NaN past the Gent limit."""
+    b = square * (c[ROOM + i] - c[TAKEN + i] * square) - c[LEAST + i]
+    return square / b if b > 0.0 else np.nan
+
+
+@njit(**KERNEL_OPTIONS)
 def _film_slope(c: FloatArray, i: int, z: float) -> float:
-    """dS/dz [N]."""
+    """dP/dz [N]."""
     found = 13.0 * c[S13 + i] + z * 14.0 * c[S14 + i]
     found = 11.0 * c[S11 + i] + z * (12.0 * c[S12 + i] + z * found)
     found = 9.0 * c[S9 + i] + z * (10.0 * c[S10 + i] + z * found)
@@ -125,7 +134,8 @@ def accelerate(c: FloatArray) -> None:
         moment -= sine * cosine * around
         inverse = c[STEP + i] / (cosine * (c[INERTIA + i] + c[TURNING + i] * sine * sine))
         z = (cosine - c[MIDDLE + i]) * c[SCALE + i]
-        c[FLOW + i] = inverse * (sine * _film(c, i, z) + cosine * moment)
+        film = _film(c, i, z) * _stiffening(c, i, cosine * cosine)
+        c[FLOW + i] = inverse * (sine * film + cosine * moment)
 
 
 @njit(**KERNEL_OPTIONS)
@@ -186,10 +196,15 @@ def jacobian(c: FloatArray) -> None:
         slider -= (c[VISCOUS + i] + c[DRY + i] * root) * speed
         around = c[ELECTRIC + i] * c[D1 + i] + c[TURNING + i] * omega * omega
         z = (cosine - c[MIDDLE + i]) * c[SCALE + i]
-        steeper = _film_slope(c, i, z) * c[SCALE + i]
+        square = cosine * cosine
+        stiffer = _stiffening(c, i, square)
+        film = _film(c, i, z) * stiffer
+        steeper = _film_slope(c, i, z) * c[SCALE + i] * stiffer
+        closer = c[TAKEN + i] * cosine - c[LEAST + i] / (square * cosine)
+        steeper += 2.0 * film * stiffer * closer
         inverse = 1.0 / (c[INERTIA + i] + c[TURNING + i] * sine * sine)
         turning = 2.0 * c[TURNING + i] * sine * cosine
-        stiffness = _film(c, i, z) / (cosine * cosine) - sine * sine / cosine * steeper
+        stiffness = film / square - sine * sine / cosine * steeper
         stiffness += c[GRAVITY + i] * sine - c[HINGE + i]
         stiffness -= (cosine * cosine - sine * sine) * around
         stiffness += c[LENGTH + i] * cosine * (slider - slope * omega * resisting)

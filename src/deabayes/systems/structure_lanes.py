@@ -16,7 +16,7 @@ IndexArray = NDArray[np.int64]
 OF_START, OF_STEP, OF_LOW, OF_HIGH, OF_CONSTANTS = range(5)
 """Columns of a draw: starting angle, first step after a jump of the voltage, the angles
 between which it stays, and from there on the constants in the order of the kernel's rows."""
-CONSTANTS = 14
+CONSTANTS = 17
 DRAW_COLUMNS = OF_CONSTANTS + CONSTANTS + k.FILM_DEGREE + 1
 UNIT_COLUMNS = 4
 """Columns of a unit: 1/tau, k, weight of its error, y at the start."""

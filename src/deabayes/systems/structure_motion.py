@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from deabayes.systems.structure_static import FLATTEST, STEEPER, STEEPEST, Struc
 
 ESTIMATE = 10.0
 """Error allowed in a step over the tolerance; a test holds the result to the tolerance."""
+RINGING = 3.0
+"""Times the damping ratio, at most 1: the share of that which is allowed where it rings, because
+the errors of as many periods add up as are remembered."""
 FIRST_STEP = 0.1
 """Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
 
@@ -65,17 +68,22 @@ def constants_of(
     slow = np.sqrt(structure.mass(rest) / stiff)
     # A range of the angle that the draw alone tells before integration.
     push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
-    allowed = ESTIMATE * tolerance * np.where(push > 0.0, push / stiff, 1e-12)
+    swing = np.where(push > 0.0, push / stiff, 1e-12)
+    friction = positive(draws["friction_force" if model.dry else "eta_0"])
+    # Dry friction resists like viscous friction at the speed of the swing.
+    viscous = friction * slow / (lever * swing) if model.dry else friction
+    damping = 0.5 * viscous * lever**2 / (stiff * slow)
+    forgotten = np.maximum(damping, slow / np.ptp(history.edges))
+    allowed = ESTIMATE * tolerance * swing * np.minimum(1.0, RINGING * forgotten)
     low, high = np.full_like(rest, FLATTEST), np.minimum(rest + STEEPER, STEEPEST)
     middle, scale, film = film_polynomial(structure, low, high)
-    friction = positive(draws["friction_force" if model.dry else "eta_0"])
     none = np.zeros_like(rest)
     columns = (
         start, FIRST_STEP * slow, low, high,
         structure.inertia, structure.turning, structure.electric, structure.hinge,
         structure.weight, 2.0 * structure.length, np.cos(rest),
         none if model.dry else friction, friction if model.dry else none,
-        total, slow, middle, scale, 1.0 / allowed,
+        total, slow, middle, scale, 1.0 / allowed, *structure.gent_argument,
     )  # fmt: skip
     moved = 2.0 * structure.length * (np.cos(start) - np.cos(rest))
     weight = stiffness * column(lever / stiff)
@@ -87,7 +95,9 @@ def constants_of(
 def film_polynomial(
     structure: Structure, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """S = A_0 t_0 sigma at zero voltage as a polynomial in z = scale (cos theta - middle).
+    """P = A_0 t_0 sigma B at zero voltage as a polynomial in z = scale (cos theta - middle).
+
+    B is the argument of a Gent spring, whose pole is left to the kernel; 1 for other springs.
 
     Interpolated at Chebyshev's nodes between the angles `low` and `high`, each draw's own, (W,).
 
@@ -102,5 +112,7 @@ def film_polynomial(
     nodes = np.cos(np.pi * (np.arange(FILM_DEGREE + 1) + 0.5) / (FILM_DEGREE + 1))
     to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
     # einsum, as a product by BLAS would make a draw's last digits depend on its neighbours.
-    values = structure.film(column(middle) + nodes / column(scale))
+    spring = structure.model.spring
+    endless = replace(structure, draws=spring.without_limit(structure.draws))
+    values = endless.film(column(middle) + nodes / column(scale))
     return middle, scale, np.einsum("wn,pn->wp", values, to_powers)

@@ -33,6 +33,8 @@ STEEPER = np.radians(25.0)
 STEEPEST = np.radians(80.0)
 """The structure is followed to this much above its rest angle, never beyond 80 degrees."""
 BRANCH_POINTS = 200
+LOCK_UP = 0.995
+"""Of the way from rest to where a Gent film locks, in cos theta: no branch is followed beyond."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,22 @@ class Structure:
         return column(self.section) * self.model.spring.cauchy_stress(stretches, self.draws)
 
     @cached_property
+    def gent_argument(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """a, b and d of c^2 (1 - (I_1 - 3)/J) = c^2 (a - b c^2) - d, c = cos theta, each (W,)."""
+        inverse, square = self.model.spring.inverse_limit(self.draws), self.prestretch**2
+        return 1.0 + (3.0 - square) * inverse, square * inverse, inverse / square**2
+
+    @cached_property
+    def flattest(self) -> FloatArray:
+        """Angle (W,) at which the bent branch ends at last: 3 degrees, or near the lock-up."""
+        a, b, d = self.gent_argument
+        rest, last = np.cos(self.rest), np.full_like(self.rest, np.cos(FLATTEST))
+        with np.errstate(all="ignore"):  # without a limit b is zero, and the lock-up not finite
+            locked = np.sqrt((a + np.sqrt(a * a - 4.0 * b * d)) / (2.0 * b))
+        near = rest + LOCK_UP * (locked - rest)
+        return np.arccos(np.where(near < last, near, last))
+
+    @cached_property
     def hinge(self) -> FloatArray:
         """4 K [N m], (W,); NaN where the film would need hinges that push."""
         cosine = np.cos(self.rest)
@@ -124,10 +142,11 @@ class Structure:
     def branch(self) -> tuple[FloatArray, FloatArray]:
         """Angles and squared voltages of the bent branch, (W, BRANCH_POINTS), from rest on.
 
-        Past its end, where the structure snaps flat, the last values are repeated.
+        Past its end, where the structure snaps flat, the last values are repeated. It also ends
+        near a film's lock-up, where the voltage grows without bound.
         """
         share = np.linspace(0.0, 1.0, BRANCH_POINTS)
-        angle = column(self.rest) + (FLATTEST - column(self.rest)) * share
+        angle = column(self.rest) + column(self.flattest - self.rest) * share
         square = self.squared_voltage(angle)
         square[:, 0] = 0.0
         falling = np.diff(square, axis=1) <= 0.0

@@ -31,6 +31,8 @@ from deabayes.systems.strip_record import (
     record_without_time,
 )
 
+LEFT = 1e-3
+"""Of the largest stress of the history: a scale of what is left after it, at stretch 1."""
 QUANTITIES = {
     "gauge_length": ("L_0", "free length between the clamps"),
     "cross_section": ("A_0", "cross-section of the undeformed strip"),
@@ -122,8 +124,23 @@ class TensileStrip(System):
         if model.kelvin:
             stress += column(draws["zeta_alpha"]) * rate
         if model.units > 0:
-            stress += self._unit_stress(record, draws, gauge, np.max(np.abs(stress), axis=1))
+            peak = np.max(np.abs(stress), axis=1)
+            if np.any(peak == 0.0):
+                passed = self._largest_of_history(record, draws, gauge, deformation)
+                peak = np.where(peak == 0.0, LEFT * passed, peak)
+            stress += self._unit_stress(record, draws, gauge, peak)
         return stress
+
+    def _largest_of_history(
+        self, record: StripRecord, draws: Draws, gauge: FloatArray | None, deformation: str
+    ) -> FloatArray:
+        """Largest stress (W,) of the spring in the whole history."""
+        stretch = record.grid_stretch
+        if gauge is not None:
+            stretch = 1.0 + column(gauge) * (stretch - 1.0)
+        model = self.model
+        stress = model.spring.nominal_stress(stretch, model.spring_draws(draws), deformation)
+        return np.asarray(np.max(np.abs(stress), axis=1))
 
     def _unit_stress(
         self, record: StripRecord, draws: Draws, gauge: FloatArray | None, peak: FloatArray
