@@ -44,10 +44,13 @@ class PooledResult:
         """Draws in z, (E, S, W, d), every run thinned evenly to the shortest."""
         return align(self.ensembles)[0]
 
-    @property
-    def log_posterior(self) -> FloatArray:
-        """(E, S, W), as `chain`."""
-        return align(self.ensembles)[1]
+    def thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
+        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble, spread over time."""
+        chain, log_posterior = align(self.ensembles)
+        ensembles, steps, walkers, dimension = chain.shape
+        picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers)).astype(int)
+        z = chain.reshape(ensembles, -1, dimension)[:, picked]
+        return z, log_posterior.reshape(ensembles, -1)[:, picked]
 
 
 def pool(
