@@ -131,23 +131,6 @@ def _runs(
     ]
 
 
-def continue_ensemble(
-    log_likelihood: LogDensity,
-    ensemble: Ensemble,
-    proposal: Proposal,
-    steps: int,
-    settings: Sampling,
-    seed: np.random.SeedSequence,
-    folder: Path | None = None,
-    progress: bool = False,
-    guide: Guide = NO_GUIDE,
-) -> Ensemble:
-    """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
-    start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(Target(log_likelihood, guide), proposal, start, seed, Store(folder), settings)
-    return _continue(run, ensemble, steps, settings, progress)
-
-
 def judge(
     ensembles: Sequence[Ensemble], settings: Sampling, quantities: Quantities | None = None
 ) -> Convergence:
