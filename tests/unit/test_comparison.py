@@ -11,6 +11,7 @@ from deabayes.comparison.decision import (
     block_edges,
     block_terms,
     decide,
+    elpd_difference,
     evidence_conflict,
     judge,
 )
@@ -37,10 +38,30 @@ def test_larger_order_needs_both_criteria():
         (-9.0, 1.5 * ONES, "conflict"),  # elpd alone
         (0.5, 1.1 * ONES, "smaller"),  # +2 elpd and half a nat are not enough
         (9.0, ONES + 0.3 + 3 * SPREAD, "conflict"),  # gain of 6 within 2 SE
+        (1.5, 1.5 * ONES, "larger"),
+        (0.9, 1.5 * ONES, "conflict"),  # less than a nat of evidence
     ],
 )
 def test_anything_less_keeps_the_smaller_or_says_so(evidence, terms, expected):
     assert judge(score("b", 5, evidence, terms), score("a", 3, 0.0, ONES)) == expected
+
+
+def test_an_evidence_within_two_errors_does_not_speak():
+    """Errors of 3 and 4 make one of 5 for the difference."""
+    small = score("a", 3, 0.0, ONES, mcse=3.0)
+    assert judge(score("b", 5, 9.9, 1.5 * ONES, mcse=4.0), small) == "conflict"
+    assert judge(score("b", 5, 10.1, 1.5 * ONES, mcse=4.0), small) == "larger"
+
+
+def test_the_difference_counts_from_the_smaller_and_pairs_the_blocks():
+    terms = np.array([3.0, -5.0, 1.0])
+    gains = np.array([1.0, 2.0, 6.0])
+    large, small = score("b", 5, 0.0, terms + gains), score("a", 3, 0.0, terms)
+    gain, error = elpd_difference(large, small)
+    assert gain == 9.0
+    assert error == pytest.approx(np.sqrt(3 * 7.0))  # (4 + 1 + 9) / 2
+    assert small.loo.elpd == -1.0
+    assert small.loo.se == pytest.approx(np.sqrt(3 * 52 / 3))  # of the mean -1/3
 
 
 def test_one_block_with_most_of_the_gain_does_not_hide_what_the_others_gain():
@@ -105,6 +126,11 @@ def test_a_candidate_passed_over_may_still_contest_the_choice():
     assert "not resolved" in decision.verdicts["n3"]
 
 
+def test_candidates_of_one_size_that_say_the_same_are_not_told_apart():
+    decision = decide([score("a", 3, 0.0, ONES), score("b", 3, 0.0, ONES)])
+    assert decision.unresolved == ("b",)
+
+
 def test_an_unknown_evidence_decides_nothing():
     small = score("a", 3, 0.0, ONES)
     for evidence, error in ((np.nan, 0.1), (9.0, np.nan)):
@@ -123,6 +149,33 @@ def test_the_verdict_says_what_was_compared():
     words = decide(scores).verdicts["n2"]
     assert words.startswith("chosen: the smallest order the data cannot do without among")
     assert words.endswith("n1 did not")
+
+
+def test_a_verdict_shows_by_how_much_the_others_fall_short():
+    scores = [score("n1", 3, 0.0, ONES), score("n2", 5, 9.0, 1.5 * ONES)]
+    scores.append(score("n3", 7, 7.0, 1.4 * ONES))
+    verdicts = decide(scores).verdicts
+    assert verdicts["n1"] == "not chosen: elpd -10.0 (SE 0.0), log evidence -9.0 against n2"
+    assert verdicts["n3"] == "not chosen: elpd -2.0 (SE 0.0), log evidence -2.0 against n2"
+
+
+def test_one_that_converged_among_others_is_not_chosen():
+    lost = score("b", 5, 9.0, ONES, converged=False)
+    decision = decide([score("a", 3, 0.0, ONES), lost])
+    assert decision.chosen is None
+    assert decision.verdicts["a"].startswith("nothing to compare")
+
+
+@pytest.mark.parametrize(("nested", "said"), [(1.6, "-1.6"), (-1.6, "+1.6"), (1.4, ""), (-1.4, "")])
+def test_two_evidences_may_differ_by_half_a_nat_and_their_errors(nested, said):
+    """Errors of 0.6 and 0.8 make one of 1.0."""
+    checked = dataclasses.replace(
+        score("a", 3, 0.0, ONES, mcse=0.6),
+        log_evidence_nested=nested,
+        log_evidence_nested_error=0.8,
+    )
+    words = evidence_conflict(checked)
+    assert words.startswith(f"bridge and nested sampling differ by {said} ") if said else not words
 
 
 def test_evidence_checked_without_a_known_error_may_still_conflict():
@@ -146,3 +199,9 @@ def test_blocks_are_long_enough_and_cover_every_point():
     pointwise = np.random.default_rng(1).normal(size=(3, coordinate.size))
     terms = block_terms(pointwise, edges)
     np.testing.assert_allclose(terms.sum(1), pointwise.sum(1))
+
+
+def test_a_rest_shorter_than_half_a_block_belongs_to_the_last():
+    assert block_edges(np.arange(25.0), 10.0).tolist() == [0, 10]
+    assert block_edges(np.arange(26.0), 10.0).tolist() == [0, 10, 20]
+    assert block_edges(np.arange(12.0), 10.0).tolist() == [0, 10]

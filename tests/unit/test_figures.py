@@ -303,6 +303,7 @@ def test_numbers_keep_what_their_interval_supports() -> None:
     assert interval(1234.4, 1000.0, 1500.0) == "1230 [1000, 1500]"
     assert round_to(-0.01234, 0.001) == "−0.0123"
     assert round_to(float("nan"), 1.0) == "–"
+    assert interval(0.4, -0.004, 0.9) == "0.40 [0.00, 0.90]"
     assert significant(1.704) == "1.70"
     assert significant(0.000012345) == "1.23×10⁻⁵"
 

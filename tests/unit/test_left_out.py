@@ -1,11 +1,21 @@
 """Left-out blocks and records against closed forms of a linear Gaussian model."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison.decision import leave_one_block_out
-from deabayes.comparison.left_out import left_out_log_density, log_ratio_without
+from deabayes.comparison import leave_one_block_out
+from deabayes.left_out import (
+    leave_block_out,
+    leave_one_experiment_out,
+    left_out_log_density,
+    log_ratio_without,
+)
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
 
@@ -34,14 +44,14 @@ def log_densities(design, data, z):
     return norm(z @ design.T, SIGMA).logpdf(data)
 
 
-def exact(design, data, block):
-    """log p(block | the others)."""
+def exact(design, data, left):
+    """log p(points left out | the others)."""
     kept = np.ones(POINTS, bool)
-    kept[of_block(block)] = False
+    kept[left] = False
     mean, covariance = posterior(design[kept], data[kept])
-    left = design[~kept]
-    spread = left @ covariance @ left.T + SIGMA**2 * np.eye(3)
-    return float(multivariate_normal(left @ mean, spread).logpdf(data[~kept]))
+    there = design[~kept]
+    spread = there @ covariance @ there.T + SIGMA**2 * np.eye(len(there))
+    return float(multivariate_normal(there @ mean, spread).logpdf(data[~kept]))
 
 
 def blocks_of(pointwise):
@@ -54,7 +64,7 @@ def test_importance_weights_leave_a_block_out():
     z = rng.multivariate_normal(*posterior(design, data), size=20000)
     terms = blocks_of(log_densities(design, data, z))
     found = leave_one_block_out(terms)
-    wanted = [exact(design, data, block) for block in range(BLOCKS)]
+    wanted = [exact(design, data, of_block(block)) for block in range(BLOCKS)]
     assert np.all(found.k_hat < 0.7)
     np.testing.assert_allclose(found.terms, wanted, atol=0.05)
     assert found.elpd < np.log(np.mean(np.exp(terms), axis=0)).sum(), "better than in the fit"
@@ -65,7 +75,7 @@ def test_a_block_that_the_others_do_not_expect_is_said_to_be_unreliable_and_is_s
     rng = np.random.default_rng(2)
     z = rng.multivariate_normal(*posterior(design, data), size=1000)
     found = leave_one_block_out(blocks_of(log_densities(design, data, z)))
-    last, wanted = BLOCKS - 1, exact(design, data, BLOCKS - 1)
+    last, wanted = BLOCKS - 1, exact(design, data, of_block(BLOCKS - 1))
     assert found.k_hat[last] > 0.7
     assert found.terms[last] > wanted + 0.5, "weights would do"
 
@@ -96,3 +106,50 @@ def test_draws_that_cannot_have_what_is_left_out_count():
         rng,
     )
     assert found == pytest.approx(norm.logsf(0.5), abs=0.2)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The line's posterior with its blocks as records, one of them a gain with its phase."""
+
+    records: tuple[SimpleNamespace, ...]
+    prior = SimpleNamespace(to_parameters=lambda z: z)
+
+    def log_likelihood(self, theta, names):
+        points = self.pointwise_log_likelihood(theta, names)
+        return sum(points[name].sum(axis=1) for name in names)
+
+    def pointwise_log_likelihood(self, theta, names):
+        whole = log_densities(*line(), theta)
+        return {r.experiment.name: whole[:, r.part] for r in self.records
+                if r.experiment.name in names}  # fmt: skip
+
+    def __call__(self, z):
+        names = [r.experiment.name for r in self.records]
+        return self.log_likelihood(z, names) - 0.5 * np.sum(z**2, axis=1)
+
+
+def three_records():
+    parts = {"a": slice(0, 9), "a_phase": slice(9, 12), "b": slice(12, 24)}
+    records = tuple(
+        SimpleNamespace(part=part, experiment=SimpleNamespace(name=name, row=name[0]))
+        for name, part in parts.items()
+    )
+    z = np.random.default_rng(5).multivariate_normal(*posterior(*line()), size=600)
+    return Line(records), z
+
+
+def test_every_record_is_left_out_as_a_whole():
+    target, z = three_records()
+    found = leave_one_experiment_out(target, z, np.random.SeedSequence(1))
+    assert found == pytest.approx(
+        {"a": exact(*line(), slice(0, 12)), "b": exact(*line(), slice(12, 24))}, abs=0.3
+    )
+    alone = Line(target.records[:2])
+    assert leave_one_experiment_out(alone, z, np.random.SeedSequence(1)) == {}
+
+
+def test_a_block_of_a_record_is_left_out():
+    target, z = three_records()
+    found = leave_block_out(target, "b", slice(6, 12), z, np.random.default_rng(1))
+    assert found == pytest.approx(exact(*line(), slice(18, 24)), abs=0.1)

@@ -75,6 +75,9 @@ def test_data_on_one_parameter_move_that_one(target: LogPosterior) -> None:
     table = summary(file(target, z, -0.5 * 99.0 * (400.0 / 99.0 - z[:, k]) ** 2))
     assert table.loc["E_0", "likelihood_sensitivity"] > 2 * SENSITIVE
     assert table.loc["E_0", "prior_sensitivity"] > SENSITIVE
+    contraction = table["contraction"][list(target.names)]
+    assert contraction["E_0"] == pytest.approx(0.99, abs=1e-3)
+    assert contraction.drop("E_0").abs().max() < 0.15
     others = table.drop(index="E_0").loc[[n for n in target.names if n != "E_0"]]
     assert (others["likelihood_sensitivity"] < 0.03).all()
 

@@ -34,7 +34,7 @@ ensembles = [
 ]
 result = pool(log_likelihood, ensembles, settings, seeds[2], folder / "pool")
 assert all(ensemble.refitted for ensemble in result.ensembles)
-parts = [result.chain, result.log_posterior]
+parts = result.thinned(1_000_000)
 counts = [(e.steps, e.evaluations, e.failures) for e in result.ensembles]
 (folder / "done").write_bytes(b"".join(p.tobytes() for p in parts) + repr(counts).encode())
 """

@@ -41,7 +41,8 @@ def compute(context: StudyContext) -> Analysis:
                     "stages": gained(times, each.response)}  # fmt: skip
         for name, fitted in context.candidates.items():
             curves = context.responses(name, each)
-            row = labels(name, fitted) | {"voltage_kV": amplitude(each.excitation) / 1e3}
+            row = labels(name, fitted) | {"experiment": each.name}
+            row |= {"voltage_kV": amplitude(each.excitation) / 1e3}
             predicted = share_at(times, curves, at).T
             shares += [
                 row | {"time_s": t, "measured_percent": seen} | interval("predicted", "percent", of)

@@ -129,7 +129,12 @@ def round_to(value: float, step: float) -> str:
     largest = abs(value)
     if decimals > 6 or largest >= 1e6:
         return scientific(value)
-    rounded = round(value, decimals)
+    return fixed(value, decimals)
+
+
+def fixed(value: float, decimals: int) -> str:
+    """`value` to so many decimals (negative: tens, hundreds); a zero has no sign."""
+    rounded = round(value, decimals) + 0.0
     return f"{rounded:.{max(decimals, 0)}f}".replace("-", "−")
 
 
@@ -142,8 +147,7 @@ def significant(value: float, digits: int = 3) -> str:
     exponent = math.floor(math.log10(abs(value)))
     if not -4 <= exponent < 6:
         return scientific(value, digits)
-    decimals = digits - 1 - exponent
-    return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
+    return fixed(value, digits - 1 - exponent)
 
 
 def short(value: float, digits: int = 3) -> str:

@@ -44,8 +44,8 @@ def _sheet(records: list[xr.Dataset], stages: pd.DataFrame) -> Figure:
             f"{record.attrs['experiment']}, {ROLES.get(role, role)}", loc="left"
         )
         _response(axes[0, column], record)
-        same = np.isclose(stages["voltage_kV"], record.attrs["voltage_kV"], rtol=1e-6)
-        _shares(axes[1, column], stages[same], record)
+        own = stages[stages["experiment"] == record.attrs["experiment"]]
+        _shares(axes[1, column], own, record)
     axes[0, 0].set_ylabel("displacement (mm)")
     axes[1, 0].set_ylabel("share added (%)")
     panels.legend_below(figure, curves.handles(records[0]), 5)

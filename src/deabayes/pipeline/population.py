@@ -85,10 +85,11 @@ def content_of(
     rng: np.random.Generator,
 ) -> PopulationContent:
     """All that follows from the draws of mean and spread."""
-    from deabayes.population.files import PopulationContent, thinned
+    from deabayes.population.files import PopulationContent
     from deabayes.population.specimens import new_specimens, warnings_of
+    from deabayes.posterior_content import STORED_DRAWS
 
-    z, log_posterior = thinned(pooled)
+    z, log_posterior = pooled.thinned(STORED_DRAWS)
     shape = z.shape[:2]
     z = z.reshape(-1, z.shape[2])
     theta = model.prior.to_parameters(z)

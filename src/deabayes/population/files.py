@@ -16,7 +16,7 @@ from deabayes.experiment import FloatArray
 from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
-from deabayes.posteriors.content import STORED_DRAWS, convergence_summary
+from deabayes.posterior_content import convergence_summary
 from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.pooling import PooledResult
 
@@ -54,14 +54,6 @@ class PopulationContent:
         reasons = [f"{name}: its own posterior has not converged" for name in lost]
         reasons += [f"population, {reason}" for reason in self.pooled.convergence.reasons]
         return found | {"converged": not reasons, "reasons": reasons}
-
-
-def thinned(pooled: PooledResult) -> tuple[FloatArray, FloatArray]:
-    """z (E, S, d) and log-posterior (E, S), at most `STORED_DRAWS` per ensemble."""
-    ensembles, steps, walkers, dimension = pooled.chain.shape
-    picked = np.linspace(0, steps * walkers - 1, min(STORED_DRAWS, steps * walkers)).astype(int)
-    z = pooled.chain.reshape(ensembles, -1, dimension)[:, picked]
-    return z, pooled.log_posterior.reshape(ensembles, -1)[:, picked]
 
 
 def population_tree(content: PopulationContent) -> xr.DataTree:

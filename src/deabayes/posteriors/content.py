@@ -52,10 +52,8 @@ class PosteriorContent:
         further: Prior | None = None,
         inherited: Inheritance | None = None,
     ) -> PosteriorContent:
-        """Thin the pooled draws to at most `STORED_DRAWS` per ensemble, spread over time."""
-        ensembles, steps, walkers, dimension = pooled.chain.shape
-        picked = np.linspace(0, steps * walkers - 1, min(STORED_DRAWS, steps * walkers)).astype(int)
-        z = pooled.chain.reshape(ensembles, -1, dimension)[:, picked]
+        """With at most `STORED_DRAWS` of the pooled draws per ensemble."""
+        z, log_posterior = pooled.thinned(STORED_DRAWS)
         experiments = [record.experiment for record in target.records]
         return cls(
             study,
@@ -63,7 +61,7 @@ class PosteriorContent:
             target.system.specimen,
             target,
             z,
-            pooled.log_posterior.reshape(ensembles, -1)[:, picked],
+            log_posterior,
             pooled.convergence.table,
             _with_doubts(convergence_summary(pooled), inherited),
             [

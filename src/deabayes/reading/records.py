@@ -14,8 +14,6 @@ from deabayes.reading.raw import RawRecord
 from deabayes.reading.tdms import read_tdms
 from deabayes.reading.text import read_text
 
-FORMATS = (".csv", ".txt", ".tsv", ".dat", ".xlsx", ".xlsm", ".mat", ".tdms")
-
 
 def read_record(
     path: Path,

@@ -14,6 +14,7 @@ from deabayes.figures.decided_by import in_words
 from deabayes.figures.quantities import (
     ROLES,
     display_unit,
+    fixed,
     interval,
     plain,
     short,
@@ -215,7 +216,7 @@ def asked_for_nested(study: StudyResults) -> bool:
 
 
 def _fixed(value: float, decimals: int = 1) -> str:
-    return f"{value:.{decimals}f}".replace("-", "−") if np.isfinite(value) else "–"
+    return fixed(value, decimals) if np.isfinite(value) else "–"
 
 
 def _with_error(value: float, error: float) -> str:

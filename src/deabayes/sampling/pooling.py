@@ -44,10 +44,13 @@ class PooledResult:
         """Draws in z, (E, S, W, d), every run thinned evenly to the shortest."""
         return align(self.ensembles)[0]
 
-    @property
-    def log_posterior(self) -> FloatArray:
-        """(E, S, W), as `chain`."""
-        return align(self.ensembles)[1]
+    def thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
+        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble, spread over time."""
+        chain, log_posterior = align(self.ensembles)
+        ensembles, steps, walkers, dimension = chain.shape
+        picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers)).astype(int)
+        z = chain.reshape(ensembles, -1, dimension)[:, picked]
+        return z, log_posterior.reshape(ensembles, -1)[:, picked]
 
 
 def pool(
@@ -126,23 +129,6 @@ def _runs(
         )
         for index, ensemble in enumerate(ensembles)
     ]
-
-
-def continue_ensemble(
-    log_likelihood: LogDensity,
-    ensemble: Ensemble,
-    proposal: Proposal,
-    steps: int,
-    settings: Sampling,
-    seed: np.random.SeedSequence,
-    folder: Path | None = None,
-    progress: bool = False,
-    guide: Guide = NO_GUIDE,
-) -> Ensemble:
-    """Sample an ensemble on for `steps` with another frozen proposal; keep only what follows."""
-    start = ensemble.chain[-1], ensemble.log_posterior[-1]
-    run = Run(Target(log_likelihood, guide), proposal, start, seed, Store(folder), settings)
-    return _continue(run, ensemble, steps, settings, progress)
 
 
 def judge(

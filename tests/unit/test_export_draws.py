@@ -1,0 +1,82 @@
+"""Draws in the formats of other programs: every number under its name, with its unit."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+import xarray as xr
+
+from deabayes.export import export
+from deabayes.export.table import draws_table
+from deabayes.faults import UserError
+
+LONG = "a_record_of_a_whole_week_in_may.sigma_white"
+NAMES = {
+    "mu_alpha": ("Pa", "material"),
+    "quasi_static.sigma_ou": ("N", "noise"),
+    "2kV-step.sigma_ou": ("m", "noise"),
+    LONG: ("m", "noise"),
+}
+
+
+def tree(names=NAMES):
+    """Two ensembles of three draws; draw k of ensemble e of quantity q is 100 q + 10 e + k."""
+    draws = {
+        name: (("chain", "draw"), 100.0 * q + np.add.outer([0.0, 10.0], np.arange(3.0)),
+               {"unit": unit, "symbol": f"s_{q}", "kind": kind})
+        for q, (name, (unit, kind)) in enumerate(names.items())
+    }  # fmt: skip
+    found = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
+    found.attrs.update(
+        candidate="kv_gm_1", system="membrane", provenance="simulated", deabayes_version="1",
+        convergence=json.dumps({"converged": False}),
+    )  # fmt: skip
+    return found
+
+
+ENSEMBLE = [0, 0, 0, 1, 1, 1]
+FIRST = [0.0, 1.0, 2.0, 10.0, 11.0, 12.0]
+
+
+def test_the_table_has_one_ensemble_after_the_other():
+    table = draws_table(tree(), ("noise",))
+    assert list(table.columns) == ["ensemble", *list(NAMES)[1:]]
+    assert table["ensemble"].tolist() == ENSEMBLE
+    assert table[LONG].tolist() == [300.0 + each for each in FIRST]
+
+
+def test_csv_says_the_unit_of_every_column(tmp_path):
+    export(tree(), "csv", tmp_path / "draws.csv")
+    table = pd.read_csv(tmp_path / "draws.csv")
+    assert list(table.columns)[:3] == ["ensemble", "mu_alpha [Pa]", "quasi_static.sigma_ou [N]"]
+    assert table["mu_alpha [Pa]"].tolist() == FIRST
+
+
+def test_json_says_what_the_draws_are_of(tmp_path):
+    export(tree(), "json", tmp_path / "draws.json")
+    found = json.loads((tmp_path / "draws.json").read_text(encoding="utf-8"))
+    assert found["ensemble"] == ENSEMBLE and found["converged"] is False
+    assert found["parameters"]["mu_alpha"] == {
+        "unit": "Pa", "symbol": "s_0", "kind": "material", "draws": FIRST,
+    }  # fmt: skip
+
+
+def test_matlab_gets_every_quantity_whatever_its_name(tmp_path):
+    """savemat drops a field that begins with a digit, and refuses one of 32 letters and more."""
+    export(tree(), "mat", tmp_path / "draws.mat")
+    found = scipy.io.loadmat(tmp_path / "draws.mat", simplify_cells=True)
+    fields = ["mu_alpha", "quasi_static__sigma_ou", "x2kV_step__sigma_ou",
+              LONG.replace(".", "__")]  # fmt: skip
+    assert list(found["draws"]) == ["ensemble", *fields]
+    assert found["units"] == dict(zip(fields, ["Pa", "N", "m", "m"], strict=True))
+    for q, name in enumerate(fields):
+        np.testing.assert_array_equal(found["draws"][name], 100.0 * q + np.array(FIRST))
+
+
+def test_a_name_that_matlab_does_not_allow_is_said(tmp_path):
+    long = tree({f"{'a' * 60}.tau_ou": ("s", "noise")})
+    with pytest.raises(UserError, match=r"63 characters .* csv or json"):
+        export(long, "mat", tmp_path / "draws.mat")
+    assert not list(tmp_path.iterdir())

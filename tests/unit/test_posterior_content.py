@@ -1,0 +1,76 @@
+"""What a posterior file keeps of pooled runs; how far a posterior is narrower than its prior."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from deabayes.posterior_content import convergence_summary
+from deabayes.posterior_summary import contraction
+from deabayes.sampling.pooling import PooledResult
+
+
+def run(length=6, **numbers):
+    """An ensemble of two walkers whose draw of step s and walker w is (10 s + w, -10 s - w)."""
+    place = 10.0 * np.arange(length)[:, None] + np.arange(2.0)
+    return SimpleNamespace(
+        chain=np.stack([place, -place], axis=-1), log_posterior=-0.5 * place, **numbers
+    )
+
+
+def test_thinned_draws_keep_their_density_and_span_the_runs():
+    pooled = PooledResult((run(), run(11)), None)
+    z, log_posterior = pooled.thinned(4)
+    assert z.shape == (2, 4, 2)
+    np.testing.assert_array_equal(z[0, :, 0], [0.0, 11.0, 31.0, 51.0])
+    np.testing.assert_array_equal(z[1, :, 0], [0.0, 21.0, 61.0, 101.0])
+    np.testing.assert_array_equal(z[..., 1], -z[..., 0])
+    np.testing.assert_array_equal(log_posterior, -0.5 * z[..., 0])
+    assert pooled.thinned(2000)[0].shape == (2, 12, 2)
+
+
+def test_the_worst_number_of_all_runs_and_quantities_is_kept():
+    runs = (
+        run(steps=100, autocorrelation_time=3.0, acceptance=0.2, refitted=False,
+            replaced_walkers=1, evaluations=1000, failures=10),
+        run(steps=80, autocorrelation_time=5.0, acceptance=0.4, refitted=True,
+            replaced_walkers=2, evaluations=500, failures=1),
+    )  # fmt: skip
+    table = pd.DataFrame(
+        {"r_hat": [1.001, 1.02], "ess_bulk": [900.0, 500.0], "ess_tail": [300.0, 800.0]}
+    )
+    shares = pd.DataFrame({"run 1": [0.9, 0.1], "run 2": [0.8, 0.2]})
+    convergence = SimpleNamespace(
+        converged=False, reasons=["too short"], table=table, mode_shares=shares,
+        autocorrelation_times=np.array([60.0, 40.0]),
+    )  # fmt: skip
+    assert convergence_summary(PooledResult(runs, convergence)) == {
+        "converged": False, "reasons": ["too short"], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
+        "ess_tail_min": 300.0, "autocorrelation_times_min": 40.0, "tau_max": 5.0, "steps": 100,
+        "walkers": 2, "ensembles": 2, "acceptance": pytest.approx(0.3), "refitted": True,
+        "replaced_walkers": 3, "failures": {"evaluations": 1500, "failed": 11},
+        "mode_shares": [[0.9, 0.8], [0.1, 0.2]],
+    }  # fmt: skip
+
+
+NORMAL = np.random.default_rng(1).standard_normal(20000)
+
+
+@pytest.mark.parametrize(
+    ("posterior", "prior"),
+    [
+        (np.exp(5.0 + 0.5 * NORMAL), np.exp(NORMAL)),  # on the logarithm, wherever it lies
+        (5.0 + 0.5 * NORMAL, NORMAL),  # as it is, where it changes its sign
+        (np.exp(0.5 * NORMAL), np.append(np.exp(NORMAL), np.nan)),  # a failed draw of the prior
+        (np.append(0.5 * NORMAL, 1e9), NORMAL),  # one draw far out
+    ],
+)
+def test_half_the_spread_is_three_quarters_of_the_variance_gone(posterior, prior):
+    assert contraction(posterior, prior) == pytest.approx(0.75, abs=0.005)
+
+
+def test_what_has_become_wider_has_a_negative_contraction():
+    assert contraction(2.0 * NORMAL, NORMAL) == pytest.approx(-3.0)

@@ -1,0 +1,113 @@
+"""Bands, densities and scores of a record whose response and noise are known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import lognorm, norm
+
+from deabayes.errors_table import error_row
+from deabayes.experiment import Excitation, Experiment
+from deabayes.noise.white import White
+from deabayes.noise_origin import NoiseOrigin
+from deabayes.prediction import Samples, sample_response, to_dataset
+
+TIME = np.array([0.0, 1.0, 2.0, 4.0])
+SIGMA = 0.2
+
+
+class Constant:
+    """y(t) = level; without a response where that is negative."""
+
+    def predict(self, excitation, coordinate, response_name, draws):
+        level = draws["level"][:, None]
+        return np.where(level < 0.0, np.nan, level) * np.ones(coordinate.size)
+
+    def failure_note(self, excitation, coordinate, draws):
+        return "negative"
+
+
+def record(response=(2.0, 2.1, 1.7, 2.4), averaged=1.0):
+    return Experiment(
+        "a", "step", "validate", "time", "s", TIME, "force", "N", np.asarray(response, float),
+        np.broadcast_to(averaged, TIME.shape).astype(float),
+        Excitation("voltage", "V", np.array([0.0, 4.0]), np.array([0.0, 8.0])),
+    )  # fmt: skip
+
+
+def sampled(levels, experiment, sigma=SIGMA, **origin):
+    levels = np.asarray(levels, float)
+    noise = {"sigma_white": np.broadcast_to(sigma, levels.shape).astype(float)}
+    return sample_response(
+        Constant(), White(), {"level": levels}, noise, experiment, NoiseOrigin("step", **origin),
+        TIME, np.random.default_rng(1),
+    )  # fmt: skip
+
+
+def test_a_mean_of_many_readings_has_that_much_less_noise():
+    averaged = np.array([1.0, 4.0, 100.0, 2.0])
+    what = record(averaged=averaged)
+    found = sampled(np.full(4000, 2.0), what)
+    sd = SIGMA / np.sqrt(averaged)
+    np.testing.assert_allclose((found.predictive - 2.0).std(axis=0), sd, rtol=0.05)
+    expected = norm(2.0, sd).logpdf(what.response).sum()
+    np.testing.assert_allclose(found.log_density, expected, rtol=1e-12)
+    np.testing.assert_allclose(found.pit, norm(2.0, sd).cdf(what.response), rtol=1e-12)
+
+
+def test_the_density_is_one_of_the_response_in_its_unit():
+    """A residual relative to the scale 3 N, and one of the logarithm."""
+    what = record()
+    wide = sampled([2.0, 2.2], what, scale=3.0).log_density
+    expected = [norm(level, 3.0 * SIGMA).logpdf(what.response).sum() for level in (2.0, 2.2)]
+    np.testing.assert_allclose(wide, expected, rtol=1e-12)
+    ratio = sampled([2.0, 2.2], what, proportional=True).log_density
+    expected = [lognorm(SIGMA, scale=level).logpdf(what.response).sum() for level in (2.0, 2.2)]
+    np.testing.assert_allclose(ratio, expected, rtol=1e-12)
+
+
+def test_a_draw_keeps_its_own_noise_where_others_fail():
+    what = record()
+    found = sampled([-1.0, 2.0, 2.2], what, sigma=[9.0, 0.1, 0.3])
+    expected = [norm(m, s).logpdf(what.response).sum() for m, s in ((2.0, 0.1), (2.2, 0.3))]
+    np.testing.assert_allclose(found.log_density, [-np.inf, *expected], rtol=1e-12)
+    assert found.failed == 1 and found.failure == "1 of 3 draws have no response (negative)"
+
+
+def test_bands_leave_the_same_share_on_either_side():
+    """Of 0, 1, ..., 100: 25 to 75 and 5 to 95; the mean and median of a skewed sample differ."""
+    ladder = np.arange(101.0)[:, None] * np.ones(TIME.size)
+    skewed = np.array([0.0, 1.0, 5.0])[:, None] * np.ones(TIME.size)
+    made = Samples(skewed, ladder, 2.0 * ladder, None, np.full(TIME.size, np.nan), 0)
+    dataset = to_dataset(record(), made, {"candidate": "one"})
+    at = dataset.sel(coordinate=1.0)
+    np.testing.assert_allclose(at["discrepancy"], [[25.0, 75.0], [5.0, 95.0]])
+    np.testing.assert_allclose(at["predictive"], [[50.0, 150.0], [10.0, 190.0]])
+    np.testing.assert_allclose(at["parameter"], [[0.5, 3.0], [0.1, 4.6]])
+    assert (float(at["mean"]), float(at["median"])) == (2.0, 1.0)
+    assert dataset["level"].values.tolist() == [0.5, 0.9]
+    np.testing.assert_allclose(dataset["excitation"], [0.0, 2.0, 4.0, 8.0])
+    assert dataset["observed"].attrs["units"] == "N"
+    assert dataset.attrs["candidate"] == "one"
+
+
+def test_a_row_of_errors_by_hand():
+    """Curves 0, 1, ..., 20 against readings about 10, whose range is 4."""
+    what = replace(record(), response=np.array([8.0, 10.0, 10.0, 12.0]))
+    levels = np.arange(21.0)[:, None] * np.ones(TIME.size)
+    noisy = np.linspace(9.0, 15.0, 601)[:, None] * np.ones(TIME.size)
+    made = Samples(levels, levels, noisy, np.log([0.2, 0.4]), np.full(TIME.size, 0.5), 3)
+    row = error_row(what, made, "too far")
+    assert row["e_rms_percent"] == pytest.approx(100 * np.sqrt(2.0) / 4)
+    assert row["e_m_percent"] == pytest.approx(100 * 2.0 / 4)
+    # Of |level - 10| + 2, twice each but the first: 2, 3, 3, ..., 12, 12; ranks 1 and 19.
+    assert (row["e_m_q05"], row["e_m_q95"]) == pytest.approx((100 * 3 / 4, 100 * 12 / 4))
+    rms = [100 * np.sqrt(2.0 + off**2) / 4 for off in (1.0, 10.0)]
+    assert (row["e_rms_q05"], row["e_rms_q95"]) == pytest.approx(rms)
+    # 50 % of the predictive: 10.5 to 13.5; 90 %: 9.3 to 14.7.
+    assert (row["coverage_50"], row["coverage_90"]) == (0.25, 0.75)
+    assert row["joint_log_score"] == pytest.approx(np.log(0.3))
+    assert row["failed_draws"] == 3 and row["extrapolation"] == "too far"
+    assert (row["experiment"], row["role"], row["protocol"]) == ("a", "validate", "step")

@@ -1,0 +1,145 @@
+"""Blocks that all candidates share, and the rows of comparison.csv, with posteriors made up."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from deabayes import ranking
+from deabayes.comparison import BlockLoo
+from deabayes.ranking import Ranked, common_blocks, comparison_table
+
+TIME = np.arange(200.0)
+
+
+def record(name="a", factor=1.0):
+    experiment = SimpleNamespace(
+        name=name, response_range=4.0, coordinate=factor * TIME, coordinate_name="time",
+        coordinate_unit="s",
+    )  # fmt: skip
+    return SimpleNamespace(group="step", noise_coordinate=factor * TIME, experiment=experiment)
+
+
+def ranked(candidate, length=None, records=None, converged=True, responses=None, **scores):
+    """A candidate with draws skewed about their median `length` of its correlation time."""
+    noise = SimpleNamespace(length="" if length is None else "tau_ou")
+    names = ["E_0"] if length is None else ["E_0", "step.tau_ou"]
+    skewed = np.r_[np.linspace(0.9, 1.1, 60), np.full(40, 20.0)]
+    skewed *= (length or 1.0) / np.median(skewed)
+    values = {"E_0": np.ones((2, 50)), "step.tau_ou": skewed.reshape(2, 50)}
+    posterior = xr.Dataset({name: (("chain", "draw"), values[name]) for name in names})
+    tree = xr.DataTree.from_dict({"posterior": posterior})
+    tree.attrs.update(
+        candidate=candidate, order=int(candidate[-1]),
+        convergence=json.dumps({"converged": converged}),
+    )  # fmt: skip
+    target = SimpleNamespace(
+        names=tuple(names), noise=noise, records=records or [record()],
+        dimension=2 * int(candidate[-1]) + 1, responses=lambda theta: responses,
+    )  # fmt: skip
+    given = {"log_evidence": 0.0, "log_evidence_mcse": 0.1, "bic": -1.0}
+    return Ranked(tree, target, given | {"elpd_leave_one_experiment_out": -2.0} | scores)
+
+
+def starts(*candidates):
+    return common_blocks(candidates)["a"].tolist()
+
+
+def test_blocks_are_two_of_the_longest_correlation_times_long():
+    assert starts(ranked("k_1", 5.0), ranked("k_2", 2.0))[:3] == [0, 10, 20]
+    assert starts(ranked("k_1", 2.0), ranked("k_2", 5.0)) == starts(ranked("k_1", 5.0))
+
+
+def test_a_long_correlation_leaves_ten_blocks_and_none_three_points():
+    assert starts(ranked("k_1", 500.0)) == list(range(0, 200, 20))
+    assert starts(ranked("k_1"))[:4] == [0, 3, 6, 9]
+
+
+def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
+    """The weights of the fourth block are a Pareto law's of shape 1.5, of the others even."""
+    rng = np.random.default_rng(1)
+    pointwise = {name: 0.05 * rng.normal(size=(400, 20)) for name in "ab"}
+    pointwise["b"][:, 10:] -= 0.15 * rng.exponential(size=(400, 1))
+    one = ranked("k_1")
+    one.target.pointwise_log_likelihood = lambda theta: pointwise
+    one.target.prior = SimpleNamespace(to_normal=lambda theta: theta)
+    asked = []
+    monkeypatch.setattr(ranking, "leave_block_out", lambda *given: asked.append(given) or -77.0)
+    edges = {name: np.array([0, 10]) for name in "ab"}
+    loo = ranking.block_loo(one, edges, np.random.SeedSequence(1))
+    assert [given[1:3] for given in asked] == [("b", slice(10, 20))]
+    assert loo.terms[3] == -77.0 and loo.k_hat[3] > 0.7
+    np.testing.assert_allclose(loo.terms[:3], 0.0, atol=0.2)
+
+
+SCORES = {
+    "k_1": {"log_evidence": -20.0, "bic": 30.0},
+    "k_2": {"log_evidence": -8.0, "bic": 20.0, "log_evidence_nested": -8.2,
+            "log_evidence_nested_error": 0.1},
+    "k_3": {"log_evidence": -9.0, "bic": 21.0, "log_evidence_nested": -3.0,
+            "log_evidence_nested_error": 0.1},
+}  # fmt: skip
+TERMS = {"k_1": 0.0, "k_2": 1.0, "k_3": 1.6}
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """Of four candidates: the third gains 6 nats of elpd over the second and loses evidence."""
+
+    def loo(candidate, edges, seed):
+        assert list(edges) == ["a", "b"]
+        return BlockLoo(np.full(10, TERMS[candidate.candidate]), np.array([0.1] * 9 + [0.6]))
+
+    monkeypatch.setattr(ranking, "block_loo", loo)
+    records = [record(), record("b", 2.0)]
+    flat = np.zeros((3, 200))
+    apart = flat.copy()
+    apart[:, 70] = [0.0, -0.4, 9.0]
+    more = np.full((3, 200), 0.3)
+    more[:, 50] = -0.4
+    answers = {"k_1": None, "k_2": {"a": flat, "b": flat}, "k_3": {"a": more, "b": apart}}
+    candidates = [
+        ranked(name, 5.0, records, responses=answers[name], **scores)
+        for name, scores in SCORES.items()
+    ]
+    candidates.append(ranked("k_4", 5.0, records, converged=False, log_evidence=99.0))
+    return comparison_table(candidates, np.random.SeedSequence(1)).set_index("candidate")
+
+
+def test_a_row_holds_its_own_scores(table):
+    two = table.loc["k_2"]
+    assert (two["order"], two["n_parameters"], two["bic"]) == (2, 5, 20.0)
+    assert (two["log_evidence"], two["log_evidence_mcse"]) == (-8.0, 0.1)
+    assert (two["log_evidence_nested"], two["log_evidence_nested_error"]) == (-8.2, 0.1)
+    assert (two["elpd_block_loo"], two["elpd_block_loo_se"]) == (10.0, 0.0)
+    assert two["elpd_leave_one_experiment_out"] == -2.0
+    assert two["worst_k_hat"] == 0.6
+
+
+def test_differences_are_to_the_chosen_one(table):
+    assert table["elpd_difference"].tolist()[:3] == pytest.approx([-10.0, 0.0, 6.0])
+    assert table["verdict"].str.contains("not resolved").tolist() == [False, True, True, False]
+
+
+def test_one_that_did_not_converge_has_no_score_to_rank_by(table):
+    lost = table.loc["k_4"]
+    assert not lost["converged"] and lost["verdict"] == "not ranked: not converged"
+    assert (
+        lost[["elpd_block_loo", "elpd_block_loo_se", "elpd_difference", "worst_k_hat"]].isna().all()
+    )
+
+
+def test_a_verdict_says_that_the_evidence_is_not_to_be_relied_on(table):
+    assert table["verdict"].str.contains("rely on neither").tolist() == [False, False, True, False]
+
+
+def test_an_unresolved_candidate_says_where_its_median_curve_differs_most(table):
+    """By 0.4 of 4 once in a; in b the median of 0, -0.4 and 9 is 0."""
+    assert table["differs_in"].tolist()[:2] == ["", ""]
+    assert table.loc["k_3", "differs_in"] == (
+        "median curves differ from k_2 by at most 10 % of the range, in a at time 50 s"
+    )

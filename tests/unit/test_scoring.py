@@ -1,0 +1,57 @@
+"""Maximum of a likelihood, and the bridge's parts, by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from deabayes.scoring import bridge_evidence, bridge_log_ratio, maximum_log_likelihood
+
+
+def test_correlated_draws_count_as_many_as_they_are_worth():
+    """One draw of each, e^l of 3 and 2: the optimal bridge is a root of a quadratic.
+
+    s2 r^2 + (s1 - s2) 2 r - 6 s1 = 0 with s1 = 0.2 for a quarter of a draw.
+    """
+    share = 0.2
+    rest = 1.0 - share
+    middle = 2.0 * (share - rest)
+    root = (-middle + np.sqrt(middle**2 + 24.0 * share * rest)) / (2.0 * rest)
+    found = bridge_log_ratio(np.log([3.0]), np.log([2.0]), 0.25)
+    assert found == pytest.approx(np.log(root), abs=1e-8)
+
+
+def test_the_error_is_that_of_a_mean_of_independent_estimates():
+    """Draws that are too wide scatter the estimates of four ensembles, whose mean counts."""
+
+    def log_density(z):
+        return -np.sum(np.abs(z), axis=1)
+
+    draws = np.random.default_rng(1).laplace(size=(4, 200, 2))
+    found = bridge_evidence(log_density, draws, 200.0, np.random.SeedSequence(2), 1)
+    assert len(set(found.estimates)) == 4
+    assert found.mcse == pytest.approx(np.std(found.estimates, ddof=1) / 2.0)
+    assert found.log_evidence == pytest.approx(np.log(np.mean(np.exp(found.estimates))))
+
+
+class Hills:
+    """Two peaks of a likelihood, the higher one at (2, -1), and a prior that pulls to zero."""
+
+    def __call__(self, z):
+        return self.log_likelihood_of_normal(z) - 0.5 * np.sum(z**2, axis=1)
+
+    def log_likelihood_of_normal(self, z):
+        high = 7.0 - np.sum((z - [2.0, -1.0]) ** 2, axis=1)
+        return np.where(z[:, 0] > 0.0, high, 3.0 - np.sum((z + 2.0) ** 2, axis=1))
+
+
+def test_the_highest_of_all_climbs_counts_and_the_prior_does_not():
+    starts = np.array([[0.5, 0.5], [-1.0, -1.0]])
+    for order in (starts, starts[::-1]):
+        assert maximum_log_likelihood(Hills(), order) == pytest.approx(7.0, abs=1e-6)
+
+
+def test_the_priors_bounds_stay():
+    """A peak nine prior deviations out is not reached."""
+    target = SimpleNamespace(log_likelihood_of_normal=lambda z: -((z[:, 0] - 9.0) ** 2))
+    assert maximum_log_likelihood(target, np.zeros((1, 1))) == pytest.approx(-9.0)
