@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison import leave_one_block_out
-from deabayes.left_out import (
+from deabayes.comparison.decision import leave_one_block_out
+from deabayes.comparison.left_out import (
     leave_block_out,
     leave_one_experiment_out,
     left_out_log_density,

@@ -20,7 +20,7 @@ from deabayes.population.files import (
 )
 from deabayes.population.settings import Population
 from deabayes.population.specimens import Shrunken
-from deabayes.prior import Prior
+from deabayes.prior.joint import Prior
 from deabayes.sampling.diagnostics import summarise
 
 PARAMETERS = (

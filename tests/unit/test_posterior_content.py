@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from deabayes.posterior_content import convergence_summary
-from deabayes.posterior_summary import contraction
+from deabayes.posteriors.content import convergence_summary
+from deabayes.posteriors.summary import contraction
 from deabayes.sampling.pooling import PooledResult
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from deabayes import ranking
-from deabayes.comparison import BlockLoo
-from deabayes.ranking import Ranked, common_blocks, comparison_table
+from deabayes.comparison import ranking
+from deabayes.comparison.decision import BlockLoo
+from deabayes.comparison.ranking import Ranked, common_blocks, comparison_table
 
 TIME = np.arange(200.0)
 

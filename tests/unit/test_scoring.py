@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deabayes.scoring import bridge_evidence, bridge_log_ratio, maximum_log_likelihood
+from deabayes.comparison.scoring import bridge_evidence, bridge_log_ratio, maximum_log_likelihood
 
 
 def test_correlated_draws_count_as_many_as_they_are_worth():

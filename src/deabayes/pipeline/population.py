@@ -87,7 +87,7 @@ def content_of(
     """All that follows from the draws of mean and spread."""
     from deabayes.population.files import PopulationContent
     from deabayes.population.specimens import new_specimens, warnings_of
-    from deabayes.posterior_content import STORED_DRAWS
+    from deabayes.posteriors.content import STORED_DRAWS
 
     z, log_posterior = pooled.thinned(STORED_DRAWS)
     shape = z.shape[:2]

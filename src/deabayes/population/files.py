@@ -16,7 +16,7 @@ from deabayes.experiment import FloatArray
 from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
-from deabayes.posterior_content import convergence_summary
+from deabayes.posteriors.content import convergence_summary
 from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.pooling import PooledResult
 
