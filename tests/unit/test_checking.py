@@ -37,6 +37,16 @@ def test_report_says_what_was_understood(tmp_path: Path) -> None:
         assert words in text
 
 
+def test_a_plain_number_has_no_unit_behind_it(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    rows = [f"{i / 10},{1 + i / 20},{i * i}" for i in range(41)]
+    write_lines(folder / "records" / "relax.csv", ["time [s],stretch [1],force [mN]", *rows])
+    text = (folder / "experiments.csv").read_text()
+    head, relax = text.splitlines()[0], next(r for r in text.splitlines() if "relax.csv" in r)
+    write_lines(folder / "experiments.csv", [head, relax.replace("displacement", "stretch")])
+    assert "stretch from 1 to 3\n" in check_folder(folder).text()
+
+
 def test_report_holds_every_fault_and_still_shows_the_rest(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     replace_in(folder / "specimen.yaml", "gauge_length", "gage_length")
