@@ -61,4 +61,5 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     from deabayes.pipeline import export_posterior
 
     keep_inputs(output, posterior)
-    export_posterior(posterior, to, output, **options)
+    if not export_posterior(posterior, to, output, **options):
+        click.echo(f"{output}: NOT CONVERGED, do not use these numbers", err=True)
