@@ -9,6 +9,7 @@ import pytest
 from tests.unit.study_folders import HEADER, make_folder, record_lines, replace_in, write_lines
 
 from deabayes.checking import check_folder
+from deabayes.cli import main
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
 from deabayes.study import Study
@@ -154,7 +155,18 @@ def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     faults, warnings = check_study(Study("s", make_folder(tmp_path), ("kv_gm_2",)))
     assert faults == []
     assert len(warnings) == 1
-    assert "kv_gm_2: the longest record: lasts 3.9 s" in warnings[0]
+    assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
+
+
+def test_warnings_of_a_study_stand_under_a_heading(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_folder(tmp_path)
+    config = tmp_path / "config.yaml"
+    config.write_text("studies: {s: {specimen: strip, candidates: [kv_gm_2]}}\n")
+    main(["check", "s", "--config", str(config)])
+    said = capsys.readouterr().out
+    assert "\n\n1 warning on study s\n  - study s, kv_gm_2, the longest record: lasts" in said
 
 
 @pytest.mark.parametrize("system", REGISTRY)
