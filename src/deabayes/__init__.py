@@ -34,3 +34,7 @@ def __getattr__(name: str) -> Any:
 
         return simulate
     raise AttributeError(f"module 'deabayes' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
-from deabayes.posteriors.storage import read_tree, stacked
+from deabayes.posteriors.storage import picked, read_tree, stacked
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,9 +29,10 @@ class Posterior:
 
     def __repr__(self) -> str:
         attributes = self._tree.attrs
+        doubt = "" if self.converged else ", NOT CONVERGED"
         return (
             f"<Posterior of {attributes['candidate']} ({attributes['system']}, "
-            f"{attributes['provenance']} records): {', '.join(self.names)}>"
+            f"{attributes['provenance']} records{doubt}): {', '.join(self.names)}>"
         )
 
     @property
@@ -59,14 +61,19 @@ class Posterior:
         table = self._tree["summary"].to_dataset().to_dataframe().reset_index()
         return table.rename(columns={"quantity": "parameter"}).set_index("parameter")
 
-    def draws(self, size: int, seed: int = 1) -> pd.DataFrame:
-        """`size` draws picked at random, one column per quantity, SI."""
+    def draws(self, size: int | None = None, seed: int = 1) -> pd.DataFrame:
+        """Draws, one row each and one column per quantity, SI; `units` says which units.
+
+        Parameters
+        ----------
+        size, seed : how many, and the seed that picks them at random; `predict` uses the same
+            for the same two. Without a size all stored draws, ensemble after ensemble.
+        """
         import pandas as pd
 
         columns = {name: stacked(self._tree["posterior"], name) for name in self.names}
-        total = next(iter(columns.values())).size
-        picked = np.random.default_rng(seed).choice(total, size, replace=size > total)
-        return pd.DataFrame({name: values[picked] for name, values in columns.items()})
+        rows = picked(next(iter(columns.values())).size, size, seed)
+        return pd.DataFrame({name: values[rows] for name, values in columns.items()})
 
     def predict(
         self,
@@ -76,7 +83,7 @@ class Posterior:
         seed: int = 1,
         conditions: dict[str, float | str] | None = None,
         protocol: str | None = None,
-        **channels: np.ndarray,
+        **channels: ArrayLike,
     ) -> xr.Dataset:
         """Predict the response to an excitation, with three bands.
 
@@ -89,14 +96,17 @@ class Posterior:
             the wider candidate where the study names one for it (`predict_with`), and has the
             noise of calibrated records of that protocol; by default the fitted candidate solves
             it.
-        **channels : `time=` [s] and one excitation channel in SI (`voltage=`,
-            `stretch=`, ...); without `time` the excitation is quasi-static.
+        **channels : `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...),
+            linear between its values; one value is held. Without `time` the excitation is
+            quasi-static. Numbers are SI unless they carry a unit: ``"1.8 kV"``, a pint
+            quantity, a DataArray with `units`, a Series called ``voltage [kV]``.
 
         Returns
         -------
         xarray.Dataset
-            `median`, `mean` and the bands `parameter`, `discrepancy` and
-            `predictive` (level, bound, coordinate). The attribute
+            ``["median"]``, ``["mean"]`` and the bands `parameter`, `discrepancy` and
+            `predictive` (level, bound, coordinate), with levels 0.5 and 0.9 and bounds
+            `lower` and `upper`; `coordinate` is the time. The attribute
             `extrapolation` is not empty where the excitation leaves the
             calibrated region, `noise_note` where no calibration record measured
             this response and the noise is another one's, or where its size is a

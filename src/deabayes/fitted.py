@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
@@ -16,7 +16,7 @@ from deabayes.given_drive import excitation_of
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.own_models.loading import restore
-from deabayes.posteriors.storage import specimen_from_json, stacked
+from deabayes.posteriors.storage import picked, specimen_from_json, stacked
 from deabayes.prediction.bands import Samples, sample_response
 from deabayes.prediction.calibrated import Calibrated
 from deabayes.prediction.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
@@ -55,11 +55,8 @@ class Fitted:
         group = tree["posterior"]
         names = [str(n) for n, v in group.data_vars.items() if v.attrs["kind"] != "derived"]
         draws = {name: stacked(group, name) for name in names}
-        total = next(iter(draws.values())).size
-        if size is not None:
-            rng = np.random.default_rng(seed)
-            picked = rng.choice(total, size, replace=size > total)
-            draws = {name: values[picked] for name, values in draws.items()}
+        rows = picked(next(iter(draws.values())).size, size, seed)
+        draws = {name: values[rows] for name, values in draws.items()}
         candidate = tree.attrs["candidate"]
         return cls(
             candidate,
@@ -155,12 +152,12 @@ class Fitted:
 
     def experiment(
         self,
-        channels: Mapping[str, FloatArray],
+        channels: Mapping[str, ArrayLike],
         response: str | None,
         conditions: Mapping[str, float | str],
         protocol: str | None = None,
     ) -> Experiment:
-        """A new experiment from arrays: `time` and one excitation channel, all SI."""
+        """A new experiment from arrays: `time` and one excitation channel."""
         if protocol is not None and protocol not in self.system.protocols:
             raise UserError(
                 f"protocol {protocol!r} is unknown{nearest(protocol, self.system.protocols)}"

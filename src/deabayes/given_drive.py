@@ -21,6 +21,8 @@ def excitation_of(
 ) -> tuple[Excitation, str]:
     """The excitation, and what its coordinate is: `time`, or the channel itself without one.
 
+    A single value (no array of one) is held over the time.
+
     Raises
     ------
     UserError
@@ -42,7 +44,8 @@ def excitation_of(
         raise UserError(f"{name} drives system {system.name!r} in time; give time= [s] as well")
     values = _finite(given, known[name], name)
     label = name if time is None else "time"
-    coordinate = values if time is None else _finite(time, "s", "time")
+    coordinate = np.atleast_1d(values if time is None else _finite(time, "s", "time"))
+    values = np.full(coordinate.shape, values) if values.ndim == 0 else values
     if coordinate.ndim != 1 or coordinate.shape != values.shape:
         raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
     back = np.flatnonzero(np.diff(coordinate) <= 0.0)
@@ -52,9 +55,10 @@ def excitation_of(
 
 
 def _finite(given: ArrayLike, unit: str, name: str) -> FloatArray:
-    values = np.atleast_1d(array_in_si(given, unit, name))
-    bad = np.argwhere(~np.isfinite(values))
+    values = array_in_si(given, unit, name)
+    bad = np.argwhere(~np.isfinite(np.atleast_1d(values)))
     if bad.size:
         where = ", ".join(map(str, bad[0]))
-        raise UserError(f"{name} must be finite, found {values[tuple(bad[0])]} at index {where}")
+        found = np.atleast_1d(values)[tuple(bad[0])]
+        raise UserError(f"{name} must be finite, found {found} at index {where}")
     return values

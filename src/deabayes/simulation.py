@@ -43,8 +43,8 @@ def simulate(
     time : (N,) [s] or time spans, ascending; without it the excitation is quasi-static.
     response : response channel; the system's first by default.
     conditions : what is held during the record (`deformation`, `load_g`).
-    **excitation : one channel (N,) in SI: ``voltage=``, ``stretch=``, ...; linear
-        between its values.
+    **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...;
+        linear between its values; one value is held.
 
     Returns
     -------

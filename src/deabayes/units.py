@@ -51,6 +51,7 @@ MEANINGS = {
     "K": "a temperature",
 }
 NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+UNIT_OF_NAME = re.compile(r"\[(?P<unit>[^\[\]]*)\]\s*$")
 
 
 @cache
@@ -106,10 +107,19 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
 def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     """Values as floats in the SI unit `unit`: numbers, texts with a unit, spans of time.
 
+    A unit that numbers carry counts: a pint quantity's, `units` of a DataArray, that in the name of
+    a pandas Series (`voltage [kV]`). Others are in SI.
+
     Raises
     ------
-    UserError : dates, anything else that is no number, texts without unit.
+    UserError : dates, anything else that is no number, texts without unit, a carried unit of
+        another dimension.
     """
+    if callable(values) and not hasattr(values, "__array__"):
+        raise UserError(f"{where}: expected numbers in {unit}, found a function; give its values")
+    if isinstance(values, list | tuple) and any(hasattr(each, "magnitude") for each in values):
+        return np.asarray([array_in_si(each, unit, where) for each in values])
+    values, carried = _without_unit(values)
     try:
         array = np.asarray(values)
     except ValueError:
@@ -130,9 +140,19 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     if array.dtype.kind not in "fiubO":
         raise UserError(f"{where}: expected numbers in {unit}, found {first!r}")
     try:
-        return array.astype(float)
+        numbers = array.astype(float)
     except (TypeError, ValueError):
         raise UserError(f"{where}: expected numbers in {unit}, found {values!r:.60}") from None
+    return numbers if carried is None else to_si(numbers, carried, unit, where)
+
+
+def _without_unit(values: Any) -> tuple[Any, str | None]:
+    """Values, and the unit that they carry; None if they carry none."""
+    if hasattr(values, "magnitude") and hasattr(values, "units"):
+        return values.magnitude, str(values.units)
+    units = getattr(values, "attrs", {}).get("units")
+    header = UNIT_OF_NAME.search(str(getattr(values, "name", "")))
+    return values, str(units) if units is not None else header and header["unit"]
 
 
 def si_unit(unit: str, where: str = "") -> str:

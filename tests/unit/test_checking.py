@@ -10,6 +10,7 @@ from tests.unit.study_folders import HEADER, make_folder, record_lines, replace_
 
 from deabayes.checks.folder import check_folder
 from deabayes.checks.study import check_names, check_study
+from deabayes.cli import main
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
 from deabayes.study import Study
@@ -35,6 +36,16 @@ def test_report_says_what_was_understood(tmp_path: Path) -> None:
         "0 faults, 0 warnings",
     ):
         assert words in text
+
+
+def test_a_plain_number_has_no_unit_behind_it(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    rows = [f"{i / 10},{1 + i / 20},{i * i}" for i in range(41)]
+    write_lines(folder / "records" / "relax.csv", ["time [s],stretch [1],force [mN]", *rows])
+    text = (folder / "experiments.csv").read_text()
+    head, relax = text.splitlines()[0], next(r for r in text.splitlines() if "relax.csv" in r)
+    write_lines(folder / "experiments.csv", [head, relax.replace("displacement", "stretch")])
+    assert "stretch from 1 to 3\n" in check_folder(folder).text()
 
 
 def test_report_holds_every_fault_and_still_shows_the_rest(tmp_path: Path) -> None:
@@ -144,7 +155,18 @@ def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     faults, warnings = check_study(Study("s", make_folder(tmp_path), ("kv_gm_2",)))
     assert faults == []
     assert len(warnings) == 1
-    assert "kv_gm_2: the longest record: lasts 3.9 s" in warnings[0]
+    assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
+
+
+def test_warnings_of_a_study_stand_under_a_heading(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_folder(tmp_path)
+    config = tmp_path / "config.yaml"
+    config.write_text("studies: {s: {specimen: strip, candidates: [kv_gm_2]}}\n")
+    main(["check", "s", "--config", str(config)])
+    said = capsys.readouterr().out
+    assert "\n\n1 warning on study s\n  - study s, kv_gm_2, the longest record: lasts" in said
 
 
 @pytest.mark.parametrize("system", REGISTRY)

@@ -215,7 +215,7 @@ def test_draws_without_finite_matrices_are_refused(tmp_path):
 
 @pytest.mark.parametrize("other", [STRIP, membranes.PLAIN], ids=lambda other: other.system)
 def test_a_system_that_is_not_linear_has_no_state_space(other, tmp_path):
-    words = f"kv_gm_1 of system '{other.system}' is not linear, so it has no state space"
+    words = f"kv_gm_1 of system .{other.system}. has no linear model of a motion, so there is no"
     with pytest.raises(UserError, match=words):
         exported(tree("kv_gm_1", of=other), tmp_path)
 

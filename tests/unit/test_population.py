@@ -54,6 +54,19 @@ def test_likelihood_of_mean_and_spread_is_the_conjugate_one(known: World) -> Non
     assert np.max(np.abs(found - exact)[near]) < 0.2
 
 
+def test_records_far_narrower_than_the_prior_keep_their_width() -> None:
+    """And their correlation: two Ogden constants whose product alone has a prior of its own."""
+    rng = np.random.default_rng(3)
+    covariance = np.array([[1.0, -0.999], [-0.999, 1.0]]) * 1e-4**2
+    phi = rng.multivariate_normal([0.3, -0.2], covariance, 4000)
+    prior_phi = rng.standard_normal((20000, 2))
+    found = fit(phi, -0.5 * np.sum(phi**2, axis=1), prior_phi, 4000.0, rng)
+    np.testing.assert_allclose(found.variances, np.diag(covariance), rtol=0.1)
+    correlation = found.covariances[0, 0, 1] / np.prod(np.sqrt(np.diag(found.covariances[0])))
+    assert correlation == pytest.approx(-0.999, abs=2e-4)
+    assert found.misfit < 0.03
+
+
 def test_shrinkage_of_a_normal_specimen(known: World) -> None:
     """Posterior mean lambda m + (1 - lambda) y, lambda = sd^2 / (sd^2 + s^2)."""
     centres, spreads = np.tile(MEAN, (3, 1)), np.tile(SPREAD, (3, 1))

@@ -183,6 +183,17 @@ def test_geometric_bins_restart_at_the_end_of_the_ramp() -> None:
     assert before.max() <= 0.04 * 2.0 * 1.1  # 4 % of the ramp
 
 
+def test_a_record_sampled_densely_at_first_is_not_smeared_there() -> None:
+    """A lab's logarithmic sampling: its median interval is far longer than that of the ramp."""
+    time = np.r_[np.linspace(0.0, 1.0, 21)[:-1], np.geomspace(1.0, 300.0, 120)]
+    displacement = 0.08 * np.minimum(time, 1.0)
+    force = np.where(time < 1.0, time, 0.5 + 0.5 * np.exp(-(time - 1.0) / 20.0))
+    experiment = prepared(raw(time, displacement, force), {"average": {}})
+    after = experiment.coordinate > 1.0
+    curve_at = 0.5 + 0.5 * np.exp(-(experiment.coordinate[after] - 1.0) / 20.0)
+    assert np.abs(experiment.response[after] - curve_at).max() < 2e-4
+
+
 def test_excitation_travel_bounds_bins_despite_a_noisy_monitor() -> None:
     record = relaxation()
     noise = 1e-5 * np.random.default_rng(1).standard_normal(record.columns["time"].size)

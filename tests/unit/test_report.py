@@ -19,7 +19,7 @@ from deabayes.report.notices import (
     noise_took_physics,
 )
 from deabayes.report.page import verdict
-from deabayes.report.tables import errors, parameters
+from deabayes.report.tables import about, errors, parameters
 
 UNCONVERGED = Fake(
     name="fake_tube",
@@ -274,3 +274,23 @@ def test_a_bound_of_noise_along_the_grid_is_in_points(tmp_path: Path) -> None:
     results.attributes["study"]["noise_coordinate"] = "grid"
     (notice,) = noise_at_its_bound(results)
     assert " points, at the longest" in notice.details[0]
+
+
+def test_what_a_record_states_is_read_with_its_unit() -> None:
+    stated: dict[str, float | str] = {
+        "note": "second pull", "load_g": 300.0, "bias_kV": 2.0, "stretch_rate_per_s": 0.05,
+        "crosshead_mm_per_min": 500.0, "deformation": "uniaxial", "batch_s": "B", "stretch": 2.0,
+        "amplitude_kV": np.nan,
+    }  # fmt: skip
+    assert about(stated) == (
+        "load 300 g; bias 2 kV; stretch rate 0.05 1/s; crosshead 500 mm/min; "
+        "deformation uniaxial; batch s B; stretch 2; second pull"
+    )
+
+
+def test_the_notice_on_priors_says_what_helps(tmp_path: Path) -> None:
+    fake = Fake(sensitivities={"tau_beta_1": (0.2, 0.01)})
+    found = StudyResults(write_study(tmp_path, fake)).candidates[0]
+    (notice,) = notices.moved_by_prior(found)
+    assert "what is left of the uncertainty is that of priors" in notice.details[0]
+    assert "more data of this kind hardly help" in notice.details[0]

@@ -67,7 +67,7 @@ def test_what_the_prior_of_the_same_specimen_knows_of_the_hinge_counts_once(monk
     monkeypatch.setattr("deabayes.reading.specimen.read_specimen", lambda path: own)
     found = {}
     for same in (True, False):
-        monkeypatch.setattr(identify, "inherited_prior", lambda _, s=same: Inheritance(first, s))
+        monkeypatch.setattr(identify, "inherited_prior", lambda *_, s=same: Inheritance(first, s))
         found[same] = identify.build_target(study, "ogden_1", Path())
     theta = draws[:20]
     once, twice = (found[same].log_likelihood(theta) for same in (True, False))

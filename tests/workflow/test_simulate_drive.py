@@ -57,7 +57,7 @@ def test_a_drive_in_time(
 
 def test_a_drive_without_time_ascends(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulate(place, "stretch [1],note\n1,a\n1.5,b\n2,c\n", STRIP, ("mu=3e4",))
-    assert (place / "out.csv").read_text().startswith("stretch,nominal_stress")
+    assert (place / "out.csv").read_text().startswith("stretch [1],nominal_stress [Pa]")
     with pytest.raises(SystemExit):
         simulate(place, "stretch [1],note\n1,a\n2,b\n1.5,c\n", STRIP, ("mu=3e4",))
     assert "drive.csv, column stretch: does not ascend at data row 3" in capsys.readouterr().err

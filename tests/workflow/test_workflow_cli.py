@@ -140,8 +140,31 @@ def test_simulate_follows_the_excitation(tmp_path: Path) -> None:
     )
     assert run.returncode == 0, run.stderr
     header, *rows = output.read_text().splitlines()
-    assert "time" in header.split(",")
+    assert header.startswith("time [s],strain [1],voltage [V],E_0 [Pa],")
     assert len(rows) == 3
+    again = deabayes(
+        *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),
+        *("--excitation", output, "--set", "E_0=1.5 MPa", "--set", "E_1=6e6"),
+        *("--set", "tau_1=100 ms", "-o", tmp_path / "again.csv"),
+    )
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again.csv").read_text() == output.read_text()
+
+
+def test_simulate_under_a_load(tmp_path: Path) -> None:
+    drive = tmp_path / "drive.csv"
+    drive.write_text("time [ms],voltage [kV]\n0,1\n10,1\n20,1\n")
+    found = []
+    for load in ("0", "300", "heavy"):
+        run = deabayes(
+            *("simulate", "tubular", "voigt_kelvin_1_inertia", "--specimen", "data/tubular"),
+            *("--excitation", drive, "--set", "E_0=1.5 MPa", "--set", "E_1=6 MPa"),
+            *("--set", "tau_1=100 ms", "--set", "moving_mass=83 g"),
+            *("--condition", f"load_g={load}", "-o", tmp_path / "response.csv"),
+        )
+        found.append((tmp_path / "response.csv").read_text())
+    assert found[0] != found[1]
+    assert_one_message(run, 1, "load_g", "heavy")
 
 
 def test_simulate_says_why_a_response_is_missing(tmp_path: Path) -> None:
@@ -160,7 +183,7 @@ def test_simulate_says_why_a_response_is_missing(tmp_path: Path) -> None:
     )
     assert run.returncode == 0, run.stderr
     header, *rows = (line.split(",") for line in response.read_text().splitlines())
-    assert {row[header.index("stretch")] for row in rows} == {""}
+    assert {row[header.index("stretch [1]")] for row in rows} == {""}
     assert f"{response}: cells are empty: pull-in; at 1.0" in run.stderr
     assert "under 8 kV" in run.stderr
 

@@ -77,10 +77,14 @@ def _specimen_lines(read: StudyFolder) -> list[str]:
 
 
 def _shown(quantity: Quantity) -> str:
-    unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+    unit = _unit(quantity.unit)
     if quantity.sd is None:
         return f"{quantity.value:.6g}{unit} (exact)"
     return f"{quantity.value:.6g} ± {quantity.sd:.2g}{unit} (a parameter)"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], list[str]]:
@@ -92,7 +96,7 @@ def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], lis
         return ["", f"{title} (cannot be used, see the faults)"], []
     extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items())
     lines = ["", title, f"  {read.locate(row)}", f"  {_sampling(raw)}"]
-    lines += [f"  {name} from {values.min():.6g} to {values.max():.6g} {raw.units[name]}"
+    lines += [f"  {name} from {values.min():.6g} to {values.max():.6g}{_unit(raw.units[name])}"
               for name, values in raw.columns.items()]  # fmt: skip
     return lines + ([f"  {extra}"] if extra else []), warnings
 

@@ -240,4 +240,4 @@ def _too_short_for(
         return []
     # The prior's upper quartile: half of its mass lies within a factor or so of it.
     longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
-    return shorter_than_time_constant(max(durations), longest, f"{where}: the longest record")
+    return shorter_than_time_constant(max(durations), longest, f"{where}, the longest record")

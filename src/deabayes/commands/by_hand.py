@@ -10,8 +10,10 @@ from deabayes.commands.checks import checked
 from deabayes.commands.drive import read_drive
 from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
+from deabayes.commands.own_protocol import named
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study
+from deabayes.units import NUMBER_AND_UNIT
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
@@ -151,6 +153,7 @@ def simulate_record(
     specimen: Path,
     excitation: Path,
     settings: Sequence[str],
+    conditions: Sequence[str],
     output: Path,
     config: Path,
 ) -> str:
@@ -165,9 +168,15 @@ def simulate_record(
     load_for(system, config)
     driven: dict[str, Any] = read_drive(system, excitation)
     response = simulate(
-        system, candidate, parameters=dict(_numbers(settings)), specimen=specimen, **driven
+        system,
+        candidate,
+        parameters=dict(_values(settings)),
+        specimen=specimen,
+        conditions=dict(named(conditions, "--condition")),
+        **driven,
     )
     table = response.to_dataframe().reset_index()
+    table.columns = [f"{name} [{response[name].attrs['units']}]" for name in table.columns]
     write_atomically(lambda path: table.to_csv(path, index=False), output)
     return str(response.attrs.get("failure", ""))
 
@@ -210,12 +219,14 @@ def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
     return found
 
 
-def _numbers(settings: Sequence[str]) -> Iterator[tuple[str, float]]:
+def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
+    """Parameters given as NAME=VALUE: SI, or with a unit."""
     for setting in settings:
         name, _, value = setting.partition("=")
-        try:
-            yield name.strip(), float(value)
-        except ValueError:
+        number, unit = match.groups() if (match := NUMBER_AND_UNIT.match(value)) else ("", "")
+        if not number:
             raise UserError(
-                f"--set {setting!r}: expected NAME=VALUE with a number in SI units"
-            ) from None
+                f"--set {setting!r}: expected NAME=VALUE with a number in SI units, or with its "
+                "unit, such as 'E_0=1.5 MPa'"
+            )
+        yield name.strip(), value if unit else float(number)

@@ -57,7 +57,10 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
     from deabayes.checks.folder import check_folder
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
-    for warning in checked(study):
+    warnings = checked(study)
+    if warnings:
+        say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
+    for warning in warnings:
         say(f"  - {warning}")
     faults = _prior_faults(study, config)
     if faults:

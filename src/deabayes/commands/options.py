@@ -22,3 +22,10 @@ RESULTS = click.option(
     show_default=True,
     help="Where the results of studies given by name are.",
 )
+CONDITIONS = click.option(
+    "--condition",
+    "conditions",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="What is held under --excitation, such as load_g=300.",
+)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
-from deabayes.commands.options import EXISTING, RESULTS, TARGET
+from deabayes.commands.options import CONDITIONS, EXISTING, RESULTS, TARGET
+from deabayes.faults import UserError
 
 
 @click.command()
@@ -16,19 +17,42 @@ from deabayes.commands.options import EXISTING, RESULTS, TARGET
 @click.option("--prepared", type=EXISTING, help="Default: prepared/ of the posterior's study.")
 @click.option("-o", "--output", type=TARGET, help="Folder; default: predictions/ beside it.")
 @click.option("--errors", type=TARGET, help="Default: errors.csv beside the posterior.")
+@click.option("--excitation", type=EXISTING, help="Predict this drive instead of the records.")
+@click.option("--response", help="With --excitation: which; default: that of the calibration.")
+@click.option("--protocol", help="With --excitation: as which protocol (predict_with).")
+@CONDITIONS
 def predict(
     posterior: str,
     results: Path,
     prepared: Path | None,
     output: Path | None,
     errors: Path | None,
+    excitation: Path | None,
+    response: str | None,
+    protocol: str | None,
+    conditions: Sequence[str],
 ) -> None:
     """Predict every record, with three bands, and score the predictions.
 
     POSTERIOR is a file, or the name of a fitted study (all its candidates).
+
+    With --excitation FILE (a record with `time [s]` and the drive, any unit) it is a file, and
+    what is predicted is the response to that drive, into -o FILE.csv or FILE.nc.
     """
     from deabayes.commands.by_hand import predict_posteriors
+    from deabayes.commands.own_protocol import predict_record
 
+    _go_together(
+        excitation is not None,
+        {"--response": response, "--protocol": protocol, "--condition": conditions},
+        {"--prepared": prepared, "--errors": errors},
+    )
+    if excitation is not None:
+        for line in predict_record(
+            Path(posterior), excitation, output, response, protocol, conditions
+        ):
+            click.echo(line, err=True)
+        return
     click.echo(predict_posteriors(posterior, results, prepared, output, errors))
 
 
@@ -63,3 +87,13 @@ def report(folders: Sequence[Path], output: Path, tables: Path, left_out: Sequen
 
     build_report(folders, output, tables, left_out)
     click.echo(f"Report: {output.resolve()}")
+
+
+def _go_together(
+    own_drive: bool, with_drive: Mapping[str, object], with_records: Mapping[str, object]
+) -> None:
+    """Refuse options that mean nothing for what is predicted, a drive of one's own or records."""
+    for name, value in (with_records if own_drive else with_drive).items():
+        if value:
+            told = "does not go" if own_drive else "goes"
+            raise UserError(f"{name} {told} with --excitation")

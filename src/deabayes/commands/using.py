@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from deabayes.commands.options import CONFIG, EXISTING, TARGET
+from deabayes.commands.options import CONDITIONS, CONFIG, EXISTING, TARGET
 from deabayes.commands.output import keep_inputs
 
 
@@ -16,7 +16,10 @@ from deabayes.commands.output import keep_inputs
 @click.argument("candidate")
 @click.option("--specimen", type=EXISTING, required=True, help="Study folder (specimen.yaml).")
 @click.option("--excitation", type=EXISTING, required=True, help="A record with time and drive.")
-@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, SI.")
+@click.option(
+    "--set", "settings", multiple=True, metavar="NAME=VALUE", help="A parameter, SI or with a unit."
+)
+@CONDITIONS
 @click.option("-o", "--output", type=TARGET, required=True, help="response.csv")
 @CONFIG
 def simulate(
@@ -25,6 +28,7 @@ def simulate(
     specimen: Path,
     excitation: Path,
     settings: Sequence[str],
+    conditions: Sequence[str],
     output: Path,
     config: Path,
 ) -> None:
@@ -33,7 +37,9 @@ def simulate(
 
     tables = (specimen / "specimen.yaml", specimen / "experiments.csv")
     keep_inputs(output, excitation, config, *tables)
-    failure = simulate_record(system, candidate, specimen, excitation, settings, output, config)
+    failure = simulate_record(
+        system, candidate, specimen, excitation, settings, conditions, output, config
+    )
     if failure:
         click.echo(f"{output}: cells are empty: {failure}", err=True)
 
@@ -55,4 +61,5 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     from deabayes.pipeline import export_posterior
 
     keep_inputs(output, posterior)
-    export_posterior(posterior, to, output, **options)
+    if not export_posterior(posterior, to, output, **options):
+        click.echo(f"{output}: NOT CONVERGED, do not use these numbers", err=True)

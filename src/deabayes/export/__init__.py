@@ -26,6 +26,7 @@ REGISTRY: dict[str, Callable[..., None]] = load(
 
 One that takes `suffix` is told the ending of the file asked for: it writes to another path.
 """
+ENDINGS = {".csv", ".json", ".mat"}
 
 
 def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
@@ -38,7 +39,7 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
     Raises
     ------
     UserError
-        If there is no such format, or it takes no such option.
+        If there is no such format, it takes no such option, or `output` ends like another's.
     """
     if to not in REGISTRY:
         raise UserError(f"--to {to!r} is no export format{nearest(to, REGISTRY)}")
@@ -51,6 +52,8 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
                 f"{option} belongs to --to {' or '.join(takers) or '(no format)'}; "
                 f"--to {to} takes no such option"
             )
+    if output.suffix in ENDINGS - {f".{to}"} and "suffix" not in _options(to):
+        raise UserError(f"-o {output}: --to {to} writes .{to}; correct the one or the other")
     if "suffix" in _options(to):
         given["suffix"] = output.suffix
     write_atomically(lambda path: REGISTRY[to](tree, path, **given), output)

@@ -98,8 +98,8 @@ def _linear_model(system: System, values: Draws, load_g: float, bias: float | No
     model = system.linear_model(values, GRAM * load_g, bias)
     if model is None:
         raise UserError(
-            f"{system.candidate} of system {system.name!r} is not linear, so it has no "
-            "state space; export its draws with --to json or --to mat"
+            f"{system.candidate} of system {system.name!r} has no linear model of a motion, so "
+            "there is no state space; export its draws with --to json or --to mat"
         )
     space = model.space
     columns = np.column_stack([space.a.reshape(len(space.a), -1), space.b, space.c, space.d])

@@ -14,11 +14,12 @@ SCOPE = "study"
 TITLE = "Which further experiment"
 CAPTION = (
     "What an experiment is expected to tell, from the posteriors, with two standard errors of the "
-    "Monte Carlo. Left: probability that its data name the right one of the candidates still in "
-    "the running (dotted: by guessing); middle: the same as information, at most the logarithm of "
-    "their number (dashed). Right: information about each candidate's parameters, its noise left "
-    "out. Filled: new experiments, open: held-out records. ✕ after a name: outside the calibrated "
-    "range; ▲: some draws have no response, so that the specimen may not survive it."
+    "Monte Carlo. Where several candidates are still in the running, left: probability that its "
+    "data name the right one (dotted: by guessing); middle: the same as information, at most the "
+    "logarithm of their number (dashed). Right, or alone: information about each candidate's "
+    "parameters, its noise left out. Filled: new experiments, open: held-out records. ✕ after a "
+    "name: outside the calibrated range; ▲: some draws have no response, so that the specimen may "
+    "not survive it."
 )
 MOST_SHOWN = 24
 

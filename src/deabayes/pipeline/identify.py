@@ -18,6 +18,7 @@ from deabayes.study import Study, fit_settings
 if TYPE_CHECKING:
     import xarray as xr
 
+    from deabayes.experiment import Specimen
     from deabayes.posterior import LogPosterior
     from deabayes.posteriors.inheritance import Inheritance
 
@@ -105,34 +106,44 @@ def pool_candidate(
 
 def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
     """The log-posterior of a candidate over a study's prepared records."""
-    from deabayes.posterior import build
     from deabayes.reading.specimen import read_specimen
 
-    specimen, experiments = read_specimen(study.specimen), read_experiments(prepared)
-    inherited = inherited_prior(study)
+    return _target(study, candidate, read_specimen(study.specimen), prepared)
+
+
+def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) -> LogPosterior:
+    from deabayes.posterior import build
+
+    experiments = read_experiments(prepared)
+    inherited = inherited_prior(study, specimen)
     if inherited is None:
         return build(study, candidate, specimen, experiments)
     return build(study, candidate, specimen, experiments, inherited.prior, inherited.same_specimen)
 
 
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
-    """The study that a posterior file is of, and the log-posterior that its draws are of."""
+    """The study that a posterior file is of, and the log-posterior that its draws are of.
+
+    The specimen is the file's own: the study's folder may be elsewhere, or edited since.
+    """
     from deabayes.own_models.loading import restore
+    from deabayes.posteriors.storage import specimen_from_json
     from deabayes.study import from_settings
 
     restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
-    return study, build_target(study, tree.attrs["candidate"], prepared)
+    specimen = specimen_from_json(tree.attrs["specimen"])
+    return study, _target(study, tree.attrs["candidate"], specimen, prepared)
 
 
-def inherited_prior(study: Study) -> Inheritance | None:
-    """The posterior that `prior_from` names, as a prior for the study's specimen."""
+def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritance | None:
+    """The posterior that `prior_from` names, as a prior for the (study's) specimen."""
     from deabayes.posteriors.inheritance import inherit_from
     from deabayes.reading.specimen import read_specimen
 
     if study.prior_from is None:
         return None
-    return inherit_from(Path(study.prior_from), read_specimen(study.specimen))
+    return inherit_from(Path(study.prior_from), specimen or read_specimen(study.specimen))
 
 
 def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:

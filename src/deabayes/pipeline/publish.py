@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,9 +23,14 @@ def build_report(
     build(folders, output, tables, left_out)
 
 
-def export_posterior(posterior: Path, to: str, output: Path, **options: object) -> None:
-    """Write a posterior in another program's format, which may take options."""
+def export_posterior(posterior: Path, to: str, output: Path, **options: object) -> bool:
+    """Write a posterior in another program's format, which may take options.
+
+    Returns whether it converged, which not every format can say.
+    """
     from deabayes.export import export
     from deabayes.posteriors.storage import read_tree
 
-    export(read_tree(posterior), to, output, **options)
+    tree = read_tree(posterior)
+    export(tree, to, output, **options)
+    return bool(json.loads(tree.attrs["convergence"])["converged"])

@@ -92,9 +92,7 @@ def _divided(
     wide = values / (1.0 - values)
     turned = np.einsum("jkl,jk->jl", vectors, means)
     found = turned / (1.0 - values)
-    log_v = np.log(shares) + 0.5 * np.sum(
-        np.log(wide / values) - turned**2 / values + found**2 / wide, axis=1
-    )
+    log_v = np.log(shares) + 0.5 * np.sum(found * turned - np.log1p(-values), axis=1)
     back = np.einsum("jkl,jl->jk", vectors, found)
     return log_v, back, np.einsum("jkl,jl,jml->jkm", vectors, wide, vectors)
 
@@ -104,14 +102,20 @@ def _mixture(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Shares, means and covariances of as many components as the draws clearly show.
 
-    Judged on as many draws as they are worth: correlated ones would show too many.
+    Judged on as many draws as they are worth: correlated ones would show too many. Fitted on the
+    draws' own scale, since scikit-learn adds 1e-6 to every variance: on the prior's scale that is
+    more than the width of draws that are a thousand times as narrow.
     """
     import warnings
 
+    from scipy.linalg import solve_triangular
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
-    worth = rng.permutation(white)[: max(int(effective), 10 * white.shape[1])]
+    centre = white.mean(axis=0)
+    factor = np.linalg.cholesky(np.atleast_2d(np.cov(white, rowvar=False)))
+    own = solve_triangular(factor, (white - centre).T, lower=True).T
+    worth = rng.permutation(own)[: max(int(effective), 10 * white.shape[1])]
     best, lowest = None, np.inf
     for components in range(1, MOST_COMPONENTS + 1):
         seed = int(rng.integers(2**31))
@@ -123,9 +127,10 @@ def _mixture(
             model.fit(worth)
             if model.bic(worth) > lowest - SPLIT_GAIN:
                 break
-            best, lowest = model.fit(white), model.bic(worth)
+            best, lowest = model.fit(own), model.bic(worth)
     assert best is not None
-    return best.weights_, best.means_, best.covariances_
+    covariances = factor @ best.covariances_ @ factor.T
+    return best.weights_, centre + best.means_ @ factor.T, covariances
 
 
 def _misfit(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
@@ -28,6 +30,8 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
 def read_tree(path: str | Path) -> xr.DataTree:
     """Read a posterior file into memory, or say why it is none."""
     path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{path}: is a folder{_posteriors_in(path)}")
     if not path.is_file():
         raise UserError(
             f"{path}: no such file; fit the candidate first (`snakemake --cores 2`, "
@@ -41,6 +45,29 @@ def read_tree(path: str | Path) -> xr.DataTree:
     if "posterior" not in tree.children:
         raise UserError(f"{path}: holds no posterior; give a posterior.nc written by deabayes")
     return tree
+
+
+def _posteriors_in(folder: Path) -> str:
+    """What to give in place of a folder: the posterior files of a candidate, study or results."""
+    found = sorted(
+        file for depth in ("", "*/", "*/*/") for file in folder.glob(f"{depth}posterior.nc")
+    )
+    return f"; give {' or '.join(map(str, found[:9]))}" if found else " without a posterior.nc"
+
+
+def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
+    """Which of `total` draws to take: `size` at random, or all in their order where it is None.
+
+    Raises
+    ------
+    UserError : a size that is no whole number above 0.
+    """
+    if size is None:
+        return np.arange(total)
+    if not isinstance(size, Integral) or size < 1:
+        raise UserError(f"size must be a whole number above 0, found {size!r}")
+    size = int(size)
+    return np.random.default_rng(seed).choice(total, size, replace=size > total)
 
 
 def stacked(group: xr.DataTree, name: str) -> FloatArray:

@@ -38,7 +38,8 @@ def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRec
     geometric: bins restart at every corner of the excitation and widen with the
     time t since: width = first_width + (ratio - 1) t, at most `widest`, and at
     most as long as the excitation takes to travel `largest_change` of its range.
-        first_width : default four sampling intervals;
+        first_width : default four sampling intervals, of the samples behind the corner where
+            they are at least twice as dense as is usual in the record;
         ratio : of neighbouring widths, default 1.1;
         widest : default a fiftieth of the record;
         largest_change : a fraction, default 0.04.
@@ -59,10 +60,9 @@ def _geometric(record: WorkingRecord, read: Settings) -> FloatArray:
     """Edges of the geometric grid, defaults taken from the record."""
     unit = record.coordinate_unit
     span = float(np.ptp(record.coordinate))
-    interval = float(np.median(np.diff(record.coordinate)))
     return geometric_edges(
         record,
-        first_width=read.positive("first_width", unit, 4.0 * interval),
+        first_width=read.positive("first_width", unit) if read.has("first_width") else None,
         ratio=read.number("ratio", 1.1, 1.0, 10.0),
         widest=read.positive("widest", unit, span / 50.0),
         largest_change=read.number("largest_change", 0.04, 1e-6, 1.0),

@@ -14,11 +14,13 @@ NOISE_FRACTION = 0.01
 JUMP_FRACTION = 0.1
 JUMP_RATIO = 20.0
 LONGEST_GRID = 100_000
+NEXT_SAMPLES = 9
+"""Of which the sampling interval behind a corner is taken."""
 
 
 def geometric_edges(
     record: WorkingRecord,
-    first_width: float,
+    first_width: float | None,
     ratio: float,
     widest: float,
     largest_change: float,
@@ -27,7 +29,7 @@ def geometric_edges(
 
     Parameters
     ----------
-    first_width, widest : on the record's coordinate.
+    first_width, widest : on the record's coordinate; None takes four sampling intervals.
     ratio : of neighbouring widths away from a corner.
     largest_change : how much of its range the excitation may travel within a bin.
     """
@@ -40,13 +42,23 @@ def geometric_edges(
     edges: list[float] = []
     for start, end in zip(starts, [*starts[1:], np.nextafter(last, np.inf)], strict=True):
         edge = start
+        first = (
+            4.0 * _interval_behind(record, start, interval) if first_width is None else first_width
+        )
         while edge < end and len(edges) < LONGEST_GRID:
             edges.append(edge)
-            width = min(widest, first_width + (ratio - 1.0) * (edge - start))
+            width = min(widest, first + (ratio - 1.0) * (edge - start))
             edge = min(edge + width, _after_travel(*path, edge, largest_change))
     if len(edges) == LONGEST_GRID:
         raise _too_many_bins(record, "first_width, widest or largest_change")
     return np.array([*edges, np.nextafter(last, np.inf)])
+
+
+def _interval_behind(record: WorkingRecord, start: float, usual: float) -> float:
+    """The sampling interval behind a corner, where it is clearly shorter than the usual one."""
+    behind = record.coordinate[np.searchsorted(record.coordinate, start) :][:NEXT_SAMPLES]
+    interval = float(np.median(np.diff(behind))) if behind.size > 1 else usual
+    return interval if interval < 0.5 * usual else usual
 
 
 def _too_many_bins(record: WorkingRecord, keys: str, found: str = "") -> UserError:

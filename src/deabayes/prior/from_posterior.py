@@ -28,6 +28,9 @@ class PriorFromPosterior(NamedTuple):
     draws: FloatArray
     """(S, k), SI."""
 
+    def __repr__(self) -> str:
+        return f"<Prior from {len(self.draws)} draws of {', '.join(self.names)}>"
+
 
 @dataclass(frozen=True)
 class PosteriorBlock:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ DELIMITER_NAMES = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", "": r"\s+", "
 NO_DELIMITERS = ".+-#\"'\n\r"
 MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
 """Cells without a value."""
+ONE_COLUMN = re.compile(r"\w+ *\[[^\[\]]*\]")
 SNIFFED_LINES = 50
 
 
@@ -156,7 +158,7 @@ def _header_columns(header: str, delimiter: str, path: Path) -> list[Column]:
             "record_format in specimen.yaml"
         )
     columns = from_header(cells)
-    if len(columns) == 1:
+    if len(columns) == 1 and not ONE_COLUMN.fullmatch(header.strip()):
         raise UserError(
             f"{path}: only one column found in the header {header[:60]!r}; "
             "separate columns with a comma, ';' or a tab"

@@ -151,7 +151,10 @@ def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
 def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
     """Material parameters that follow the priors though their own was narrowed."""
     if names := _decided_by(results, MOVED_BY_PRIOR, "material"):
-        text = f"{', '.join(names)}: the priors, own or of others, move the number; data hardly do"
+        text = (
+            f"{', '.join(names)}: what is left of the uncertainty is that of priors, its own or of "
+            "what it is tied to (a thickness, say); more data of this kind hardly help"
+        )
         yield _notice(results, "Moved by the prior", [text], serious=False)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,12 @@ from deabayes.figures.quantities import (
     symbol_html,
 )
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.units import USUAL_UNITS
+
+_PLAIN_UNITS = sorted((u for u in USUAL_UNITS if u.isalpha()), key=len, reverse=True)
+_ONE_UNIT = "|".join(map(re.escape, _PLAIN_UNITS))
+UNIT_AT_END = re.compile(rf"(?P<name>.+?)_(?P<unit>(?:(?:(?:{_ONE_UNIT})_)?per_)?(?:{_ONE_UNIT}))")
+"""A column of experiments.csv with its unit in its name: `bias_kV`, `crosshead_mm_per_min`."""
 
 KINDS = {
     "material": "Material",
@@ -73,7 +80,6 @@ def records(study: StudyResults) -> list[dict[str, Any]]:
 
 def _record(e: Experiment) -> dict[str, Any]:
     excitation = e.excitation
-    metadata = [f"{plain(k)} {_value(v)}" for k, v in e.metadata.items() if _value(v)]
     steps = [str(s.get("step", s.get("name", next(iter(s), "")))) for s in e.steps]
     return {
         "name": e.name,
@@ -83,16 +89,32 @@ def _record(e: Experiment) -> dict[str, Any]:
         "response": _range(e.response, e.response_unit, e.response_name),
         "coordinate": _range(e.coordinate, e.coordinate_unit, e.coordinate_name),
         "points": str(e.coordinate.size),
-        "metadata": "; ".join(metadata),
+        "metadata": about(e.metadata),
         "steps": ", ".join(plain(step) for step in steps if step),
         "provenance": e.provenance,
     }
 
 
-def _value(value: float | str) -> str:
-    if isinstance(value, float):
-        return short(value) if np.isfinite(value) else ""
-    return str(value)
+def about(metadata: Mapping[str, float | str]) -> str:
+    """What experiments.csv states of a record besides, the note last.
+
+    A number's unit stands behind it: `load_g` of 100 is "load 100 g".
+    """
+    stated = [_stated(name, value) for name, value in metadata.items() if name != "note"]
+    return "; ".join(text for text in [*stated, str(metadata.get("note", ""))] if text)
+
+
+def _stated(name: str, value: float | str) -> str:
+    if not isinstance(value, float):
+        return f"{plain(name)} {value}" if str(value) else ""
+    if not np.isfinite(value):
+        return ""
+    split = UNIT_AT_END.fullmatch(name)
+    if split is None:
+        return f"{plain(name)} {short(value)}"
+    unit, _, per = split["unit"].rpartition("per_")
+    unit = f"{unit.strip('_') or '1'}/{per}" if split["unit"] != per else per
+    return f"{plain(split['name'])} {short(value)} {unit}"
 
 
 def _range(values: FloatArray, unit: str, name: str) -> tuple[str, str]:

@@ -1,0 +1,95 @@
+"""`deabayes predict POSTERIOR --excitation FILE`: a protocol of one's own, as a table or netCDF."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from tests.unit.test_predict_with import file
+
+from deabayes.api import open_posterior
+from deabayes.cli import main
+from deabayes.posteriors.storage import write_tree
+
+DRIVE = "time [ms],voltage [kV]\n0,0\n10,1.8\n500,1.8\n"
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_tree(file(None), tmp_path / "posterior.nc")
+    (tmp_path / "drive.csv").write_text(DRIVE)
+    return tmp_path
+
+
+def predict(*more: str) -> None:
+    main(["predict", "posterior.nc", "--excitation", "drive.csv", *more])
+
+
+def test_a_table_with_units_holds_what_python_gives(place: Path) -> None:
+    predict("-o", "out/prediction.csv")
+    table = pd.read_csv("out/prediction.csv")
+    expected = open_posterior("posterior.nc").predict(
+        time=[0.0, 0.01, 0.5], voltage=[0.0, 1800.0, 1800.0]
+    )
+    assert list(table)[:4] == ["time [s]", "voltage [V]", "strain_median [1]", "strain_mean [1]"]
+    np.testing.assert_allclose(table["voltage [V]"], [0.0, 1800.0, 1800.0])
+    np.testing.assert_allclose(table["strain_median [1]"], expected["median"])
+    for band in ("parameter", "discrepancy", "predictive"):
+        for level in (0.5, 0.9):
+            for bound in ("lower", "upper"):
+                np.testing.assert_allclose(
+                    table[f"{band}_{100 * level:.0f}_{bound} [1]"],
+                    expected[band].sel(level=level, bound=bound),
+                )
+    predict("-o", "out/prediction.nc")
+    xr.testing.assert_allclose(xr.load_dataset("out/prediction.nc", engine="h5netcdf"), expected)
+
+
+def test_what_is_to_be_known_of_it_is_said(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / "drive.csv").write_text(DRIVE.replace("1.8", "8"))
+    predict("-o", "out.csv", "--response", "displacement")
+    said = capsys.readouterr().err
+    assert re.search(r"out\.csv: extrapolation: voltage 0 to 8000 V lies outside", said)
+    assert "displacement_median [m]" in Path("out.csv").read_text()
+
+
+def test_a_frequency_response_under_a_load(place: Path) -> None:
+    (place / "drive.csv").write_text("frequency [Hz]\n10\n20\n40\n")
+    held = ("--condition", "bias_kV=2", "--condition", "load_g=300")
+    predict("-o", "out.csv", "--response", "gain", *held)
+    assert list(pd.read_csv("out.csv"))[:2] == ["frequency [Hz]", "gain_median [1/V]"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ((), "-o"),
+        (("-o", "out.xlsx"), r"-o out\.xlsx: .*\.csv or \.nc"),
+        (("-o", "drive.csv"), "is the file that is read"),
+        (("-o", "out.csv", "--condition", "load_g"), "--condition 'load_g': expected NAME=VALUE"),
+        (("-o", "out.csv", "--condition", "laod_g=3"), "laod_g.*did you mean 'load_g'"),
+        (("-o", "out.csv", "--errors", "e.csv"), "--errors .* --excitation"),
+    ],
+)
+def test_mistakes(
+    place: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        predict(*more)
+    said = capsys.readouterr().err
+    assert ended.value.code == 1
+    assert re.search(words, said), said
+    assert said.count("\n") == 1
+
+
+def test_a_response_alone_goes_with_an_excitation(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["predict", "posterior.nc", "--response", "strain"])
+    assert "--response goes with --excitation" in capsys.readouterr().err
