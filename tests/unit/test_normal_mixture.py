@@ -140,6 +140,15 @@ class TestFit:
         )
         assert lost < 0.15 < 1.5 < np.mean(exact - one.log_density(fresh))
 
+    def test_a_thin_bent_ridge_keeps_its_width(self):
+        """Two coordinates that differ by a millionth of what they have in common."""
+        x = banana(np.random.default_rng(13), 8000)
+        x[:, 2] = x[:, 0] + 1e-6 * x[:, 2]
+        block = PosteriorBlock.fit(self.NAMES, x)
+        drawn = block.colour(np.random.default_rng(14).standard_normal((4000, 4)))
+        assert block.mixture.components > 1
+        assert np.std(drawn[:, 2] - drawn[:, 0]) == pytest.approx(0.3e-6, rel=0.1)
+
     def test_the_same_draws_give_the_same_prior(self):
         x = banana(np.random.default_rng(11), 2000)
         one, other = (PosteriorBlock.fit(self.NAMES, x) for _ in range(2))

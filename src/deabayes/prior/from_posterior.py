@@ -61,12 +61,15 @@ class PosteriorBlock:
                 f"prior_from: {size} draws cannot carry the correlations of {dimension} "
                 f"parameters; give at least {FEWEST_DRAWS_PER_PARAMETER * dimension}"
             )
-        block = cls._of(names, _normal(names, z), z)
+        normal = _normal(names, z)
+        block = cls._of(names, normal, z)
         for components in COMPONENTS:
             fewest = FEWEST_DRAWS_PER_PARAMETER * dimension * components
             if block.misfit <= SOUGHT_MISFIT or size < fewest:
                 break
-            block = min(block, cls._of(names, _mixture(z, components), z), key=lambda b: b.misfit)
+            block = min(
+                block, cls._of(names, _mixture(z, components, normal), z), key=lambda b: b.misfit
+            )
         return block
 
     @classmethod
@@ -116,14 +119,17 @@ def _normal(names: tuple[str, ...], z: FloatArray) -> NormalMixture:
     return NormalMixture(np.ones(1), z.mean(axis=0)[None], factor[None])
 
 
-def _mixture(z: FloatArray, components: int) -> NormalMixture:
-    """The likeliest mixture, by expectation and maximisation from k-means; always the same."""
+def _mixture(z: FloatArray, components: int, normal: NormalMixture) -> NormalMixture:
+    """The likeliest mixture, by expectation and maximisation from k-means; always the same.
+
+    Fitted to what `normal` whitens: the fit has a floor under variances, and a ridge may be thin.
+    """
     from sklearn.mixture import GaussianMixture
 
-    spread = z.std(axis=0)
-    fitted = GaussianMixture(components, random_state=0, max_iter=500, tol=1e-4).fit(z / spread)
-    factors = np.linalg.cholesky(fitted.covariances_) * spread[:, None]
-    return NormalMixture(fitted.weights_, fitted.means_ * spread, factors)
+    fitted = GaussianMixture(components, random_state=0, max_iter=500, tol=1e-4)
+    fitted.fit(normal.whiten(z))
+    factors = normal.factors[0] @ np.linalg.cholesky(fitted.covariances_)
+    return NormalMixture(fitted.weights_, normal.colour(fitted.means_), factors)
 
 
 def distance_from_normal(z: FloatArray) -> float:
