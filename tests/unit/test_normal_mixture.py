@@ -80,6 +80,15 @@ def test_draws_have_the_mixture_s_moments():
     )
 
 
+def test_as_one_normal():
+    one = mixture(4, 3)
+    x = one.colour(np.random.default_rng(15).standard_normal((200_000, 3)))
+    whole = one.as_one()
+    white = whole.whiten(x)
+    np.testing.assert_allclose(white.mean(axis=0), 0.0, atol=0.01)
+    np.testing.assert_allclose(np.cov(white.T), np.eye(3), atol=0.02)
+
+
 def test_marginal_leaves_the_others_out():
     one = mixture(3, 4)
     x = one.colour(np.random.default_rng(5).standard_normal((20_000, 4)))

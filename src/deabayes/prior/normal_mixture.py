@@ -49,6 +49,14 @@ class NormalMixture:
         factors = np.asarray(np.linalg.cholesky(kept), dtype=np.float64)
         return NormalMixture(self.weights, self.means[:, columns], factors)
 
+    def as_one(self) -> NormalMixture:
+        """The one normal of the same mean and covariance."""
+        mean = self.weights @ self.means
+        spread = np.sqrt(self.weights)[:, None] * (self.means - mean)
+        within = np.einsum("j,jab,jcb->ac", self.weights, self.factors, self.factors)
+        factor = np.asarray(np.linalg.cholesky(within + spread.T @ spread), dtype=np.float64)
+        return NormalMixture(np.ones(1), mean[None], factor[None])
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """log p(x), (W,), of x (W, k)."""
         from scipy.special import logsumexp

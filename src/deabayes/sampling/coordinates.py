@@ -8,6 +8,10 @@ draws below the 90th percentile of a slow unit's time constant, a proposal was o
 the largest draw, in logarithms by 5 (docs/sampler.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
+**Inherited parameters.** Their z is what makes another posterior, a mixture of normals, N(0, I). A
+ridge bends in it where one component gives way to the next; in the score of the default prior,
+whitened as a whole, it does not.
+
 **Pairs and units.** See `pairs` and `shares`.
 """
 
@@ -26,6 +30,7 @@ from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import ROUNDING, Independent, Ordered
+from deabayes.prior.normal_mixture import NormalMixture
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 from deabayes.sampling.shares import unit_shares
 
@@ -112,6 +117,41 @@ class Natural:
 
 
 @dataclass(frozen=True)
+class Inherited:
+    """Parameters whose prior is a mixture, whitened by its covariance, in place of their z.
+
+    Attributes
+    ----------
+    columns : of z, in the mixture's order.
+    """
+
+    columns: tuple[int, ...]
+    mixture: NormalMixture
+
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        own = list(self.columns)
+        z = u[:, own]
+        x = self.mixture.colour(z)
+        u[:, own] = self._whole.whiten(x)
+        log_density = self.mixture.log_density(x) + self._log_determinant
+        return log_normal_density(z).sum(axis=1) - log_density
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it."""
+        own = list(self.columns)
+        u[:, own] = self.mixture.whiten(self._whole.colour(u[:, own]))
+
+    @cached_property
+    def _whole(self) -> NormalMixture:
+        return self.mixture.as_one()
+
+    @cached_property
+    def _log_determinant(self) -> float:
+        return float(np.log(np.diag(self._whole.factors[0])).sum())
+
+
+@dataclass(frozen=True)
 class Coordinates:
     """The map u = straighten(z) of a prior's z, with its inverse; none at all by default.
 
@@ -119,32 +159,42 @@ class Coordinates:
     ----------
     natural : parameters of which not the score is taken.
     pairs : of parameters, see `pairs`, and of units, see `shares`; they come after.
+    inherited : parameters whose prior is a mixture.
     """
 
     natural: tuple[Natural, ...] = ()
     pairs: tuple[Pair, ...] = ()
+    inherited: tuple[Inherited, ...] = ()
 
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
-        """Those of a log-posterior's parameters that have priors of their own."""
-        inherited = {n for block in target.prior.inherited for n in block.names}
-        free = frozenset(k for k, name in enumerate(target.names) if name not in inherited)
+        """Those of a log-posterior's parameters; natural ones where priors are their own."""
+        names = {n for block in target.prior.inherited for n in block.names}
+        free = frozenset(k for k, name in enumerate(target.names) if name not in names)
         natural = tuple(_natural(target, free))
         logarithms = frozenset(
             k for part in natural for k in part.block.columns if part.logarithmic
         )
         pairs: list[Pair] = [*noise_pairs(target, free), *gent_pairs(target, free)]
-        return cls(natural, (*pairs, *unit_shares(target, free, logarithms)))
+        inherited = tuple(
+            Inherited(tuple(target.names.index(name) for name in block.names), block.mixture)
+            for block in target.prior.inherited
+            if block.mixture.components > 1
+        )
+        return cls(natural, (*pairs, *unit_shares(target, free, logarithms)), inherited)
+
+    @property
+    def _parts(self) -> list[Inherited | Natural | Pair]:
+        return [*self.inherited, *self.natural, *self.pairs]
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""
         log_jacobian = np.zeros(len(z))
-        if not (self.natural or self.pairs):
+        if not self._parts:
             return z, log_jacobian
         u = z.copy()
-        parts: list[Natural | Pair] = [*self.natural, *self.pairs]
         with np.errstate(divide="ignore", invalid="ignore"):
-            for part in parts:
+            for part in self._parts:
                 log_jacobian += part.straighten(u)
         lost = ~(np.isfinite(log_jacobian) & np.isfinite(u).all(axis=1))
         u[lost], log_jacobian[lost] = 0.0, -np.inf
@@ -152,12 +202,11 @@ class Coordinates:
 
     def bend(self, u: FloatArray) -> FloatArray:
         """The z (W, d) of u; rows outside the prior's support are NaN."""
-        if not (self.natural or self.pairs):
+        if not self._parts:
             return u
         z = u.copy()
-        parts: list[Natural | Pair] = [*reversed(self.pairs), *self.natural]
         with np.errstate(over="ignore", invalid="ignore"):
-            for part in parts:
+            for part in reversed(self._parts):
                 part.bend(z)
         z[~np.isfinite(z).all(axis=1)] = np.nan
         return z
