@@ -289,4 +289,4 @@ def test_commands_know_the_systems_of_the_config(
     record = "data/stack/records/creep_1000V.csv"
     main(("simulate", "stack", "lag_0", "--specimen", "data/stack", "--excitation", record,
           "--set", "Y=1e6", "-o", "x.csv"))  # fmt: skip
-    assert Path("x.csv").read_text().startswith("time,displacement,voltage")
+    assert Path("x.csv").read_text().startswith("time [s],displacement [m],voltage [V]")
