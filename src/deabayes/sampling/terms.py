@@ -24,6 +24,7 @@ from deabayes.posterior import LogPosterior
 from deabayes.sampling.pairs import log_normals
 from deabayes.sampling.shares import Shares
 from deabayes.sampling.units import units_of
+from deabayes.springs.ogden import stress_of_one
 
 NEARLY_ZERO = 1e-9
 """Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
@@ -46,8 +47,7 @@ class Stretched:
     def __call__(self, scores: FloatArray) -> FloatArray:
         exponents = self.middle + self.sd * scores
         exponents = np.where(np.abs(exponents) < NEARLY_ZERO, NEARLY_ZERO, exponents)
-        first, third = (np.expm1(exponents * logarithm) for logarithm in self.logarithms)
-        return -np.log(np.abs(2.0 * (first - third) / exponents))
+        return -np.log(np.abs(2.0 * stress_of_one(exponents, *self.logarithms) / exponents))
 
 
 def term_shares(target: LogPosterior, free: frozenset[int]) -> list[Shares]:
