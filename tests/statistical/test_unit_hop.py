@@ -50,9 +50,10 @@ def hopped(prior, hop, steps=30, size=20000):
     return z, accepted
 
 
+@pytest.mark.parametrize("stretches", [None, (2.0, 0.5**0.5)])
 @pytest.mark.parametrize("name", PRIORS)
-def test_a_hop_keeps_the_prior(name):
-    z, accepted = hopped(PRIORS[name], UnitHop.of(PRIORS[name]))
+def test_a_hop_keeps_the_prior(name, stretches):
+    z, accepted = hopped(PRIORS[name], UnitHop.of(PRIORS[name], stretches))
     assert accepted > 0.1
     p_values = [stats.kstest(column, "norm").pvalue for column in z.T]
     assert min(p_values) > 1e-4
@@ -77,6 +78,21 @@ def test_what_belongs_to_a_unit_goes_along():
     assert swapped.mean() > 0.1
     assert (np.isclose(after[swapped, 2], before[swapped, 3])
             | np.isclose(after[swapped, 3], before[swapped, 2])).all()  # fmt: skip
+
+
+def test_a_term_takes_its_stress_along():
+    prior = PRIORS["Ogden terms"]
+    first, third = 3.0, 3.0**-0.5
+    hop, rng = UnitHop.of(prior, (first, third)), np.random.default_rng(1)
+    z = rng.standard_normal((500, 4))
+    moved, factor = hop(z, rng)
+    mu, alpha = np.split(prior.to_parameters(z), 2, axis=1)
+    mu_after, alpha_after = np.split(prior.to_parameters(moved), 2, axis=1)
+    before = np.sort(mu * (first**alpha - third**alpha), axis=1)
+    after = np.sort(mu_after * (first**alpha_after - third**alpha_after), axis=1)
+    np.testing.assert_allclose(after, before, rtol=1e-8)
+    assert (~np.isclose(alpha_after, alpha)).any(axis=1).mean() > 0.99
+    assert np.isfinite(factor).mean() > 0.95
 
 
 def test_nothing_to_hop_with_one_unit():

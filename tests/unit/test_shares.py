@@ -13,7 +13,7 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.shares import Shares, shown_for, unit_shares
+from deabayes.sampling.shares import Shares, TooSlow, shown_for, unit_shares
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)
@@ -27,7 +27,7 @@ def units(count: int, sign: float = 1.0) -> Coordinates:
         tuple(range(count, 2 * count)),
         sign * np.log(MEDIANS[:count]),
         sign * SIGMAS[:count],
-        float(np.log(RECORD)),
+        TooSlow(float(np.log(RECORD))),
     )
     times = Natural(Ordered.of("tau", tuple(range(count)), TIMES, 1.0))
     return Coordinates((times,), (shares,))
@@ -94,14 +94,14 @@ def test_those_of_real_posteriors() -> None:
         (found,) = (p for p in Coordinates.of(target).pairs if isinstance(p, Shares))
         z = np.random.default_rng(2).standard_normal((50, target.dimension))
         theta = target.prior.to_parameters(z)
-        moduli, times = theta[:, list(found.moduli)], theta[:, list(found.times)]
-        assert all(target.names[k].startswith("tau") for k in found.times)
+        moduli, times = theta[:, list(found.sizes)], theta[:, list(found.places)]
+        assert all(target.names[k].startswith("tau") for k in found.places)
         last = max(shown_for(r.experiment) for r in target.records)
         shown = moduli**sign / (1.0 + times / last)
         u, _ = Coordinates.of(target).straighten(z)
-        np.testing.assert_allclose(np.exp(u[:, found.moduli[0]]), shown.sum(axis=1))
+        np.testing.assert_allclose(np.exp(u[:, found.sizes[0]]), shown.sum(axis=1))
         mean = (shown * np.log(times)).sum(axis=1) / shown.sum(axis=1)
-        np.testing.assert_allclose(u[:, found.times[0]], mean, atol=1e-9)
+        np.testing.assert_allclose(u[:, found.places[0]], mean, atol=1e-9)
 
 
 def test_a_frequency_response_shows_a_unit_for_a_period() -> None:

@@ -12,7 +12,7 @@ The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu 
 ridge bends in it where one component gives way to the next; in the score of the default prior,
 whitened as a whole, it does not.
 
-**Pairs and units.** See `pairs` and `shares`.
+**Pairs, units and terms.** See `pairs`, `shares` and `terms`.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from deabayes.prior.blocks import ROUNDING, Independent, Ordered
 from deabayes.prior.normal_mixture import NormalMixture
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 from deabayes.sampling.shares import unit_shares
+from deabayes.sampling.terms import term_shares
 
 KINDS = (Uniform, LogUniform, LogNormal)
 
@@ -158,7 +159,8 @@ class Coordinates:
     Attributes
     ----------
     natural : parameters of which not the score is taken.
-    pairs : of parameters, see `pairs`, and of units, see `shares`; they come after.
+    pairs : of parameters, see `pairs`, of units, see `shares`, and of terms, see `terms`; they
+        come after.
     inherited : parameters whose prior is a mixture.
     """
 
@@ -175,13 +177,18 @@ class Coordinates:
         logarithms = frozenset(
             k for part in natural for k in part.block.columns if part.logarithmic
         )
-        pairs: list[Pair] = [*noise_pairs(target, free), *gent_pairs(target, free)]
+        pairs: list[Pair] = [
+            *noise_pairs(target, free),
+            *gent_pairs(target, free),
+            *unit_shares(target, free, logarithms),
+            *term_shares(target, free),
+        ]
         inherited = tuple(
             Inherited(tuple(target.names.index(name) for name in block.names), block.mixture)
             for block in target.prior.inherited
             if block.mixture.components > 1
         )
-        return cls(natural, (*pairs, *unit_shares(target, free, logarithms)), inherited)
+        return cls(natural, tuple(pairs), inherited)
 
     @property
     def _parts(self) -> list[Inherited | Natural | Pair]:

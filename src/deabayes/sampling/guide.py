@@ -34,7 +34,8 @@ class Guide:
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
-        return cls(UnitHop.of(target.prior), Coordinates.of(target))
+        stretches = target.system.largest_stretches([r.experiment for r in target.records])
+        return cls(UnitHop.of(target.prior, stretches), Coordinates.of(target))
 
 
 NO_GUIDE = Guide()

@@ -11,10 +11,13 @@ v_i = mu_i / (1 + tau_i / T), w_i = v_i / sum_j v_j,
 the sum and the mean time stay what they are along all of them. T is how long records show a unit:
 of one too slow for them, what is seen is mu_i T / tau_i. For units in series, of which
 compliances add up, 1 / mu_i takes the place of mu_i. The Jacobian of u by the logarithms is 1.
+
+Terms of a spring are such parts too (see `terms`): `Shares` says what both have in common.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,53 +27,62 @@ from deabayes.posterior import LogPosterior
 from deabayes.sampling.pairs import log_normals
 from deabayes.sampling.units import units_of
 
+Hidden = Callable[[FloatArray], FloatArray]
+"""Places (W, n) -> the log of how much of a part at that place records do not show, (W, n)."""
+
 
 @dataclass(frozen=True)
 class Shares:
-    """Coordinates in the places of the ln tau_i and of the scores of the mu_i of a group.
+    """Coordinates in place of where parts are and of the scores of how large they are.
 
     Attributes
     ----------
-    times, moduli : columns, in one order.
+    places, sizes : columns, in one order: of ln tau_i and of the scores of mu_i.
     intercepts, slopes : (n,), with +-ln mu_i = intercept + slope z.
-    log_duration : ln T.
+    hidden : ln(1 + tau / T).
     """
 
-    times: tuple[int, ...]
-    moduli: tuple[int, ...]
+    places: tuple[int, ...]
+    sizes: tuple[int, ...]
     intercepts: FloatArray
     slopes: FloatArray
-    log_duration: float
+    hidden: Hidden
 
     def straighten(self, u: FloatArray) -> float:
         """Change the columns of u (W, d) in place; log of the Jacobian."""
-        times, moduli = list(self.times), list(self.moduli)
-        log_times = u[:, times]
-        shown = self.intercepts + self.slopes * u[:, moduli] - self._hidden(log_times)
+        places, sizes = list(self.places), list(self.sizes)
+        where = u[:, places]
+        shown = self.intercepts + self.slopes * u[:, sizes] - self.hidden(where)
         largest = shown.max(axis=1, keepdims=True)
         total = largest + np.log(np.exp(shown - largest).sum(axis=1, keepdims=True))
-        u[:, times[0]] = (np.exp(shown - total) * log_times).sum(axis=1)
-        u[:, times[1:]] = np.diff(log_times, axis=1)
-        u[:, moduli[0]] = total[:, 0]
-        u[:, moduli[1:]] = np.diff(shown, axis=1)
+        u[:, places[0]] = (np.exp(shown - total) * where).sum(axis=1)
+        u[:, places[1:]] = np.diff(where, axis=1)
+        u[:, sizes[0]] = total[:, 0]
+        u[:, sizes[1:]] = np.diff(shown, axis=1)
         return float(np.log(np.abs(self.slopes)).sum())
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
-        times, moduli = list(self.times), list(self.moduli)
-        ratios, steps = np.zeros((len(u), len(times))), np.zeros((len(u), len(times)))
-        np.cumsum(u[:, moduli[1:]], axis=1, out=ratios[:, 1:])
-        np.cumsum(u[:, times[1:]], axis=1, out=steps[:, 1:])
+        places, sizes = list(self.places), list(self.sizes)
+        ratios, steps = np.zeros((len(u), len(places))), np.zeros((len(u), len(places)))
+        np.cumsum(u[:, sizes[1:]], axis=1, out=ratios[:, 1:])
+        np.cumsum(u[:, places[1:]], axis=1, out=steps[:, 1:])
         ratios -= ratios.max(axis=1, keepdims=True)
         shares = np.exp(ratios)
         whole = shares.sum(axis=1, keepdims=True)
-        log_times = u[:, [times[0]]] - (shares * steps).sum(axis=1, keepdims=True) / whole + steps
-        shown = u[:, [moduli[0]]] + ratios - np.log(whole)
-        u[:, times] = log_times
-        u[:, moduli] = (shown + self._hidden(log_times) - self.intercepts) / self.slopes
+        where = u[:, [places[0]]] - (shares * steps).sum(axis=1, keepdims=True) / whole + steps
+        shown = u[:, [sizes[0]]] + ratios - np.log(whole)
+        u[:, places] = where
+        u[:, sizes] = (shown + self.hidden(where) - self.intercepts) / self.slopes
 
-    def _hidden(self, log_times: FloatArray) -> FloatArray:
-        """ln(1 + tau / T)."""
+
+@dataclass(frozen=True)
+class TooSlow:
+    """ln(1 + tau / T) of ln tau, given ln T."""
+
+    log_duration: float
+
+    def __call__(self, log_times: FloatArray) -> FloatArray:
         return np.logaddexp(0.0, log_times - self.log_duration)
 
 
@@ -108,8 +120,8 @@ def unit_shares(
         normals = log_normals(target, companions[0], free)
         if len(normals) == units.count:
             medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
-            longest = float(np.log(max(durations)))
+            hidden = TooSlow(float(np.log(max(durations))))
             found.append(
-                Shares(times, companions[0], sign * np.log(medians), sign * sigmas, longest)
+                Shares(times, companions[0], sign * np.log(medians), sign * sigmas, hidden)
             )
     return found

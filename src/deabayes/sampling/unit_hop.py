@@ -10,6 +10,10 @@ units again, each keeping what belongs to it. Sorting is a bijection between n-s
 and ordered theta, so with the prior's density p on ordered theta the proposal is accepted
 with min(1, L' p(theta') q(tau_k) / (L p(theta) q(tau_k'))) (Tierney 1994, Annals of Statistics
 22, 1701). It changes nothing but the order in which modes are visited.
+
+An Ogden term takes along its stress s mu_k at the largest stretch on record, where that is known,
+s = lambda_1^alpha_k - lambda_3^alpha_k: at another exponent the same mu_k makes another film. The
+Jacobian of mu_k' = mu_k s(alpha_k) / s(alpha_k') by mu_k multiplies the ratio.
 """
 
 from __future__ import annotations
@@ -23,20 +27,27 @@ from deabayes.experiment import FloatArray
 from deabayes.prior.joint import Prior
 from deabayes.sampling.mixture import RandomSource
 from deabayes.sampling.units import Units, units_of
+from deabayes.springs.ogden import stress_of_one
 
 
 @dataclass(frozen=True)
 class UnitHop:
-    """Proposals z -> z' of a prior with ordered units, with the factor of their acceptance."""
+    """Proposals z -> z' of a prior with ordered units, with the factor of their acceptance.
+
+    Attributes
+    ----------
+    stretches : lambda_1 and lambda_3 at which an Ogden term keeps its stress; None: it keeps mu.
+    """
 
     prior: Prior
     groups: tuple[Units, ...]
+    stretches: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, prior: Prior) -> Self | None:
+    def of(cls, prior: Prior, stretches: tuple[float, float] | None = None) -> Self | None:
         """The hop of a prior; None where no group has two units to number."""
         groups = units_of(prior)
-        return cls(prior, groups) if groups else None
+        return cls(prior, groups, stretches) if groups else None
 
     def __call__(self, z: FloatArray, random: RandomSource) -> tuple[FloatArray, FloatArray]:
         """Proposed z' (W, d), and the log of what L'N(z')/(L N(z)) is to be multiplied by, (W,).
@@ -46,12 +57,16 @@ class UnitHop:
         units = self.groups[random.choice(len(self.groups))]
         walkers = np.arange(len(z))
         theta = self.prior.to_parameters(z)
-        column = units.columns[0][random.choice(units.count, size=len(z))]
+        chosen = random.choice(units.count, size=len(z))
+        column = units.columns[0][chosen]
         distribution = self.prior.parameters[units.columns[0, 0]].prior
         old = theta[walkers, column]
         new = distribution.from_normal(random.standard_normal(len(z)))
         proposed = theta.copy()
         proposed[walkers, column] = new
+        carried = self._carried(units, old, new)
+        if carried is not None:
+            proposed[walkers, units.columns[1][chosen]] *= carried
         order = np.argsort(proposed[:, units.columns[0]], axis=1)
         for row in units.columns:
             proposed[:, row] = np.take_along_axis(proposed[:, row], order, axis=1)
@@ -61,5 +76,16 @@ class UnitHop:
         with np.errstate(invalid="ignore"):
             factor = self.prior.log_density(proposed) - self.prior.log_density(theta)
         factor += distribution.log_density(old) - distribution.log_density(new)
+        if carried is not None:
+            factor += np.log(np.abs(carried))
         factor -= 0.5 * ((z**2).sum(axis=1) - (moved**2).sum(axis=1))
         return moved, np.where(usable & np.isfinite(factor), factor, -np.inf)
+
+    def _carried(self, units: Units, old: FloatArray, new: FloatArray) -> FloatArray | None:
+        """What mu of a term is multiplied by, (W,); None for other units."""
+        if self.stretches is None or len(units.columns) != 2:
+            return None
+        if self.prior.parameters[units.columns[1, 0]].half_product_with is None:
+            return None
+        logarithms = np.log(self.stretches)
+        return stress_of_one(old, *logarithms) / stress_of_one(new, *logarithms)

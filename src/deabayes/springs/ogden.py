@@ -36,6 +36,13 @@ def count_terms(draws: Mapping[str, FloatArray]) -> int:
     return terms
 
 
+def stress_of_one(
+    exponent: FloatArray, log_first: FloatArray | float, log_third: FloatArray | float
+) -> FloatArray:
+    """sigma_1 / mu = lambda_1^alpha - lambda_3^alpha of a term."""
+    return np.asarray(np.expm1(exponent * log_first) - np.expm1(exponent * log_third))
+
+
 class Ogden(Spring):
     """W = sum_i (mu_i/alpha_i) (lambda_1^alpha_i + lambda_2^alpha_i + lambda_3^alpha_i - 3).
 
@@ -86,7 +93,7 @@ class Ogden(Spring):
         stress = np.zeros(np.broadcast_shapes(column(draws["mu_1"]).shape, log_first.shape))
         for i in range(1, count_terms(draws) + 1):
             exponent = column(draws[f"alpha_{i}"])
-            powers = np.expm1(exponent * log_first) - np.expm1(exponent * log_third)
+            powers = stress_of_one(exponent, log_first, log_third)
             stress += column(draws[f"mu_{i}"]) * powers
         return stress
 

@@ -108,6 +108,10 @@ class System(ABC):
         """Gent springs that all records together are known to have stretched."""
         return ()
 
+    def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
+        """lambda_1 and lambda_3 where records stretch a spring most, if that is known."""
+        return None
+
     @abstractmethod
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare the forward model for one record.

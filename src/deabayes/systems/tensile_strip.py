@@ -12,15 +12,15 @@ that of dashpot i, xi_i = lambda at the first knot (at rest):
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
-from deabayes.springs.base import DEFORMATIONS, column
+from deabayes.springs.base import DEFORMATIONS, column, principal_stretches
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.strip_candidates import StripModel, examples
@@ -82,6 +82,17 @@ class TensileStrip(System):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Total and long-term modulus, relaxation times at stretch 2, viscosities, mu_0."""
         return self.model.derived(draws)
+
+    def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
+        """Those of the record in which they differ most; None where nothing is stretched."""
+        reached = []
+        for excitation in (experiment.excitation for experiment in experiments):
+            _, stretch = self._history(excitation)
+            first, _, third = principal_stretches(stretch, self._deformation(excitation))
+            largest = int(np.argmax(np.abs(np.log(first / third))))
+            reached.append((float(first[largest]), float(third[largest])))
+        widest = max(reached, key=lambda pair: abs(np.log(pair[0] / pair[1])))
+        return widest if widest[0] != widest[1] else None
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).

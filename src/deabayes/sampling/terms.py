@@ -1,0 +1,78 @@
+r"""Terms of an Ogden spring, of which records show the sum.
+
+Where a record shows fewer terms than the spring has, one of them is invisible, at whatever
+exponent, or shares what is seen with a neighbour: modes between which the exponents meet, as with
+relaxation units (see `shares`). With v_i the stress of term i at the largest stretch on record,
+
+u: ln sum_i v_i, ln(v_{i+1} / v_i); sum_i w_i alpha_i, alpha_{i+1} - alpha_i,
+v_i = mu_i (lambda_1^alpha_i - lambda_3^alpha_i), w_i = v_i / sum_j v_j:
+
+the sum and the mean exponent, which is the slope there of ln stress against ln stretch, are what a
+record fixes. Exponents are counted in standard deviations of their prior. The Jacobian of u by
+ln(mu_i alpha_i / 2), which carries the prior, and by alpha_i is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.distributions import Uniform
+from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
+from deabayes.sampling.pairs import log_normals
+from deabayes.sampling.shares import Shares
+from deabayes.sampling.units import units_of
+from deabayes.springs.ogden import stress_of_one
+
+NEARLY_ZERO = 1e-9
+"""Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
+
+
+@dataclass(frozen=True)
+class Stretched:
+    """ln(alpha / 2) - ln(lambda_1^alpha - lambda_3^alpha) of standardised exponents.
+
+    Attributes
+    ----------
+    middle, sd : of the exponents' prior.
+    logarithms : of lambda_1 and of lambda_3.
+    """
+
+    middle: float
+    sd: float
+    logarithms: tuple[float, float]
+
+    def __call__(self, scores: FloatArray) -> FloatArray:
+        exponents = self.middle + self.sd * scores
+        exponents = np.where(np.abs(exponents) < NEARLY_ZERO, NEARLY_ZERO, exponents)
+        return -np.log(np.abs(2.0 * stress_of_one(exponents, *self.logarithms) / exponents))
+
+
+def term_shares(target: LogPosterior, free: frozenset[int]) -> list[Shares]:
+    """Those of a spring's terms where each has a log-normal share of the shear modulus.
+
+    Parameters
+    ----------
+    free : columns with priors of their own.
+    """
+    stretches = target.system.largest_stretches([r.experiment for r in target.records])
+    if stretches is None:
+        return []
+    logarithms = float(np.log(stretches[0])), float(np.log(stretches[1]))
+    found: list[Shares] = []
+    for terms in units_of(target.prior):
+        exponents, *companions = (tuple(row.tolist()) for row in terms.columns)
+        prior = target.prior.parameters[exponents[0]].prior
+        if len(companions) != 1 or not isinstance(prior, Uniform) or not free.issuperset(exponents):
+            continue
+        coefficients = [target.prior.parameters[column] for column in companions[0]]
+        halves = all(p.half_product_with and not p.reference_stretches for p in coefficients)
+        normals = log_normals(target, companions[0], free)
+        if halves and len(normals) == terms.count:
+            medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
+            middle, sd = (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / 12**0.5
+            hidden = Stretched(middle, sd, logarithms)
+            found.append(Shares(exponents, companions[0], np.log(medians), sigmas, hidden))
+    return found
