@@ -98,7 +98,7 @@ def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experimen
     sines = sorted(sines, key=lambda e: Cycles.of(e).frequency)
     cycles = [Cycles.of(e) for e in sines]
     at = np.array([each.frequency for each in cycles])
-    grid = np.geomspace(at[0], at[-1], WITHIN) if at.size > 1 else at
+    grid = np.geomspace(at[0], at[-1], WITHIN) if at[-1] > at[0] else at[:1]
     ends = [float(Sweep.of(each).frequency[-1]) for each in sweeps]
     if ends and max(ends) > at[-1]:
         grid = np.append(grid, np.geomspace(at[-1], max(ends), BEYOND + 1)[1:])
