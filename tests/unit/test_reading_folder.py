@@ -145,7 +145,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "constant excitation": (column(1, "0"), ["column displacement", "constant"]),
     "outside the range": (
         header("time [s],displacement [m],force [N]"),
-        ["column displacement", "beyond the instrument's range of 0.5 m", "first in data row 2"],
+        ["column displacement", "beyond the instrument's range of 500 mm", "first in data row 2"],
     ),
     "beyond the sensor": (
         header("time [s],displacement [mm],force [kN]"),

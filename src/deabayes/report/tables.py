@@ -12,7 +12,8 @@ import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures.decided_by import in_words
-from deabayes.figures.quantities import (
+from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.quantities import (
     ROLES,
     display_unit,
     fixed,
@@ -22,7 +23,6 @@ from deabayes.figures.quantities import (
     significant,
     symbol_html,
 )
-from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.units import USUAL_UNITS
 
 _PLAIN_UNITS = sorted((u for u in USUAL_UNITS if u.isalpha()), key=len, reverse=True)
