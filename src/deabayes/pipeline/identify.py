@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.faults import UserError
 from deabayes.pipeline.prepare import read_experiments
 from deabayes.study import Study, fit_settings
 
@@ -124,16 +125,32 @@ def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) ->
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
     """The study that a posterior file is of, and the log-posterior that its draws are of.
 
-    The specimen is the file's own: the study's folder may be elsewhere, or edited since.
+    The specimen and what the prior was made of are the file's own: the study's folder and the
+    posterior that `prior_from` names may be elsewhere, or edited since.
+
+    Raises
+    ------
+    UserError : a file from before they held their prior, and that of `prior_from` is gone.
     """
     from deabayes.own_models.loading import restore
+    from deabayes.posterior import build
+    from deabayes.posteriors.inherited_prior import GROUP, with_inherited_prior
     from deabayes.posteriors.storage import specimen_from_json
     from deabayes.study import from_settings
 
     restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
-    specimen = specimen_from_json(tree.attrs["specimen"])
-    return study, _target(study, tree.attrs["candidate"], specimen, prepared)
+    candidate, specimen = tree.attrs["candidate"], specimen_from_json(tree.attrs["specimen"])
+    if study.prior_from is None or GROUP in tree.children:
+        target = build(study, candidate, specimen, read_experiments(prepared))
+        return study, with_inherited_prior(target, tree)
+    if not Path(study.prior_from).is_file():
+        raise UserError(
+            f"study {study.name}, {candidate}: its posterior file is of an earlier version and "
+            f"does not hold the prior that it has from {study.prior_from}, which is not there "
+            "either; put that file back, or fit the candidate again"
+        )
+    return study, _target(study, candidate, specimen, prepared)
 
 
 def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritance | None:
