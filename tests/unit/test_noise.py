@@ -307,6 +307,22 @@ def test_equal_steps_are_recognised_and_others_are_not():
     )
 
 
+@pytest.mark.parametrize("name", GAUSSIAN)
+def test_steps_of_a_microsecond_count_at_clock_times(name):
+    """2^-20 s, which a clock time of 1.7e9 s holds exactly."""
+    rng = np.random.default_rng(14)
+    elapsed = 2.0**-20 * np.arange(50.0)
+    draws = make_draws(name, 4, rng) | {
+        key: np.full(4, 1e-5) for key in ("tau_ou", "tau_ar1", "tau_matern")
+    }
+    residuals, weights = rng.normal(size=(4, 50)), np.ones(50)
+    model = REGISTRY[name]()
+    np.testing.assert_array_equal(
+        model.log_prob(residuals, 1.7e9 + elapsed, weights, draws),
+        model.log_prob(residuals, elapsed, weights, draws),
+    )
+
+
 def test_order_and_layout_of_the_arrays_do_not_matter():
     rng = np.random.default_rng(13)
     coordinate, weights = record(rng, 40)
