@@ -30,13 +30,14 @@ def noise_group(study: Study, experiment: Experiment) -> str:
 def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
     """Along what a record's noise is correlated, (N,).
 
-    The record's own coordinate, or the number of the point on the likelihood's grid:
+    The record's own coordinate from its first point on, since what is computed with a clock time
+    loses digits, or the number of the point on the likelihood's grid:
     where that grid is fine at first and coarse later, so is the error of a model with
     a few relaxation times, and a correlation time in seconds suits neither end.
     """
     if along == "grid":
         return np.arange(experiment.coordinate.size, dtype=float)
-    return experiment.coordinate
+    return experiment.coordinate - experiment.coordinate[0]
 
 
 def record_scale(study: Study, system: System, experiment: Experiment) -> ResidualScale:

@@ -234,6 +234,24 @@ def test_rows_of_two_voltages_are_joined():
     assert found["e_4kV_q05"] == -4.0
 
 
+def test_a_voltage_recorded_twice_at_one_frequency_keeps_both_rows():
+    head = {"candidate": "a", "order": 1, "converged": True, "frequency_Hz": 2.0}
+    recorded = [(5.0, 1.0), (4.0, 2.0), (5.001, 3.0)]
+    found = beside([head | {"voltage_kV": v, "e_mm": e} for v, e in recorded])
+    assert found == [
+        head | {"e_5kV_mm": 3.0, "e_4kV_mm": 2.0},
+        head | {"e_5kV_mm": 1.0},
+    ]
+
+
+def test_two_sines_of_one_frequency_have_one_curve_between_them():
+    context = motion()
+    first = next(e for e in context.experiments if e.name == "sine_5kV_1Hz")
+    twice = [first, replace(first, name="again")]
+    bands = structure_amplitude.bands(context, twice, [])
+    assert bands["frequency"].size == 1 and bands["measured"].size == 2
+
+
 @pytest.mark.parametrize("name", OF_STRUCTURE)
 @pytest.mark.parametrize("study", ["static", "motion"])
 def test_every_number_of_a_posterior_has_its_interval(name, study):

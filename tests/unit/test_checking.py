@@ -26,12 +26,12 @@ def test_report_says_what_was_understood(tmp_path: Path) -> None:
     text = report.text()
     for words in (
         "strip A: tensile_strip, measured",
-        "gauge_length = 0.08 m (exact)",
-        "cross_section = 2.2e-05 ± 1.1e-06 m^2 (a parameter)",
-        "instrument force.noise = 0.001 N",
+        "gauge_length = 80 mm (exact)",
+        "cross_section = 22 ± 1.1 mm² (a parameter)",
+        "instrument force.noise = 1 mN",
         "relax: relaxation, calibrate, displacement -> force",
         "40 rows, 3.9 s, sampled at 10 Hz",
-        "displacement from 0 to 0.06 m",
+        "displacement from 0 to 60 mm",
         "stretch_rate_per_s 0.05",
         "0 faults, 0 warnings",
     ):
@@ -46,6 +46,15 @@ def test_a_plain_number_has_no_unit_behind_it(tmp_path: Path) -> None:
     head, relax = text.splitlines()[0], next(r for r in text.splitlines() if "relax.csv" in r)
     write_lines(folder / "experiments.csv", [head, relax.replace("displacement", "stretch")])
     assert "stretch from 1 to 3\n" in check_folder(folder).text()
+
+
+def test_small_and_large_values_are_shown_with_a_prefix(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "value: 80, unit: mm", "value: 80, unit: um")
+    replace_in(folder / "specimen.yaml", "sd: 1.1", "sd: 254")
+    text = check_folder(folder).text()
+    assert "gauge_length = 80 µm (exact)" in text
+    assert "± 250 mm² (a parameter)" in text
 
 
 def test_report_holds_every_fault_and_still_shows_the_rest(tmp_path: Path) -> None:
@@ -82,7 +91,7 @@ def test_amplifier_at_its_limit_is_a_warning(tmp_path: Path) -> None:
     lines = [f"{line},{120 if i < 4 else 0}" for i, line in enumerate(record_lines(1)[1:])]
     write_lines(folder / "records" / "relax.csv", [f"{HEADER},current [mA]", *lines])
     (warning,) = check_folder(folder).warnings
-    assert "current limit of 0.12 A in 10.00%" in warning
+    assert "current limit of 120 mA in 10.00%" in warning
 
 
 PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}

@@ -75,6 +75,17 @@ def test_matlab_gets_every_quantity_whatever_its_name(tmp_path):
         np.testing.assert_array_equal(found["draws"][name], 100.0 * q + np.array(FIRST))
 
 
+def test_names_that_differ_in_a_sign_only_stay_two_quantities_in_matlab(tmp_path):
+    names = ["step_-2kV.tau_ou", "step__2kV.tau_ou", "step_.2kV.tau_ou", "step___2kV__tau_ou"]
+    export(tree(dict.fromkeys(names, ("s", "noise"))), "mat", tmp_path / "draws.mat")
+    found = scipy.io.loadmat(tmp_path / "draws.mat", simplify_cells=True)
+    fields = ["step__2kV__tau_ou", "step__2kV__tau_ou_1", "step___2kV__tau_ou",
+              "step___2kV__tau_ou_1"]  # fmt: skip
+    assert found["names"] == dict(zip(["ensemble", *fields], ["ensemble", *names], strict=True))
+    for q, name in enumerate(fields):
+        np.testing.assert_array_equal(found["draws"][name], 100.0 * q + np.array(FIRST))
+
+
 def test_a_name_that_matlab_does_not_allow_is_said(tmp_path):
     long = tree({f"{'a' * 60}.tau_ou": ("s", "noise")})
     with pytest.raises(UserError, match=r"63 characters .* csv or json"):

@@ -14,7 +14,8 @@ from tests.unit.fake_results import Fake, write_study
 from deabayes import figures
 from deabayes.faults import UserError
 from deabayes.figures import panels
-from deabayes.figures.quantities import (
+from deabayes.figures.results import StudyResults
+from deabayes.quantities import (
     display_unit,
     interval,
     pretty_unit,
@@ -23,7 +24,6 @@ from deabayes.figures.quantities import (
     symbol_html,
     symbol_text,
 )
-from deabayes.figures.results import StudyResults
 
 OF_CANDIDATES = [
     n
@@ -284,6 +284,7 @@ def test_recommended_follows_the_verdict(tmp_path: Path) -> None:
         ("s", 6e-3, "ms", 1e-3),
         ("s", 600.0, "s", 1.0),
         ("m", 40e-6, "µm", 1e-6),
+        ("m", 0.0, "m", 1.0),
         ("Pa*s", 1e5, "kPa·s", 1e3),
         ("N*s/m", 0.1, "mN·s/m", 1e-3),
         ("N/m", 66.0, "N/m", 1.0),

@@ -34,7 +34,7 @@ def of_block(block):
 
 
 def posterior(design, data):
-    precision = np.eye(2) + design.T @ design / SIGMA**2
+    precision = np.eye(design.shape[1]) + design.T @ design / SIGMA**2
     covariance = np.linalg.inv(precision)
     return covariance @ design.T @ data / SIGMA**2, covariance
 
@@ -106,6 +106,29 @@ def test_draws_that_cannot_have_what_is_left_out_count():
         rng,
     )
     assert found == pytest.approx(norm.logsf(0.5), abs=0.2)
+
+
+def test_half_of_the_data_on_many_parameters_are_left_out_without_bias():
+    """The way that only widens came out too good by 0.8."""
+    rng = np.random.default_rng(1)
+    design = rng.normal(size=(48, 12))
+    data = design @ rng.normal(size=12) + SIGMA * rng.normal(size=48)
+    kept = np.arange(48) >= 24
+    mean, covariance = posterior(design[kept], data[kept])
+    spread = design[~kept] @ covariance @ design[~kept].T + SIGMA**2 * np.eye(24)
+    wanted = multivariate_normal(design[~kept] @ mean, spread).logpdf(data[~kept])
+
+    def log_of(part, z):
+        return norm(z @ design[part].T, SIGMA).logpdf(data[part]).sum(axis=1)
+
+    z = rng.multivariate_normal(*posterior(design, data), size=512)
+    found = left_out_log_density(
+        lambda z: log_of(kept, z) - 0.5 * np.sum(z**2, axis=1),
+        lambda z: log_of(~kept, z),
+        z,
+        rng,
+    )
+    assert found == pytest.approx(wanted, abs=0.4)
 
 
 @dataclass(frozen=True)

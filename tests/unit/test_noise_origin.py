@@ -15,6 +15,7 @@ from deabayes.faults import UserError
 from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
+from deabayes.record_noise import noise_coordinate
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.membrane import Membrane
 
@@ -160,3 +161,11 @@ class Odd(Membrane):
     """A system for which the sign counts."""
 
     even = ()
+
+
+def test_noise_is_along_the_time_since_the_first_point():
+    """A clock time that is stretched to another record's length loses its short steps."""
+    elapsed = 2.0**-20 * np.arange(TIME.size)
+    clock = replace(record(4e3), coordinate=1.7e9 + elapsed)
+    np.testing.assert_array_equal(noise_coordinate("record", clock), elapsed)
+    np.testing.assert_array_equal(noise_coordinate("grid", clock), np.arange(TIME.size))

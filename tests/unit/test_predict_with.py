@@ -51,8 +51,8 @@ def target():
     return build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
 
 
-def file(further, study=STUDY):
-    fitted = target()
+def file(further, study=STUDY, fitted=None):
+    fitted = fitted or target()
     z = np.random.default_rng(1).standard_normal((2, 300, fitted.dimension))
     names = [*fitted.names, *fitted.system.derived(draws())]
     table = pd.DataFrame(index=names, columns=["ess_bulk"], data=1.0).reindex(

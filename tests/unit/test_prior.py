@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
-from deabayes.faults import Faults, UserError
+from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.prior.joint import Prior, PriorFromPosterior
 
@@ -175,56 +175,6 @@ def test_an_exponent_next_to_zero_is_out_of_the_support_without_a_warning():
         assert prior.log_density(theta)[0] == -np.inf
 
 
-STRETCHES = (3.5, 0.06)
-STRESS_PARTS = tuple(
-    parameter(f"mu_{k}", LogNormal(1e6, 1.0), "Pa", half_product_with=f"alpha_{k}",
-              reference_stretches=STRETCHES, part_of="stress")
-    for k in (1, 2, 3)
-)  # fmt: skip
-
-
-def stress_parts(theta):
-    """Contributions (W, 3) of the terms of theta (W, 6) at the reference stretches."""
-    first, third = (stretch ** theta[:, 3:] for stretch in STRETCHES)
-    return theta[:, :3] * (first - third)
-
-
-def test_parts_make_up_a_total_that_has_the_prior():
-    prior = Prior((*STRESS_PARTS, *ALPHA))
-    z = np.random.default_rng(5).standard_normal((4000, 6))
-    theta = prior.to_parameters(z)
-    np.testing.assert_allclose(prior.to_normal(theta), z, atol=1e-8)
-    assert_density_is_jacobian(prior, z[:5], 1e-4)
-    parts = stress_parts(theta)
-    assert np.all(parts > 0.0)
-    total = parts.sum(axis=1)
-    assert stats.kstest(np.log(total / 1e6), "norm").pvalue > 0.01
-    for k in range(3):
-        fraction = parts[:, k] / total
-        assert stats.kstest(fraction, stats.beta(1, 2).cdf).pvalue > 0.01
-        assert abs(np.corrcoef(fraction, np.log(total))[0, 1]) < 0.05
-    theta[0, 1] *= -1.0
-    assert prior.log_density(theta)[0] == -np.inf
-    assert np.isnan(prior.to_normal(theta)[0]).any()
-
-
-def test_one_part_is_the_total():
-    alone = parameter("mu_1", LogNormal(1e6, 1.0), "Pa", part_of="stress")
-    prior = Prior((alone,))
-    same = Prior((parameter("mu_1", LogNormal(1e6, 1.0), "Pa"),))
-    theta = np.array([[2e5], [3e6]])
-    np.testing.assert_allclose(prior.log_density(theta), same.log_density(theta))
-
-
-def test_the_prior_of_a_total_is_set_by_the_total_s_name():
-    settings = {"distribution": "lognormal", "median": "2 MPa", "sigma": 0.3}
-    prior = Prior.from_parameters((*STRESS_PARTS, *ALPHA), {"stress": settings})
-    assert {p.prior for p in prior.parameters[:3]} == {LogNormal(2e6, 0.3)}
-    assert "a part of stress" in prior.describe("mu_1")
-    with pytest.raises(Faults, match=r"set priors\.stress"):
-        Prior.from_parameters((*STRESS_PARTS, *ALPHA), {"mu_1": settings})
-
-
 def test_a_draw_does_not_depend_on_its_neighbours(prior):
     z = np.random.default_rng(9).standard_normal((7, len(prior.names)))
     z[3] = np.nan
@@ -246,78 +196,6 @@ def test_concatenate_joins_parameters_and_ratios():
 def test_no_room_for_the_ratio_is_said():
     with pytest.raises(UserError, match=r"tau: 3 values at least a factor 1000 apart do not fit"):
         Prior(TAU, minimum_ratio=1000.0)
-
-
-class TestOverrides:
-    def test_by_name_with_units(self):
-        settings = {"distribution": "lognormal", "median": "35 kPa", "sigma": 0.5}
-        prior = Prior.from_parameters((*MU, *ALPHA), {"mu_2": settings})
-        assert prior.parameters[1].prior == LogNormal(35e3, 0.5)
-        assert prior.parameters[1].source == "config"
-        assert prior.parameters[0].prior == MU[0].prior
-
-    def test_by_ordered_group_with_its_ratio(self):
-        settings = {"distribution": "loguniform", "lower": "10 ms", "upper": 10, "minimum_ratio": 3}
-        prior = Prior.from_parameters(TAU, {"tau": settings})
-        assert {p.prior for p in prior.parameters} == {LogUniform(0.01, 10.0)}
-        assert prior.minimum_ratios == {"tau": 3.0}
-        assert (
-            Prior.from_parameters(TAU, {"tau": {"minimum_ratio": 4}}).minimum_ratios["tau"] == 4.0
-        )
-
-    def test_noise_in_all_groups(self):
-        noise = [parameter(f"{g}.sigma_ou", LogNormal(1.0, 1.0), "V") for g in ("creep", "sine")]
-        settings = {"distribution": "halfnormal", "sd": "2 mV"}
-        prior = Prior.from_parameters(noise, {"sigma_ou": settings})
-        assert [p.prior.sd for p in prior.parameters] == [0.002, 0.002]
-
-    def test_other_orders_and_candidates_are_passed_over(self):
-        settings = {"distribution": "lognormal", "median": 1, "sigma": 1}
-        names = {"mu_9": settings, "J_alpha": settings}
-        others = ["J_alpha", "mu_9"]
-        assert Prior.from_parameters((*MU, *ALPHA), names, others).parameters == (*MU, *ALPHA)
-        with pytest.raises(Faults, match=r"priors\.mu_9: no parameter has this name"):
-            Prior.from_parameters((*MU, *ALPHA), names, ["J_alpha"])
-
-    def test_all_mistakes_together(self):
-        good = {"distribution": "lognormal", "median": 1, "sigma": 1}
-        overrides = {
-            "zeta_alfa": good,
-            "tau_1": good,
-            "mu_1": {"distribution": "lognormal", "median": "1 V", "sigma": 1},
-            "offset": {**good, "minimum_ratio": 2},
-            "thickness": None,
-        }
-        with pytest.raises(Faults) as caught:
-            Prior.from_parameters(EVERYTHING, overrides)
-        text = str(caught.value)
-        assert len(caught.value.faults) == 5
-        assert "did you mean 'zeta_alpha'" in text
-        assert "set priors.tau" in text
-        assert "priors.mu_1.median" in text
-        assert "minimum_ratio is for ordered groups" in text
-        assert "priors.thickness: expected a mapping" in text
-
-    @pytest.mark.parametrize(
-        ("settings", "found"),
-        [
-            ({"distribution": "uniform", "lower": "-50 Pa s", "upper": "-10 Pa s"}, "100 %"),
-            ({"distribution": "uniform", "lower": -1, "upper": 10}, "9.09 %"),
-            ({"distribution": "normal", "mean": 5, "sd": 5}, "15.9 %"),
-        ],
-    )
-    def test_a_positive_parameter_has_no_prior_below_zero(self, settings, found):
-        with pytest.raises(UserError, match=f"priors.zeta_alpha: zeta_alpha is positive.*{found}"):
-            Prior.from_parameters(EVERYTHING, {"zeta_alpha": settings})
-
-    def test_a_thin_tail_below_zero_is_no_mistake(self):
-        settings = {"zeta_alpha": {"distribution": "normal", "mean": 5, "sd": 1}}
-        assert Prior.from_parameters(EVERYTHING, settings).describe("zeta_alpha").startswith("norm")
-
-    def test_a_half_product_prior_cannot_reach_below_zero(self):
-        settings = {"mu_1": {"distribution": "normal", "mean": 0, "sd": 1}}
-        with pytest.raises(UserError, match="must not reach below 0"):
-            Prior.from_parameters((*MU, *ALPHA), settings)
 
 
 class TestInherit:

@@ -20,19 +20,37 @@ GAP = TIME + np.where(np.arange(200) > 100, 3.0, 0.0)
 CURRENT = np.where(TIME < 0.5, 0.12, 0.0)
 
 SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
-    (lambda: checks.clipped_sensor(NOISY, 0.9, "force", "a.csv"), ["column force", "range of 0.9"]),
-    (lambda: checks.clipped_sensor(CLIPPED, None, "force", "a.csv"), ["largest value 0.8", "held"]),
-    (lambda: checks.clipped_sensor(-CLIPPED, None, "force", "a.csv"), ["smallest value -0.8"]),
-    (lambda: checks.clipped_sensor(np.minimum(RISE, 0.9), None, "force", "a"), ["value 0.9"]),
-    (lambda: checks.clipped_sensor(np.maximum(NOISY, 0.1), None, "force", "a"), ["value 0.1"]),
-    (lambda: checks.coarse_quantisation(COARSE, None, None, "force", "a.csv"), ["steps of 0.2"]),
     (
-        lambda: checks.coarse_quantisation(NOISY, 1e-2, 1e-3, "force", "a.csv"),
-        ["resolution 0.01", "noise 0.001"],
+        lambda: checks.clipped_sensor(NOISY, 0.9, "force", "N", "a.csv"),
+        ["column force", "range of 900 mN"],
+    ),
+    (
+        lambda: checks.clipped_sensor(CLIPPED, None, "force", "N", "a.csv"),
+        ["largest value 800 mN", "held"],
+    ),
+    (
+        lambda: checks.clipped_sensor(-CLIPPED, None, "force", "N", "a.csv"),
+        ["smallest value -800 mN"],
+    ),
+    (
+        lambda: checks.clipped_sensor(np.minimum(RISE, 0.9), None, "force", "N", "a"),
+        ["value 900 mN"],
+    ),
+    (
+        lambda: checks.clipped_sensor(np.maximum(NOISY, 0.1), None, "force", "N", "a"),
+        ["value 100 mN"],
+    ),
+    (
+        lambda: checks.coarse_quantisation(COARSE, None, None, "force", "N", "a.csv"),
+        ["steps of 200 mN"],
+    ),
+    (
+        lambda: checks.coarse_quantisation(NOISY, 1e-2, 1e-3, "force", "N", "a.csv"),
+        ["resolution 10 mN", "noise 1 mN"],
     ),
     (lambda: checks.sampling_jitter(JITTERED, "a.csv"), ["jitter", "10%", "0.02 s"]),
     (lambda: checks.sampling_jitter(GAP, "a.csv"), ["gap of 3.02 s after 2 s"]),
-    (lambda: checks.current_at_limit(CURRENT, 0.12, "creep", "a.csv"), ["0.12 A", "12.50%"]),
+    (lambda: checks.current_at_limit(CURRENT, 0.12, "creep", "a.csv"), ["120 mA", "12.50%"]),
     (lambda: checks.current_at_limit(CURRENT, 0.12, "sine", "a.csv"), ["distorted"]),
     (lambda: checks.shorter_than_time_constant(4.0, 500.0, "a.csv"), ["4 s", "500 s", "prior"]),
     (lambda: checks.too_few_points(5, 7, "study a, kv_gm_3"), ["5 points", "7 parameters", "give"]),
@@ -46,16 +64,16 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
         lambda: checks.not_finite(np.array([1.0, np.nan, np.nan]), "force", "a.csv"),
         ["infinite: 2", "a run of 2"],
     ),
-]  # fmt: skip
+]
 
 SILENT: list[Callable[[], list[str]]] = [
-    lambda: checks.clipped_sensor(NOISY, 2.0, "force", "a"),
-    lambda: checks.clipped_sensor(NOISY, None, "force", "a"),
-    lambda: checks.clipped_sensor(RISE, None, "displacement", "a"),
-    lambda: checks.clipped_sensor(-RISE, None, "displacement", "a"),
-    lambda: checks.clipped_sensor(COARSE, None, "force", "a"),
-    lambda: checks.coarse_quantisation(NOISY, 1e-4, 1e-3, "force", "a"),
-    lambda: checks.coarse_quantisation(NOISY, None, None, "force", "a"),
+    lambda: checks.clipped_sensor(NOISY, 2.0, "force", "N", "a"),
+    lambda: checks.clipped_sensor(NOISY, None, "force", "N", "a"),
+    lambda: checks.clipped_sensor(RISE, None, "displacement", "m", "a"),
+    lambda: checks.clipped_sensor(-RISE, None, "displacement", "m", "a"),
+    lambda: checks.clipped_sensor(COARSE, None, "force", "N", "a"),
+    lambda: checks.coarse_quantisation(NOISY, 1e-4, 1e-3, "force", "N", "a"),
+    lambda: checks.coarse_quantisation(NOISY, None, None, "force", "N", "a"),
     lambda: checks.sampling_jitter(TIME, "a"),
     lambda: checks.sampling_jitter(np.append(TIME, TIME[-1] + 0.001), "a"),
     lambda: checks.current_at_limit(CURRENT, 0.2, "creep", "a"),

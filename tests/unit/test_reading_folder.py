@@ -1,15 +1,12 @@
-"""A study folder broken in one place at a time: data.md, Bad input."""
+"""What is read of a study folder: its table, its records, where they lie."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.unit.study_folders import (
-    HEADER,
-    TABLE,
     make_folder,
     record_lines,
     replace_in,
@@ -19,202 +16,6 @@ from tests.unit.study_folders import (
 from deabayes.faults import Faults, UserError
 from deabayes.reading.folder import read_folder, scan_folder
 from deabayes.reading.table import scan_table
-
-Break = Callable[[Path], object]
-
-
-def table(old: str, new: str) -> Break:
-    """Change experiments.csv."""
-    return lambda folder: replace_in(folder / "experiments.csv", old, new)
-
-
-def specimen(old: str, new: str) -> Break:
-    """Change specimen.yaml."""
-    return lambda folder: replace_in(folder / "specimen.yaml", old, new)
-
-
-def row(number: int, text: str) -> Break:
-    """Put `text` into data row `number` of records/relax.csv."""
-
-    def change(folder: Path) -> None:
-        lines = record_lines(1)
-        lines[number] = text
-        write_lines(folder / "records" / "relax.csv", lines)
-
-    return change
-
-
-def column(index: int, value: str) -> Break:
-    """Put one value into a whole column of records/relax.csv."""
-
-    def change(folder: Path) -> None:
-        rows = [line.split(",") for line in record_lines(1)[1:]]
-        lines = [",".join([*cells[:index], value, *cells[index + 1 :]]) for cells in rows]
-        write_lines(folder / "records" / "relax.csv", [HEADER, *lines])
-
-    return change
-
-
-def whole(*lines: str) -> Break:
-    """Make records/relax.csv of these lines."""
-    return lambda folder: write_lines(folder / "records" / "relax.csv", list(lines))
-
-
-def header(text: str) -> Break:
-    """Change the header of records/relax.csv."""
-    return lambda folder: write_lines(
-        folder / "records" / "relax.csv", [text, *record_lines(1)[1:]]
-    )
-
-
-def voltage(unit: str, volts: str, column: str, stated: str) -> Break:
-    """Give the record a voltage and its row a number about it."""
-
-    def change(folder: Path) -> None:
-        first, *rows = record_lines(1)
-        lines = [
-            f"{first},voltage [{unit}]",
-            *(f"{r},{volts if i else 0}" for i, r in enumerate(rows)),
-        ]
-        write_lines(folder / "records" / "relax.csv", lines)
-        replace_in(folder / "experiments.csv", "stretch_rate_per_s", f"stretch_rate_per_s,{column}")
-        replace_in(folder / "experiments.csv", "first,", f"first,,{stated}")
-
-    return change
-
-
-def copy_record(folder: Path) -> None:
-    """Validate on the very record that is fitted."""
-    source = (folder / "records" / "relax.csv").read_bytes()
-    (folder / "records" / "pull.csv").write_bytes(source)
-
-
-def cut_record(folder: Path) -> None:
-    """Cut the record in the middle of a row."""
-    path = folder / "records" / "relax.csv"
-    path.write_bytes(path.read_bytes()[:-12])
-
-
-RELAX = "relax.csv"
-BREAKS: dict[str, tuple[Break, list[str]]] = {
-    "missing record": (
-        lambda folder: (folder / "records" / RELAX).unlink(),
-        [RELAX, "no such file", "experiments.csv"],
-    ),
-    "misspelt record": (
-        table("relax.csv", "relx.csv"),
-        ["relx.csv", "did you mean 'records/relax.csv'?"],
-    ),
-    "wrong ending": (table("relax.csv", "relax.txt"), ["did you mean 'records/relax.csv'?"]),
-    "empty record": (lambda f: (f / "records" / RELAX).write_text(""), [RELAX, "is empty"]),
-    "truncated record": (cut_record, [RELAX, "truncated", "copy it again"]),
-    "hardly any rows": (whole(*record_lines(1, rows=3)), [RELAX, "3 data rows", "at least 4"]),
-    "wrong delimiter": (
-        whole(*[line.replace(",", "|") for line in record_lines(1)]),
-        [RELAX, "only one column", "a comma"],
-    ),
-    "missing column": (
-        header("time [s],displacement [mm],load [N]"),
-        [RELAX, "column 'force' is missing", "load"],
-    ),
-    "no column with a unit": (
-        specimen(
-            "name: strip A",
-            "name: strip A\nrecord_format: {header_lines: 1, columns: [{name: a}, {name: b}, "
-            "{name: c}]}",
-        ),
-        [RELAX, "no column has a unit", "record_format.columns"],
-    ),
-    "misspelt column": (
-        header("time [s],displacment [mm],force [N]"),
-        ["column 'displacement' is missing", "did you mean 'displacment'"],
-    ),
-    "unknown unit": (header("time [s],displacement [mm],force [Nn]"), ["column force", "'Nn'"]),
-    "wrong dimension": (
-        header("time [s],displacement [kV],force [N]"),
-        [RELAX, "column displacement", "'kV' is a voltage", "a length"],
-    ),
-    "no unit": (header("time [s],displacement,force [N]"), ["'displacement [m]'"]),
-    "time goes back": (row(20, "0.5,60,0.9"), ["column time", "data row 20", "goes back"]),
-    "time repeats": (row(20, "1.8,60,0.9"), ["column time", "data row 20 repeats", "remove"]),
-    "NaN": (row(20, "1.9,60,NaN"), ["column force", "data row 20", "repair"]),
-    "infinite": (row(20, "1.9,inf,0.9"), ["column displacement", "data row 20"]),
-    "missing cell": (row(20, "1.9,,0.9"), ["column displacement", "infinite: 1", "data row 20"]),
-    "text": (row(20, "1.9,60,overload"), ["column force, data row 20", "'overload'"]),
-    "constant response": (column(2, "0.5"), ["column force", "constant", "check the sensor"]),
-    "constant excitation": (column(1, "0"), ["column displacement", "constant"]),
-    "outside the range": (
-        header("time [s],displacement [m],force [N]"),
-        ["column displacement", "beyond the instrument's range of 0.5 m", "first in data row 2"],
-    ),
-    "beyond the sensor": (
-        header("time [s],displacement [mm],force [kN]"),
-        ["column force", "beyond the instrument's range of 10 N", "correct the column's unit"],
-    ),
-    "kilovolts as volts": (
-        voltage("V", "2.0", "voltage_kV", "2.0"),
-        [RELAX, "column voltage: comes to 2 V where experiments.csv says voltage_kV 2", "unit"],
-    ),
-    "volts as kilovolts": (
-        voltage("kV", "2000", "voltage_kV", "2.0"),
-        [RELAX, "comes to 2e+06 V where experiments.csv says voltage_kV 2"],
-    ),
-    "amplitude in kilovolts": (
-        voltage("V", "2.0", "amplitude_kV", "1.0"),
-        [RELAX, "comes to 1 V where experiments.csv says amplitude_kV 1"],
-    ),
-    "header not UTF-8": (
-        lambda f: (f / "records" / RELAX).write_bytes(b"Zeit\xfc [s],a [m]\n0,1\n"),
-        [RELAX, "line 1", "not UTF-8", "save the file"],
-    ),
-    "same record": (copy_record, ["'pull' holds the same values as calibrate record 'relax'"]),
-    "unknown protocol": (table(",relaxation,", ",relaxatoin,"), ["line 2", "'relaxation'?"]),
-    "protocol of another system": (table(",relaxation,", ",creep,"), ["line 2", "no model of"]),
-    "unknown role": (table(",calibrate,", ",calibration,"), ["line 2, role", "'calibrate'?"]),
-    "unknown excitation": (
-        table("calibrate,displacement", "calibrate,displacment"),
-        ["line 2 (relax)", "no excitation 'displacment'", "'displacement'?"],
-    ),
-    "unknown response": (table("force,first", "forse,first"), ["no response 'forse'", "'force'?"]),
-    "missing table column": (table("role", "rolle"), ["column 'role' is missing", "'rolle'?"]),
-    **{
-        f"column {written}": (
-            table("stretch_rate_per_s", written),
-            [f"no model reads column {written!r}", f"did you mean {meant!r}?"],
-        )
-        for written, meant in {
-            "Load_g": "load_g",
-            "Bias_kV": "bias_kV",
-            "frequency": "frequency_Hz",
-            "Amplitude_kV": "amplitude_kV",
-            "deformaton": "deformation",
-            "Prehistory": "prehistory",
-        }.items()
-    },
-    "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
-    "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
-    "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),
-    "no cell filled": (
-        lambda f: write_lines(f / "experiments.csv", ['"",""', '"",""']),
-        ["experiments.csv: the file is empty"],
-    ),
-    "no rows": (
-        lambda f: write_lines(f / "experiments.csv", TABLE.splitlines()[:1]),
-        ["experiments.csv: lists no record"],
-    ),
-    "no table": (lambda f: (f / "experiments.csv").unlink(), ["experiments.csv", "no such file"]),
-    "unknown quantity": (specimen("gauge_length", "gage_length"), ["'gauge_length'?"]),
-    "unknown system": (specimen("tensile_strip", "tensile"), ["system", "'tensile_strip'?"]),
-    "unknown encoding": (
-        specimen("name: strip A", "name: strip A\nrecord_format: {encoding: utf-32-foo}"),
-        ["specimen.yaml, record_format.encoding: unknown encoding 'utf-32-foo'"],
-    ),
-    "stray quotation mark": (
-        table("force,first", 'force,"first'),
-        ["line 2", "a quotation mark has no end"],
-    ),
-    "empty specimen": (lambda f: (f / "specimen.yaml").write_text(""), ["specimen.yaml"]),
-}  # fmt: skip
 
 
 def test_a_sound_folder(tmp_path: Path) -> None:
@@ -228,24 +29,6 @@ def test_a_sound_folder(tmp_path: Path) -> None:
     assert read.locate(read.table[0]) == folder / "records" / "relax.csv"
     assert read.warnings(read.table[0]) == []
     assert read.specimen.name == "strip A"
-
-
-@pytest.mark.parametrize(
-    ("unit", "volts", "column", "stated"),
-    [
-        ("kV", "2.0", "voltage_kV", "2.1"),
-        ("V", "2000", "amplitude_kV", "1"),
-        ("V", "2.0", "voltage_kV", "0"),
-        ("V", "2.0", "voltage_kV", "about"),
-        ("V", "nan", "voltage_kV", "2"),
-    ],
-)
-def test_voltages_that_agree_with_their_row(
-    tmp_path: Path, unit: str, volts: str, column: str, stated: str
-) -> None:
-    folder = make_folder(tmp_path)
-    voltage(unit, volts, column, stated)(folder)
-    read_folder(folder)
 
 
 def test_cells_of_several_lines(tmp_path: Path) -> None:
@@ -279,40 +62,6 @@ def test_only_columns_that_the_system_reads_can_be_misspelt(
     found = [fault for fault in scan_table(folder, system)[1] if "no model reads" in fault]
     assert bool(found) == (meant is not None)
     assert meant is None or f"column {written!r}; did you mean {meant!r}?" in found[0]
-
-
-@pytest.mark.parametrize("case", BREAKS)
-def test_bad_input_is_named_with_a_remedy(tmp_path: Path, case: str) -> None:
-    folder = make_folder(tmp_path)
-    break_it, words = BREAKS[case]
-    break_it(folder)
-    with pytest.raises(UserError) as caught:
-        read_folder(folder)
-    for word in words:
-        assert word in str(caught.value)
-
-
-def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path)
-    for case in ("unknown quantity", "NaN"):
-        BREAKS[case][0](folder)
-    replace_in(folder / "experiments.csv", "pull,load_unload", "pull,loading")
-    with pytest.raises(Faults) as caught:
-        read_folder(folder)
-    text = str(caught.value)
-    assert len(caught.value.faults) == 3
-    assert "gage_length" in text
-    assert "data row 20" in text
-    assert "line 3, protocol" in text
-
-
-def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path)
-    BREAKS["NaN"][0](folder)
-    read = read_folder(folder, check_records=False)
-    with pytest.raises(Faults, match="data row 20"):
-        read.record(read.table[0])
-    assert read.record(read.table[1]).columns["force"].size == 40
 
 
 @pytest.mark.parametrize("known", [True, False])

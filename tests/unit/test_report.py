@@ -217,9 +217,13 @@ def test_a_score_that_is_not_known_is_left_empty(tmp_path: Path) -> None:
     folder = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
     (table,) = folder.glob("*/errors.csv")
     scores = ["coverage_50", "coverage_90", "crps"]
-    pd.read_csv(table).assign(**dict.fromkeys(scores, np.nan)).to_csv(table, index=False)
+    empty = dict.fromkeys([*scores, "pit_p"], np.nan)
+    pd.read_csv(table).assign(**empty).to_csv(table, index=False)
     (row,) = errors(StudyResults(folder).recommended)["calibration"]
-    assert [row[score] for score in scores] == ["", "", ""]
+    assert [row[score] for score in [*scores, "pit"]] == ["", "", "", ""]
+    pd.read_csv(table).drop(columns="pit_p").to_csv(table, index=False)
+    (row,) = errors(StudyResults(folder).recommended)["calibration"]
+    assert row["pit"] == ""
 
 
 def test_a_warning_of_a_record_stands_once(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ ERRORS = pd.DataFrame(
         "e_rms_percent": 1.234, "e_rms_q05": 1.0, "e_rms_q95": 1.5,
         "e_m_percent": 4.321, "e_m_q05": 4.0, "e_m_q95": 5.0,
         "coverage_50": [0.5, 0.4, 0.6], "coverage_90": [0.3, 0.69, 0.71],
-        "crps": [2e-5, 3e-5, 4e-5],
+        "crps": [2e-5, 3e-5, 4e-5], "pit_p": [0.05, 0.0123, 1e-9],
         "extrapolation": ["", "too far", "too far"],
     }
 )  # fmt: skip
@@ -42,6 +42,14 @@ def test_errors_are_in_percent_and_the_response_has_its_unit():
     assert (row["coverage_50"], row["coverage_90"]) == ("50 %", "30 %")
     assert row["crps"] == "20.0 µm"
     assert found["held out"][0]["extrapolation"] == "too far"
+
+
+def test_whether_points_fall_as_predicted_is_in_words():
+    found = tables.errors(candidate())
+    said = [row["pit"] for row in found["calibration"] + found["held out"]]
+    assert said == [
+        "as predicted, p = 0.050", "not as predicted, p = 0.012", "not as predicted, p < 0.001"
+    ]  # fmt: skip
 
 
 def test_only_held_out_records_tell_that_bands_are_too_narrow():

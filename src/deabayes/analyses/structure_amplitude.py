@@ -98,10 +98,7 @@ def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experimen
     sines = sorted(sines, key=lambda e: Cycles.of(e).frequency)
     cycles = [Cycles.of(e) for e in sines]
     at = np.array([each.frequency for each in cycles])
-    grid = np.geomspace(at[0], at[-1], WITHIN) if at.size > 1 else at
-    ends = [float(Sweep.of(each).frequency[-1]) for each in sweeps]
-    if ends and max(ends) > at[-1]:
-        grid = np.append(grid, np.geomspace(at[-1], max(ends), BEYOND + 1)[1:])
+    grid = frequencies(at, sweeps)
     lowest, highest = levels(sines[0])
     count = int(np.median([each.numbers[-1] for each in cycles]))
     names = list(context.candidates)
@@ -127,6 +124,15 @@ def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experimen
         attrs={"amplitude_kV": highest / 1e3, "lowest_kV": lowest / 1e3, "cycles": count,
                "last_sine_Hz": float(at[-1])},
     )  # fmt: skip
+
+
+def frequencies(at: FloatArray, sweeps: list[Experiment]) -> FloatArray:
+    """Of the predicted curve: those of the sines, ascending, and on to the sweeps' end [Hz]."""
+    grid = np.geomspace(at[0], at[-1], WITHIN) if at[-1] > at[0] else at[:1]
+    end = max((float(Sweep.of(each).frequency[-1]) for each in sweeps), default=0.0)
+    if end <= at[-1]:
+        return grid
+    return np.append(grid, np.geomspace(at[-1], end, BEYOND + 1)[1:])
 
 
 def levels(experiment: Experiment) -> tuple[float, float]:

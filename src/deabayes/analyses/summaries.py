@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -46,7 +47,8 @@ def beside(rows: Sequence[Mapping[str, object]], unit: str = "kV") -> list[dict[
     """Rows of one candidate and frequency joined, columns told apart by their `voltage_{unit}`.
 
     `x_mm` at 5 kV becomes `x_5kV_mm`, `x_q05` becomes `x_5kV_q05`; lowest frequency and
-    highest voltage first.
+    highest voltage first. A voltage that comes again at its frequency stands in a row of its
+    own below, in the order given.
     """
     same = ("candidate", "order", "converged", "frequency_Hz")
     voltage = f"voltage_{unit}"
@@ -57,10 +59,12 @@ def beside(rows: Sequence[Mapping[str, object]], unit: str = "kV") -> list[dict[
         return candidates.index(row["candidate"]), frequency, -volts
 
     joined: dict[tuple[object, ...], dict[str, object]] = {}
+    times: Counter[tuple[object, ...]] = Counter()
     for row in sorted(rows, key=place):
         key = tuple(row[name] for name in same)
-        one = joined.setdefault(key, dict(zip(same, key, strict=True)))
         told = f"{float(str(row[voltage])):.3g}{unit}"
+        times[*key, told] += 1
+        one = joined.setdefault((*key, times[*key, told]), dict(zip(same, key, strict=True)))
         one |= {
             _told(column, told): value
             for column, value in row.items()

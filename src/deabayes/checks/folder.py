@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.faults import Faults, UserError
+from deabayes.quantities import display_unit, short, with_unit
 from deabayes.reading.folder import StudyFolder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Quantity
+    from deabayes.experiment import FloatArray, Quantity
 
 
 @dataclass(frozen=True)
@@ -71,20 +72,17 @@ def _specimen_lines(read: StudyFolder) -> list[str]:
     specimen = read.specimen
     kind = specimen.provenance.get("kind", "unknown provenance")
     lines = [f"{specimen.name}: {specimen.system or 'unknown system'}, {kind}"]
-    lines += [f"  {name} = {_shown(q)}" for name, q in specimen.quantities.items()]
-    lines += [f"  instrument {name} = {_shown(q)}" for name, q in specimen.instruments.items()]
+    lines += [f"  {_shown(name, q)}" for name, q in specimen.quantities.items()]
+    lines += [f"  instrument {_shown(name, q)}" for name, q in specimen.instruments.items()]
     return lines
 
 
-def _shown(quantity: Quantity) -> str:
-    unit = _unit(quantity.unit)
+def _shown(name: str, quantity: Quantity) -> str:
+    unit = display_unit(quantity.unit, quantity.value, name)
+    value = f"{quantity.value / unit.factor:.6g}"
     if quantity.sd is None:
-        return f"{quantity.value:.6g}{unit} (exact)"
-    return f"{quantity.value:.6g} ± {quantity.sd:.2g}{unit} (a parameter)"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
+        return f"{name} = {value}{unit.behind} (exact)"
+    return f"{name} = {value} ± {short(quantity.sd / unit.factor, 2)}{unit.behind} (a parameter)"
 
 
 def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], list[str]]:
@@ -96,9 +94,15 @@ def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], lis
         return ["", f"{title} (cannot be used, see the faults)"], []
     extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items())
     lines = ["", title, f"  {read.locate(row)}", f"  {_sampling(raw)}"]
-    lines += [f"  {name} from {values.min():.6g} to {values.max():.6g}{_unit(raw.units[name])}"
+    lines += [f"  {name} {_extent(name, values, raw.units[name])}"
               for name, values in raw.columns.items()]  # fmt: skip
     return lines + ([f"  {extra}"] if extra else []), warnings
+
+
+def _extent(name: str, values: FloatArray, unit: str) -> str:
+    shown = display_unit(unit, values, name)
+    low, high = values.min() / shown.factor, values.max() / shown.factor
+    return f"from {low:.6g} to {high:.6g}{shown.behind}"
 
 
 def _sampling(raw: RawRecord) -> str:
@@ -106,5 +110,5 @@ def _sampling(raw: RawRecord) -> str:
     if "time" not in raw.columns:
         return f"{rows} rows"
     time = raw.columns["time"]
-    rate = 1.0 / float(np.median(np.diff(time)))
-    return f"{rows} rows, {time[-1] - time[0]:.6g} s, sampled at {rate:.4g} Hz"
+    rate = with_unit(1.0 / float(np.median(np.diff(time))), "Hz", digits=4)
+    return f"{rows} rows, {with_unit(float(time[-1] - time[0]), 's')}, sampled at {rate}"

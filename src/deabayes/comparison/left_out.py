@@ -13,7 +13,6 @@ from deabayes.sampling.smc import anneal, settle
 
 ON_THE_WAY = Schedule(final_rounds=(0, 0))
 """For a ratio of normalising constants: no draw at the end of the way counts."""
-INTO_FAILURE = Schedule(final_rounds=(5, 30), final_forgotten=0.3)
 
 
 class _Whole:
@@ -58,9 +57,11 @@ def left_out_log_density(
 ) -> float:
     r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest].
 
-    Draws without a response to what is left out are not met on the way of `log_ratio_without`,
-    which ends at P(L_left > 0 | y_rest) / p(y_left | y_rest): at its end the draws go on without
-    y_left, and the share of those that have a response is the probability.
+    There and back: the way of `log_ratio_without` widens, on which particles lag behind and the
+    ratio comes out too good (by 0.8 in a linear model of 12 parameters), so that it only brings
+    the draws to the posterior without y_left. From there they narrow again, with the ratio of
+    that way. Draws without a response to what is left out are on neither: at the turn the
+    draws go on without y_left, and the share of those that have a response is a factor.
 
     Parameters
     ----------
@@ -69,10 +70,12 @@ def left_out_log_density(
     z : (S, d) draws of the posterior of all data.
     """
     whole = _Whole(log_rest, log_left)
-    ratio, particles = log_ratio_without(whole, whole.left, z, rng)
-    without = settle(particles, log_rest, rng, INTO_FAILURE).particles
-    share = float(np.mean(np.isfinite(log_left(without))))
-    return float(np.log(max(share, 0.5 / len(without)))) - ratio
+    _, responding = log_ratio_without(whole, whole.left, z, rng)
+    without = settle(responding, log_rest, rng).particles
+    responds = np.isfinite(log_left(without))
+    share = max(float(np.mean(responds)), 0.5 / len(without))
+    start = np.where(responds[:, None], without, responding)
+    return float(np.log(share)) + anneal(start, log_rest, log_left, rng, ON_THE_WAY).log_evidence
 
 
 def leave_one_experiment_out(

@@ -7,8 +7,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import ROLES, short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import ROLES, short
 
 SCOPE = "study"
 ANALYSIS = "amplitude_frequency"

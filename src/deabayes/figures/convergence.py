@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import display_unit, symbol_text
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import display_unit, symbol_text
 
 SCOPE = "candidate"
 TITLE = "Convergence"

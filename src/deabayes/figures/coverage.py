@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from deabayes.figures import style
-from deabayes.figures.quantities import ROLES
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import ROLES
 
 SCOPE = "candidate"
 TITLE = "Coverage of the predictive bands"

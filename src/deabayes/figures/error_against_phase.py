@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import ROLES, short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import ROLES, short
 
 SCOPE = "study"
 ANALYSIS = "error_against_phase"

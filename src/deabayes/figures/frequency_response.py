@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import ROLES, short
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import ROLES, short
 
 SCOPE = "candidate"
 SYSTEMS = ("tubular",)

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import short
 
 SCOPE = "study"
 ANALYSIS = "hysteresis"

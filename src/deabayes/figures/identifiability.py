@@ -10,9 +10,9 @@ from matplotlib.patches import Patch
 
 from deabayes.figures import style
 from deabayes.figures.decided_by import SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
-from deabayes.figures.quantities import symbol_text
 from deabayes.figures.results import CandidateResults
 from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.quantities import symbol_text
 
 SCOPE = "candidate"
 TITLE = "What the data determined"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.figures.quantities import display_unit, short, symbol_text
+from deabayes.quantities import display_unit, short, symbol_text
 
 DARKEST, LIGHTEST = 0.0, 0.88
 """Of the colour map: its yellow end cannot be seen on white."""

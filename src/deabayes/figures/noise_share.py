@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import DisplayUnit, display_unit, plain
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import DisplayUnit, display_unit, plain
 
 SCOPE = "candidate"
 TITLE = "What the noise model took"

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from deabayes.experiment import FloatArray
 from deabayes.figures import moved, panels, style
 from deabayes.figures.prior_axes import drive, head, vertical
-from deabayes.figures.quantities import display_unit, plain
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import display_unit, plain
 
 SCOPE = "candidate"
 ANALYSIS = "influence"

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import display_unit, symbol_text
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import display_unit, symbol_text
 
 SCOPE = "candidate"
 TITLE = "Pairs of parameters"

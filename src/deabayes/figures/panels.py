@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.figures.quantities import ROLES, DisplayUnit, display_unit, plain
+from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
 
 PANELS_PER_SHEET = 9
 DENSE = 400

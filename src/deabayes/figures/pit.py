@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.figures.quantities import ROLES
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import ROLES
 
 SCOPE = "candidate"
 TITLE = "Probability integral transforms"

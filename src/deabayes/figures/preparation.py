@@ -14,9 +14,9 @@ from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import DisplayUnit, display_unit, plain
 from deabayes.figures.results import StudyResults
 from deabayes.preparation.prepared import RawOverview, read_overview, read_prepared
+from deabayes.quantities import DisplayUnit, display_unit, plain
 
 SCOPE = "study"
 TITLE = "Records before and after preparation"

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import short
 
 SCOPE = "study"
 ANALYSIS = "pull_in"

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import plain
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import plain
 
 SCOPE = "candidate"
 TITLE = "Residuals"

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import ROLES
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import ROLES
 
 SCOPE = "study"
 ANALYSIS = "response_stages"

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from deabayes.figures import panels, style
 from deabayes.figures.population_results import PopulationResults
-from deabayes.figures.quantities import DisplayUnit, display_unit, symbol_text
+from deabayes.quantities import DisplayUnit, display_unit, symbol_text
 
 SCOPE = "population"
 TITLE = "Specimens and their population"

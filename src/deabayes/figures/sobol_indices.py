@@ -9,8 +9,8 @@ from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
 from deabayes.figures.prior_axes import head
-from deabayes.figures.quantities import symbol_text
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import symbol_text
 
 SCOPE = "candidate"
 ANALYSIS = "influence"

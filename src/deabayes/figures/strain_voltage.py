@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import panels, style
-from deabayes.figures.quantities import display_unit
 from deabayes.figures.results import CandidateResults
+from deabayes.quantities import display_unit
 
 SCOPE = "candidate"
 SYSTEMS = ("tubular",)

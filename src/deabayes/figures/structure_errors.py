@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import ROLES
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import ROLES
 
 SCOPE = "study"
 ANALYSIS = "structure_errors"

@@ -11,8 +11,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.figures import curves, panels, style
-from deabayes.figures.quantities import short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import short
 
 SCOPE = "study"
 ANALYSIS = "hysteresis"

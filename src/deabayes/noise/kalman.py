@@ -21,11 +21,12 @@ _compiled = njit(cache=True, error_model="numpy")
 def distances(coordinate: FloatArray) -> FloatArray:
     """Distance from the point before, (N,), 0 for the first.
 
-    A step that agrees with one before it within the rounding of the coordinate
-    is made equal to it, so that a kernel need not compute its decay anew.
+    A step that agrees with one before it within the rounding of the distance from the first
+    point is made equal to it, so that a kernel need not compute its decay anew.
     """
     steps = np.zeros(coordinate.size)
-    resolution = 4.0 * np.finfo(np.float64).eps * np.max(np.abs(coordinate))
+    extent = np.max(np.abs(coordinate - coordinate[0]))
+    resolution = 4.0 * np.finfo(np.float64).eps * extent
     reference = 0.0
     for k in range(1, coordinate.size):
         step = abs(coordinate[k] - coordinate[k - 1])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.faults import UserError
 from deabayes.pipeline.prepare import read_experiments
 from deabayes.study import Study, fit_settings
 
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
     from deabayes.experiment import Specimen
     from deabayes.posterior import LogPosterior
+    from deabayes.posteriors.content import PosteriorContent
     from deabayes.posteriors.inheritance import Inheritance
+    from deabayes.sampling.pooling import PooledResult
 
 
 def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
@@ -65,43 +68,57 @@ def pool_candidate(
     The checkpoints are removed once both files are written.
     """
     from deabayes.files import write_atomically
-    from deabayes.posterior import further_prior
-    from deabayes.posteriors.content import PosteriorContent
     from deabayes.posteriors.file import posterior_tree
     from deabayes.posteriors.storage import write_tree
+
+    target = build_target(study, candidate, prepared)
+    folder = chain_folder(study, candidate, prepared, output.parent) / "pool"
+    pooled = _pooled(study, candidate, target, ensembles, folder, progress, processes)
+    tree = posterior_tree(_content(study, candidate, target, pooled))
+    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
+    write_tree(tree, output)
+    write_atomically(lambda path: table.to_csv(path), summary)
+    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
+
+
+def _pooled(
+    study: Study,
+    candidate: str,
+    target: LogPosterior,
+    ensembles: Sequence[Path],
+    folder: Path,
+    progress: bool,
+    processes: int,
+) -> PooledResult:
     from deabayes.posteriors.summary import quantities
     from deabayes.sampling.ensemble import Ensemble
     from deabayes.sampling.guide import Guide
     from deabayes.sampling.pooling import pool
 
-    target = build_target(study, candidate, prepared)
     guide = Guide.of(target)
-    pooled = pool(
+    return pool(
         target.log_likelihood_of_normal,
         [Ensemble.read(path, guide.coordinates) for path in ensembles],
         study.sampling,
         seed_of(study, candidate, "pool"),
-        chain_folder(study, candidate, prepared, output.parent) / "pool",
+        folder,
         progress,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
         guide=guide,
         processes=processes,
     )
+
+
+def _content(
+    study: Study, candidate: str, target: LogPosterior, pooled: PooledResult
+) -> PosteriorContent:
+    from deabayes.posterior import further_prior
+    from deabayes.posteriors.content import PosteriorContent
+
     inherited = inherited_prior(study)
-    content = PosteriorContent.of(
-        study,
-        candidate,
-        target,
-        pooled,
-        seed_of(study, candidate, "prior"),
-        further_prior(study, target, inherited.prior if inherited else None),
-        inherited,
-    )
-    tree = posterior_tree(content)
-    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
-    write_tree(tree, output)
-    write_atomically(lambda path: table.to_csv(path), summary)
-    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
+    further = further_prior(study, target, inherited.prior if inherited else None)
+    seed = seed_of(study, candidate, "prior")
+    return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited)
 
 
 def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
@@ -124,16 +141,32 @@ def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) ->
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
     """The study that a posterior file is of, and the log-posterior that its draws are of.
 
-    The specimen is the file's own: the study's folder may be elsewhere, or edited since.
+    The specimen and what the prior was made of are the file's own: the study's folder and the
+    posterior that `prior_from` names may be elsewhere, or edited since.
+
+    Raises
+    ------
+    UserError : a file from before they held their prior, and that of `prior_from` is gone.
     """
     from deabayes.own_models.loading import restore
+    from deabayes.posterior import build
+    from deabayes.posteriors.inherited_prior import GROUP, with_inherited_prior
     from deabayes.posteriors.storage import specimen_from_json
     from deabayes.study import from_settings
 
     restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
-    specimen = specimen_from_json(tree.attrs["specimen"])
-    return study, _target(study, tree.attrs["candidate"], specimen, prepared)
+    candidate, specimen = tree.attrs["candidate"], specimen_from_json(tree.attrs["specimen"])
+    if study.prior_from is None or GROUP in tree.children:
+        target = build(study, candidate, specimen, read_experiments(prepared))
+        return study, with_inherited_prior(target, tree)
+    if not Path(study.prior_from).is_file():
+        raise UserError(
+            f"study {study.name}, {candidate}: its posterior file is of an earlier version and "
+            f"does not hold the prior that it has from {study.prior_from}, which is not there "
+            "either; put that file back, or fit the candidate again"
+        )
+    return study, _target(study, candidate, specimen, prepared)
 
 
 def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritance | None:

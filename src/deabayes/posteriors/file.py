@@ -11,6 +11,7 @@ import deabayes
 from deabayes.experiment import FloatArray
 from deabayes.own_models.loading import recorded
 from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.inherited_prior import GROUP, inherited_prior
 from deabayes.posteriors.storage import specimen_to_json
 from deabayes.posteriors.summary import SUMMARY_COLUMNS, labels, quantities, summary_table
 from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
@@ -46,6 +47,8 @@ def posterior_tree(content: PosteriorContent) -> xr.DataTree:
             coords={"quantity": list(summary.index)},
         ),
     }
+    if content.study.prior_from is not None:
+        groups[GROUP] = inherited_prior(content.target)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(_attributes(content))
     return tree

@@ -132,35 +132,7 @@ def to_dataset(
     experiment: Experiment, samples: Samples, attributes: Mapping[str, object]
 ) -> xr.Dataset:
     """The bands of one record as they are stored in predictions/{experiment}.nc."""
-    dimensions = ("level", "bound", "coordinate")
-    unit = {"units": experiment.response_unit}
-    bands = {
-        name: (dimensions, samples.band(getattr(samples, name)), unit)
-        for name in ("parameter", "discrepancy", "predictive")
-    }
-    dataset = xr.Dataset(
-        {
-            "observed": ("coordinate", experiment.response, unit),
-            "mean": ("coordinate", samples.parameter.mean(axis=0), unit),
-            "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
-            "excitation": (
-                "coordinate",
-                experiment.excitation.at(experiment.coordinate),
-                {"units": experiment.excitation.unit, "long_name": experiment.excitation.name},
-            ),
-            "pit": ("coordinate", samples.pit, {"units": "1"}),
-            **bands,
-        },
-        coords={
-            "coordinate": (
-                "coordinate",
-                experiment.coordinate,
-                {"name": experiment.coordinate_name, "units": experiment.coordinate_unit},
-            ),
-            "level": list(LEVELS),
-            "bound": ["lower", "upper"],
-        },
-    )
+    dataset = xr.Dataset(_curves(experiment, samples), _coordinates(experiment))
     return dataset.assign_attrs(
         experiment=experiment.name,
         role=experiment.role,
@@ -173,3 +145,29 @@ def to_dataset(
         noise_note=samples.noise_note,
         **attributes,
     )
+
+
+def _curves(experiment: Experiment, samples: Samples) -> dict[str, tuple[object, ...]]:
+    driven, unit = experiment.excitation, {"units": experiment.response_unit}
+    driven_unit = {"units": driven.unit, "long_name": driven.name}
+    bands = {
+        name: (("level", "bound", "coordinate"), samples.band(getattr(samples, name)), unit)
+        for name in ("parameter", "discrepancy", "predictive")
+    }
+    return {
+        "observed": ("coordinate", experiment.response, unit),
+        "mean": ("coordinate", samples.parameter.mean(axis=0), unit),
+        "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
+        "excitation": ("coordinate", driven.at(experiment.coordinate), driven_unit),
+        "pit": ("coordinate", samples.pit, {"units": "1"}),
+        **bands,
+    }
+
+
+def _coordinates(experiment: Experiment) -> dict[str, object]:
+    named = {"name": experiment.coordinate_name, "units": experiment.coordinate_unit}
+    return {
+        "coordinate": ("coordinate", experiment.coordinate, named),
+        "level": list(LEVELS),
+        "bound": ["lower", "upper"],
+    }

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import nearest
+from deabayes.quantities import with_unit
 
 SMALLEST_RECORD = 4
 Flags = NDArray[np.bool_]
@@ -108,9 +109,9 @@ def outside_range(
         return []
     row, worst = int(beyond[0]) + 1, float(values[np.argmax(np.abs(values))])
     return [
-        f"{where}, column {channel}: reaches {worst:g} {unit}, beyond the instrument's range of "
-        f"{limit:g} {unit} (first in data row {row}); correct the column's unit or the range in "
-        "specimen.yaml"
+        f"{where}, column {channel}: reaches {with_unit(worst, unit, channel)}, beyond the "
+        f"instrument's range of {with_unit(limit, unit, channel)} (first in data row {row}); "
+        "correct the column's unit or the range in specimen.yaml"
     ]
 
 
@@ -133,23 +134,27 @@ def current_at_limit(current: FloatArray, limit: float, protocol: str, where: st
     effect = (
         "the voltage is distorted" if protocol == "sine" else "the voltage rises slower than asked"
     )
-    return [f"{where}: the amplifier is at its current limit of {limit:g} A in {share:.2%} of the "
-            f"record, so {effect}"]  # fmt: skip
+    return [f"{where}: the amplifier is at its current limit of {with_unit(limit, 'A')} in "
+            f"{share:.2%} of the record, so {effect}"]  # fmt: skip
 
 
-def clipped_sensor(values: FloatArray, limit: float | None, channel: str, where: str) -> list[str]:
+def clipped_sensor(
+    values: FloatArray, limit: float | None, channel: str, unit: str, where: str
+) -> list[str]:
     """A sensor at the end of its range: values at the limit, or a flat top in a noisy record."""
     if limit is not None:
         share = float(np.mean(np.abs(values) >= 0.999 * limit))
         if share > 0.0:
+            reach = with_unit(limit, unit, channel)
             return [f"{where}, column {channel}: {share:.2%} of the values lie at the sensor's "
-                    f"range of {limit:g}, the sensor is clipped"]  # fmt: skip
+                    f"range of {reach}, the sensor is clipped"]  # fmt: skip
     if np.mean(np.diff(values) == 0.0) > 0.5:
         return []  # quantised so coarsely that plateaus say nothing
     for name, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         run = longest_run(_without_start_at_rest(values, values == end))
         if run >= 5:
-            return [f"{where}, column {channel}: the {name} value {end:g} is held for {run} "
+            held = with_unit(float(end), unit, channel)
+            return [f"{where}, column {channel}: the {name} value {held} is held for {run} "
                     "samples in a row, the sensor may be clipped"]  # fmt: skip
     return []
 
@@ -184,18 +189,25 @@ def sampling_jitter(time: FloatArray, where: str) -> list[str]:
 
 
 def coarse_quantisation(
-    values: FloatArray, resolution: float | None, noise: float | None, channel: str, where: str
+    values: FloatArray,
+    resolution: float | None,
+    noise: float | None,
+    channel: str,
+    unit: str,
+    where: str,
 ) -> list[str]:
     """Quantisation coarser than the noise: stated, or seen as equal neighbours."""
     if resolution is not None and noise is not None and resolution > noise:
-        return [f"{where}, column {channel}: the resolution {resolution:g} is coarser than the "
-                f"noise {noise:g}"]  # fmt: skip
+        return [f"{where}, column {channel}: the resolution "
+                f"{with_unit(resolution, unit, channel)} is coarser than the noise "
+                f"{with_unit(noise, unit, channel)}"]  # fmt: skip
     share = float(np.mean(np.diff(values) == 0.0))
     if share <= 0.5:
         return []
     steps = np.diff(np.unique(values))
     step = float(np.min(steps)) if steps.size else 0.0
-    return [f"{where}, column {channel}: quantised in steps of {step:.3g}, coarser than the noise "
+    seen = with_unit(step, unit, channel, digits=3)
+    return [f"{where}, column {channel}: quantised in steps of {seen}, coarser than the noise "
             f"({share:.0%} of neighbouring samples are equal)"]  # fmt: skip
 
 

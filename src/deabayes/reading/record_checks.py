@@ -67,9 +67,9 @@ def record_warnings(
         for name in ("range", "resolution", "noise")
         for found in [instrument(specimen, name, row.response, unit)]
     }
-    found = checks.clipped_sensor(response, limits["range"], row.response, where)
+    found = checks.clipped_sensor(response, limits["range"], row.response, unit, where)
     found += checks.coarse_quantisation(
-        response, limits["resolution"], limits["noise"], row.response, where
+        response, limits["resolution"], limits["noise"], row.response, unit, where
     )
     if "time" in needed_columns(row):
         found += checks.sampling_jitter(raw.columns["time"], where)

@@ -112,15 +112,40 @@ def response(
     """
     from scipy.integrate import solve_ivp
 
-    charge_lag = 1e-3
-    inverse_capacitance = truth.thickness / (truth.permittivity * truth.side_length**2)
+    elastance = _elastance(truth)
+    start = np.array([0.0, *(truth.prestretch,) * (1 + len(truth.tau_beta))])
+    full = 4e3 * truth.prestretch**4 / elastance
+    solution = solve_ivp(
+        _slope(truth, command), (0.0, duration), start, method="Radau", rtol=1e-9,
+        atol=[1e-9 * full, *(1e-10,) * (start.size - 1)], dense_output=True, max_step=2.0,
+    ).sol  # fmt: skip
+
+    def volts(time: FloatArray) -> FloatArray:
+        charge, lam = solution(np.clip(time, 0.0, duration))[:2]
+        return np.where(time < 0.0, 0.0, charge * elastance / lam**4)
+
+    def stretch(time: FloatArray) -> FloatArray:
+        lam = solution(np.clip(time, 0.0, duration))[1]
+        return np.where(time < 0.0, truth.prestretch, lam)
+
+    return volts, stretch
+
+
+def _elastance(truth: Truth) -> float:
+    """One over the capacitance of the film at stretch 1."""
+    return truth.thickness / (truth.permittivity * truth.side_length**2)
+
+
+def _slope(truth: Truth, command: Command) -> Callable[[float, FloatArray], list[float]]:
+    """Rates of the states (see `response`)."""
+    charge_lag, elastance = 1e-3, _elastance(truth)
     gain = truth.permittivity / truth.thickness**2
     prestress = truth.mu_alpha * _gent(truth.prestretch, 1.0, truth.J_alpha)
 
     def slope(time: float, state: FloatArray) -> list[float]:
         charge, lam, *dashpots = state
-        volts = charge * inverse_capacitance / lam**4
-        current = (command(time) - volts) / (charge_lag * inverse_capacitance) * lam**4
+        volts = charge * elastance / lam**4
+        current = (command(time) - volts) / (charge_lag * elastance) * lam**4
         current = max(-truth.current_limit, min(current, truth.current_limit))
         total = gain * volts**2 * lam**3 + prestress
         total -= truth.mu_alpha * _gent(lam, 1.0, truth.J_alpha)
@@ -130,22 +155,7 @@ def response(
             rates.append(_gent(lam, xi, truth.J_beta) * lam / (xi * tau))
         return [current, total / truth.zeta_alpha, *rates]
 
-    start = np.array([0.0, *(truth.prestretch,) * (1 + len(truth.tau_beta))])
-    full = 4e3 * truth.prestretch**4 / inverse_capacitance
-    solution = solve_ivp(
-        slope, (0.0, duration), start, method="Radau", rtol=1e-9,
-        atol=[1e-9 * full, *(1e-10,) * (start.size - 1)], dense_output=True, max_step=2.0,
-    ).sol  # fmt: skip
-
-    def volts(time: FloatArray) -> FloatArray:
-        charge, lam = solution(np.clip(time, 0.0, duration))[:2]
-        return np.where(time < 0.0, 0.0, charge * inverse_capacitance / lam**4)
-
-    def stretch(time: FloatArray) -> FloatArray:
-        lam = solution(np.clip(time, 0.0, duration))[1]
-        return np.where(time < 0.0, truth.prestretch, lam)
-
-    return volts, stretch
+    return slope
 
 
 def _gent(lam: float, xi: float, limit: float) -> float:

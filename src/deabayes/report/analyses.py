@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deabayes.figures.quantities import ROLES, interval, plain, short
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import ROLES, interval, plain, short
 
 UNITS = {
     **{

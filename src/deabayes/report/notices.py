@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
-from deabayes.figures.quantities import plain
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.quantities import plain
 
 FAILED_SHARE = 0.001
 NARROW_COVERAGE = 0.7

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 from deabayes.figures.population_results import PopulationResults
-from deabayes.figures.quantities import display_unit, interval, short, symbol_html
 from deabayes.population.coordinate import OF_LOGARITHM
+from deabayes.quantities import display_unit, interval, short, symbol_html
 from deabayes.report.notices import Notice, extrapolation, failures
 
 FIGURES = ("shrinkage", "new_specimen")

@@ -12,7 +12,8 @@ import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures.decided_by import in_words
-from deabayes.figures.quantities import (
+from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.quantities import (
     ROLES,
     display_unit,
     fixed,
@@ -22,7 +23,6 @@ from deabayes.figures.quantities import (
     significant,
     symbol_html,
 )
-from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.units import USUAL_UNITS
 
 _PLAIN_UNITS = sorted((u for u in USUAL_UNITS if u.isalpha()), key=len, reverse=True)
@@ -30,6 +30,8 @@ _ONE_UNIT = "|".join(map(re.escape, _PLAIN_UNITS))
 UNIT_AT_END = re.compile(rf"(?P<name>.+?)_(?P<unit>(?:(?:(?:{_ONE_UNIT})_)?per_)?(?:{_ONE_UNIT}))")
 """A column of experiments.csv with its unit in its name: `bias_kV`, `crosshead_mm_per_min`."""
 
+UNIFORM = 0.05
+"""p-value of uniform PIT from which a record's points fall as predicted."""
 KINDS = {
     "material": "Material",
     "specimen": "Specimen (measured, with uncertainty)",
@@ -199,8 +201,17 @@ def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
         "crps": ""
         if np.isnan(row["crps"])
         else f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
+        "pit": _uniform(float(row.get("pit_p", np.nan))),
         "extrapolation": flag if isinstance(flag, str) else "",
     }
+
+
+def _uniform(p: float) -> str:
+    """What the p-value of uniform PIT says, at the 5 % of the figure `pit`."""
+    if np.isnan(p):
+        return ""
+    shown = f"p = {fixed(p, 3)}" if p >= 0.0005 else "p < 0.001"
+    return f"{'as predicted' if p >= UNIFORM else 'not as predicted'}, {shown}"
 
 
 def _percent(share: float) -> str:

@@ -3,12 +3,14 @@ r"""A sensor that shows what was a while ago, where that while is not known exac
 With the stated delay T_0 and its sd s, the response is computed at t - T_0 and at
 t - T_0 +- 2 s, and read at t - T by the parabola through the three. That is exact for a
 parabola; of a response that oscillates at omega the error is about (2 s omega)^3 / 16 of its
-amplitude within 2 s of T_0: 1e-6 for 0.05 ms at 62 Hz.
+amplitude within 2 s of T_0: 1e-6 for 0.05 ms at 62 Hz. No parabola follows a jump: what answers
+the excitation at once is read at t - T itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,12 +21,22 @@ REACH = 2.0
 """Half the distance of the outer nodes, in sds."""
 
 
+class AtOnce(NamedTuple):
+    """The part of a response that follows the excitation at once."""
+
+    signal: Callable[[FloatArray], FloatArray]
+    """At times of any shape, jumps included."""
+    gain: Callable[[Draws], FloatArray]
+    """What the draws (W,) multiply it by."""
+
+
 def delayed(
     simulator_at: Callable[[FloatArray], Simulator],
     coordinate: FloatArray,
     delay: Quantity,
     name: str,
     start: float,
+    at_once: AtOnce | None = None,
 ) -> Simulator:
     """The simulator of a response that is seen late.
 
@@ -35,6 +47,7 @@ def delayed(
     delay : as the specimen states it; with an sd, draws hold it as `name` (W,).
     start : when the excitation begins; what is seen of before is zero, even where the
         response jumps then.
+    at_once : what of the response jumps later on, None where nothing does.
     """
     if delay.sd is None:
         begun = coordinate - delay.value >= start
@@ -47,12 +60,22 @@ def delayed(
     simulate = simulator_at(times)
 
     def simulate_late(draws: Draws) -> FloatArray:
-        before, middle, after = np.moveaxis(
-            simulate(draws)[:, places.reshape(happened.shape)], 1, 0
-        )
-        x = ((draws[name] - delay.value) / spacing)[:, None]
-        late = 0.5 * x * (x - 1.0) * before + (1.0 - x**2) * middle + 0.5 * x * (x + 1.0) * after
-        begun = coordinate - draws[name][:, None] >= start
+        delays = draws[name][:, None]
+        x = (delays - delay.value) / spacing
+        nodes = np.moveaxis(simulate(draws)[:, places.reshape(happened.shape)], 1, 0)
+        late = _parabola(x, nodes)
+        if at_once is not None:
+            read = _parabola(x, at_once.signal(happened))
+            late += at_once.gain(draws)[:, None] * (at_once.signal(coordinate - delays) - read)
+        begun = coordinate - delays >= start
         return np.asarray(late * begun)
 
     return simulate_late
+
+
+def _parabola(x: FloatArray, nodes: FloatArray) -> FloatArray:
+    """At x (W, 1) through values (3, ...) at -1, 0 and 1."""
+    before, middle, after = nodes
+    return np.asarray(
+        0.5 * x * (x - 1.0) * before + (1.0 - x**2) * middle + 0.5 * x * (x + 1.0) * after
+    )

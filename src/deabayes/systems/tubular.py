@@ -17,7 +17,7 @@ from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
-from deabayes.systems.delayed import delayed
+from deabayes.systems.delayed import AtOnce, delayed
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
@@ -129,6 +129,14 @@ class Tubular(TubularBase):
             delay,
             "sensor_delay",
             float(excitation.coordinate[0]),
+            None if self.inertia or self.circuit else self._at_once(excitation, response),
+        )
+
+    def _at_once(self, excitation: Excitation, response: str) -> AtOnce:
+        """The series spring of a chain without mass and circuit."""
+        return AtOnce(
+            lambda times: excitation.at(times) ** 2,
+            lambda draws: self._gain(response, draws) * self._chain(draws).instantaneous,
         )
 
     def _strain_simulator(
@@ -141,9 +149,7 @@ class Tubular(TubularBase):
 
         def simulate(draws: Draws) -> FloatArray:
             chain = self._chain(draws)
-            gain = self._pressure(1.0, draws)
-            if response == "displacement":
-                gain = gain * self.quantity("active_length", draws)
+            gain = self._gain(response, draws)
             if self.inertia or self.circuit:
                 return gain[:, None] * self._per_square(load, mass, chain, draws)
             return relaxation_response(
@@ -262,6 +268,13 @@ class Tubular(TubularBase):
             self.quantity(name, draws) for name in (*INERTIA_SYMBOLS, "active_length")
         )
         return np.asarray((moving + load) * length / area)
+
+    def _gain(self, response: str, draws: Draws) -> FloatArray:
+        """Pressure at 1 V (W,), times the length where the response is a displacement."""
+        pressure = self._pressure(1.0, draws)
+        if response != "displacement":
+            return pressure
+        return pressure * self.quantity("active_length", draws)
 
     def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
         """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""

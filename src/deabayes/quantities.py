@@ -78,6 +78,11 @@ class DisplayUnit:
         """`` (kPa)`` for an axis label, empty for a plain number."""
         return f" ({self.label})" if self.label else ""
 
+    @property
+    def behind(self) -> str:
+        """`` kPa`` behind a number, empty for a plain one."""
+        return f" {self.label}" if self.label else ""
+
 
 def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
     """The unit in which `values` (SI) read well: 35000 Pa as kPa, 0.006 s as ms.
@@ -90,7 +95,7 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
     """
     magnitudes = np.abs(np.asarray(values, dtype=float))
     finite = magnitudes[np.isfinite(magnitudes)]
-    magnitude = float(finite.max()) if finite.size else 1.0
+    magnitude = float(finite.max(initial=0.0)) or 1.0
     if unit == "rad":
         return DisplayUnit(np.pi / 180.0, "°")
     if name == "gain":
@@ -105,6 +110,12 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
         factor, label = _prefix(head[0], magnitude)
         return DisplayUnit(factor, label + pretty[head.end() :])
     return DisplayUnit(1.0, pretty)
+
+
+def with_unit(value: float, unit: str, name: str = "", digits: int = 6) -> str:
+    """A value in SI as a sentence gives it: ``80 µm`` for 8e-05 m."""
+    shown = display_unit(unit, value, name)
+    return f"{value / shown.factor:.{digits}g}{shown.behind}"
 
 
 def _prefix(unit: str, magnitude: float) -> tuple[float, str]:
