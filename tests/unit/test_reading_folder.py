@@ -105,6 +105,25 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         table("relax.csv", "relx.csv"),
         ["relx.csv", "did you mean 'records/relax.csv'?"],
     ),
+    "folder for a record": (
+        table("records/relax.csv", "records"),
+        ["records (relax): is a folder, not a record", "experiments.csv"],
+    ),
+    "record on Windows": (
+        table("records/relax.csv", "records\\relax.csv"),
+        ["no such file", "did you mean 'records/relax.csv'?"],
+    ),
+    "number that is none": (
+        lambda f: [
+            replace_in(f / "experiments.csv", "stretch_rate_per_s", "frequency_Hz"),
+            replace_in(f / "experiments.csv", "0.05", "nan"),
+        ],
+        ["line 3, frequency_Hz: expected a number, found 'nan'", "leave the cell empty"],
+    ),
+    "noise in a larger unit": (
+        specimen("{value: 1, unit: mN}", "{value: 1, unit: MN}"),
+        [RELAX, "column force: varies by 1.167", "noise of 1e+06 N", "specimen.yaml"],
+    ),
     "wrong ending": (table("relax.csv", "relax.txt"), ["did you mean 'records/relax.csv'?"]),
     "empty record": (lambda f: (f / "records" / RELAX).write_text(""), [RELAX, "is empty"]),
     "truncated record": (cut_record, [RELAX, "truncated", "copy it again"]),
@@ -331,6 +350,20 @@ def test_a_pull_on_an_actuator_needs_its_voltage(
     faults = scan_folder(folder)[1]
     assert [f for f in faults if "voltage during the pull is not known" in f] == faults
     assert len(faults) == (0 if known else 1)
+
+
+def test_a_row_given_twice_is_said_once(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    table("pull,load_unload,records/pull.csv", "relax,load_unload,records/relax.csv")(folder)
+    with pytest.raises(Faults) as caught:
+        read_folder(folder)
+    assert len(caught.value.faults) == 1
+
+
+def test_a_file_for_a_folder(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    with pytest.raises(UserError, match=r"specimen\.yaml: is a file; name its folder .*strip$"):
+        read_folder(folder / "specimen.yaml")
 
 
 def test_missing_folder(tmp_path: Path) -> None:

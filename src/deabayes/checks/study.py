@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
@@ -23,13 +24,14 @@ if TYPE_CHECKING:
     from deabayes.systems import System
 
 
-def check_study(study: Study) -> tuple[list[str], list[str]]:
+def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[str]]:
     """Faults and warnings of what a study asks for, given its folder's records.
 
     Candidates, experiment names, noise model, preparation steps and parameters with a
     prior of their own must exist, with settings that can be used; the points to calibrate
     on must outnumber the parameters, and records should outlast the longest time constant
-    of the prior.
+    of the prior. With `compare` the first candidate's prior is held against the records, for
+    which its model may have to be compiled.
     """
     read, faults = scan_folder(study.specimen, study.data_root)
     faults += _unknown_names(study)
@@ -59,6 +61,8 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         fitted = [each for each in experiments if each.role == "calibrate"]
         found = try_models(systems, fitted, study.priors, f"study {study.name}")
         faults, warnings = found[0], [*warnings, *found[1]]
+    if compare and not faults:
+        warnings += unexpected(study, systems, experiments)
     return faults, warnings
 
 
@@ -159,7 +163,16 @@ def _prior_faults(
             Prior.from_parameters((*system.parameters(), *noise), study.priors, known)
         except UserError as error:
             found += [f"study {study.name}, {fault}" for fault in str(error).splitlines()]
+        found += _few_walkers(study, system, len(system.parameters()) + len(noise))
     return list(dict.fromkeys(found))
+
+
+def _few_walkers(study: Study, system: System, parameters: int) -> list[str]:
+    walkers = study.sampling.walkers
+    if walkers >= 2 * parameters:
+        return []
+    return [f"study {study.name}, {system.candidate}, sampling.walkers: {walkers} are too few for "
+            f"{parameters} parameters; set at least {2 * parameters}"]  # fmt: skip
 
 
 def _unknown_names(study: Study) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import nearest
+from deabayes.faults import closest
 
 SMALLEST_RECORD = 4
 Flags = NDArray[np.bool_]
@@ -25,11 +25,11 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
             f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
             "`unit` under record_format.columns in specimen.yaml"
         ]
+    missing = [(name, closest(name, columns)) for name in needed if name not in columns]
     return [
-        f"{where}: column {name!r} is missing{nearest(name, columns)}; the record has "
-        f"{', '.join(columns)}; correct the header or experiments.csv"
-        for name in needed
-        if name not in columns
+        f"{where}: column {name!r} is missing{f'; did you mean {meant!r}?' if meant else ''}; the "
+        f"record has {', '.join(columns)}; correct the header or experiments.csv"
+        for name, meant in missing
     ]
 
 
@@ -111,6 +111,18 @@ def outside_range(
         f"{where}, column {channel}: reaches {worst:g} {unit}, beyond the instrument's range of "
         f"{limit:g} {unit} (first in data row {row}); correct the column's unit or the range in "
         "specimen.yaml"
+    ]
+
+
+def less_than_noise(
+    values: FloatArray, noise: float, channel: str, unit: str, where: str
+) -> list[str]:
+    """A response that varies by less than the sd of its sensor's noise, which no noise does."""
+    if np.ptp(values) >= noise:
+        return []
+    return [
+        f"{where}, column {channel}: varies by {np.ptp(values):.4g} {unit}, less than the noise of "
+        f"{noise:.4g} {unit} in specimen.yaml; correct the unit of one of them"
     ]
 
 
