@@ -43,8 +43,8 @@ def _unexpected(
         curves = np.asarray(system.predict(each.excitation, at, each.response_name, draws))
     curves = curves[np.isfinite(curves).all(axis=1)]
     if len(curves) < FEWEST:
-        return [f"{where}, {each.name}: {len(curves)} of {DRAWS} draws of the prior have a response "
-                "to it; are the units of record and specimen right?"]  # fmt: skip
+        return [f"{where}, {each.name}: {len(curves)} of {DRAWS} draws of the prior have a response"
+                " to it; are the units of record and specimen right?"]  # fmt: skip
     # A record may vary by nothing but noise, or lie far from zero: then the other one fits.
     for size in (np.ptp, lambda values, axis=-1: np.max(np.abs(values), axis=axis)):
         low, high = np.quantile(size(curves, axis=1), OUTER)
