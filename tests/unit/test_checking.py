@@ -199,6 +199,16 @@ def test_a_unit_that_is_a_thousand_off_is_a_warning(
     assert said is None or f"s, kv_gm_1, relax: force {said}, where" in found[0]
 
 
+def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    first, *rows = record_lines(1)
+    turned = [",".join([*cells[:2], f"-{cells[2]}"]) for cells in (row.split(",") for row in rows)]
+    write_lines(folder / "records" / "relax.csv", [first, *(t.replace("--", "") for t in turned)])
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    (found,) = [line for line in warnings if "relax: " in line]
+    assert "force falls where the prior expects it to rise; is its sign right?" in found
+
+
 def test_a_record_that_no_draw_of_the_prior_has_a_response_to(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     replace_in(folder / "specimen.yaml", "unit: mm, source: ruler", "unit: um, source: ruler")

@@ -16,6 +16,8 @@ FEWEST = 20
 """Draws with a response that a comparison needs; with fewer, sampling hardly begins."""
 POINTS = 50
 OUTER = (0.05, 0.95)
+OPPOSITE = -0.5
+"""Correlation with the draws' median below which a record runs against it."""
 BEYOND = 10.0
 """Factor beyond the outer draws from which units are suspected, not materials."""
 
@@ -38,22 +40,32 @@ def _unexpected(
 ) -> list[str]:
     kept = np.linspace(0, each.coordinate.size - 1, POINTS).round().astype(int)
     kept = np.unique([*kept, np.argmin(each.response), np.argmax(each.response)])
-    at = each.coordinate[kept]
+    at, measured = each.coordinate[kept], each.response[kept]
     with np.errstate(all="ignore"):
         curves = np.asarray(system.predict(each.excitation, at, each.response_name, draws))
     curves = curves[np.isfinite(curves).all(axis=1)]
+    place = f"{where}, {each.name}: "
     if len(curves) < FEWEST:
-        return [f"{where}, {each.name}: {len(curves)} of {DRAWS} draws of the prior have a response"
-                " to it; are the units of record and specimen right?"]  # fmt: skip
+        return [f"{place}{len(curves)} of {DRAWS} draws of the prior have a response to it; are "
+                "the units of record and specimen right?"]  # fmt: skip
+    middle = np.median(curves, axis=0)
+    if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
+        return [f"{place}{each.response_name} falls where the prior expects it to rise; is its "
+                "sign right?"]  # fmt: skip
+    return _of_another_size(curves, measured, each, place)
+
+
+def _of_another_size(
+    curves: FloatArray, measured: FloatArray, each: Experiment, place: str
+) -> list[str]:
     # A record may vary by nothing but noise, or lie far from zero: then the other one fits.
     for size in (np.ptp, lambda values, axis=-1: np.max(np.abs(values), axis=axis)):
         low, high = np.quantile(size(curves, axis=1), OUTER)
-        found = float(size(each.response[kept]))
+        found = float(size(measured))
         if low / BEYOND <= found <= high * BEYOND:
             return []
     unit = "" if each.response_unit == "1" else f" {each.response_unit}"
     return [
-        f"{where}, {each.name}: {each.response_name} reaches {found:.2g}{unit}, where the prior "
-        f"expects {low:.2g} to {high:.2g}{unit} (90 %); are the units of record, specimen and "
-        "priors right?"
+        f"{place}{each.response_name} reaches {found:.2g}{unit}, where the prior expects "
+        f"{low:.2g} to {high:.2g}{unit} (90 %); are the units of record, specimen and priors right?"
     ]
