@@ -179,6 +179,9 @@ def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     assert faults == []
     assert len(warnings) == 1
     assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
+    short = {"tau_beta": {"distribution": "loguniform", "lower": "0.1 s", "upper": "2 s"}}
+    own = Study("s", tmp_path / "strip", ("kv_gm_2",), priors=short)
+    assert check_study(own) == ([], [])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
-from deabayes.reading.checks import shorter_than_time_constant, too_few_points
+from deabayes.reading.checks import too_few_points, too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import repeated_records
@@ -49,7 +49,6 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         where = f"study {study.name}, {candidate}"
         points = sum(raw.columns[row.response].size for row, raw in records)
         faults += too_few_points(points, len(system.parameters()), where) if records else []
-        warnings += _too_short_for(system, records, where)
     experiments = _prepared(study, read, rows, faults)
     if not faults:
         faults += _without_model(study, systems, experiments)
@@ -61,6 +60,8 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         fitted = [each for each in experiments if each.role == "calibrate"]
         found = try_models(systems, fitted, study.priors, f"study {study.name}")
         faults, warnings = found[0], [*warnings, *found[1]]
+    if not faults:
+        warnings += [line for s in systems.values() for line in _too_short(study, s, records)]
     if compare and not faults:
         warnings += unexpected(study, systems, experiments)
     return faults, warnings
@@ -243,14 +244,12 @@ def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
     return [f"study {study.name}, further_experiments: {fault}" for fault in found]
 
 
-def _too_short_for(
-    system: System, records: Sequence[tuple[ExperimentRow, RawRecord]], where: str
+def _too_short(
+    study: Study, system: System, records: Sequence[tuple[ExperimentRow, RawRecord]]
 ) -> list[str]:
-    """Warn when no calibrated record outlasts the longest time constant the prior expects."""
-    constants = [p for p in system.parameters() if p.unit == "s" and p.ordered]
+    from deabayes.prior.joint import Prior
+
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
     durations = [float(np.ptp(raw.columns["time"])) for _, raw in records if "time" in raw.columns]
-    if not constants or not durations:
-        return []
-    # The prior's upper quartile: half of its mass lies within a factor or so of it.
-    longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
-    return shorter_than_time_constant(max(durations), longest, f"{where}, the longest record")
+    where = f"study {study.name}, {system.candidate}, the longest record"
+    return too_short_for(prior.parameters, durations, where)

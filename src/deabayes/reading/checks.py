@@ -6,13 +6,14 @@ after the header.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import closest
+from deabayes.parameter import Parameter
 
 SMALLEST_RECORD = 4
 Flags = NDArray[np.bool_]
@@ -217,6 +218,18 @@ def shorter_than_time_constant(duration: float, longest: float, where: str) -> l
         return []
     return [f"{where}: lasts {duration:.3g} s, less than the longest time constant of the prior "
             f"({longest:.3g} s), which the prior will then set"]  # fmt: skip
+
+
+def too_short_for(
+    parameters: Iterable[Parameter], durations: Sequence[float], where: str
+) -> list[str]:
+    """No record outlasts the longest of the ordered time constants that the priors expect."""
+    constants = [p for p in parameters if p.unit == "s" and p.ordered]
+    if not constants or not durations:
+        return []
+    # The prior's upper quartile: half of its mass lies within a factor or so of it.
+    longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
+    return shorter_than_time_constant(max(durations), longest, where)
 
 
 def longest_run(flags: Flags) -> int:
