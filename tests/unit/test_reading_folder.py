@@ -352,6 +352,17 @@ def test_a_pull_on_an_actuator_needs_its_voltage(
     assert len(faults) == (0 if known else 1)
 
 
+@pytest.mark.parametrize(("newton", "refused"), [(1.13, False), (1.09, True)])
+def test_a_clipped_sensor_may_read_five_per_cent_beyond_its_range(
+    tmp_path: Path, newton: float, refused: bool
+) -> None:
+    folder = make_folder(tmp_path)  # forces up to 1.167 N
+    specimen("range: {value: 10, unit: N}", f"range: {{value: {newton}, unit: N}}")(folder)
+    faults = scan_folder(folder)[1]
+    assert len(faults) == 2 * refused  # both records
+    assert all("column force: reaches 1.16" in fault for fault in faults)
+
+
 def test_a_row_given_twice_is_said_once(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     table("pull,load_unload,records/pull.csv", "relax,load_unload,records/relax.csv")(folder)
