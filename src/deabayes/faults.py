@@ -31,5 +31,7 @@ def closest(name: object, known: Iterable[object]) -> str | None:
 def nearest(name: object, known: Iterable[object]) -> str:
     """Say which known name `name` may have meant: ``"; did you mean 'creep'?"``."""
     names = [str(each) for each in known]
+    if not names:
+        return ""
     meant = closest(name, names)
     return f"; known: {', '.join(sorted(names))}" if meant is None else f"; did you mean {meant!r}?"

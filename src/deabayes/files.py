@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,15 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
 
     The temporary file lies in the same folder, which is made if needed; another
     process that writes the same file has a temporary file of its own.
+
+    Raises
+    ------
+    IsADirectoryError
+        There is a folder of that name.
     """
     path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, name a file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

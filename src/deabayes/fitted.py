@@ -95,7 +95,7 @@ class Fitted:
             f"records of {name} are predicted with {system.candidate}"
             for name, system in self.predicts_with.items()
         )
-        return f"solved by {self.candidate}, the fitted candidate; {wider}: give protocol="
+        return f"solved by {self.candidate}, the fitted candidate; {wider}: give the protocol"
 
     def responses(self, experiment: Experiment) -> FloatArray:
         """The model's response to a record, (S, N)."""

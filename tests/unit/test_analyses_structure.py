@@ -161,7 +161,8 @@ def test_late_errors_are_of_the_second_half():
 
 
 @pytest.mark.parametrize(
-    ("kilovolts", "hertz", "printed"), [(5.0002, 1.0, 6.14), (4.0, 6.0001, 7.25), (3.0, 1.0, None)]
+    ("kilovolts", "hertz", "printed"),
+    [(5.0002, 1.0, 6.14), (4.0, 6.0001, 7.25), (3.0, 1.0, None), (5.0, 5.3, None)],
 )
 def test_the_papers_table_5(kilovolts, hertz, printed):
     found = structure_paper.e_rms(kilovolts, hertz)

@@ -63,6 +63,12 @@ def test_draws_without_a_size_are_all_in_their_order(post):
     np.testing.assert_array_equal(drawn["E_0"], stored)
 
 
+def test_another_seed_picks_other_draws(post):
+    first, same, other = (post.draws(50, seed=seed)["E_0"] for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, same)
+    assert set(first) != set(other)
+
+
 @pytest.mark.parametrize("size", [0, -1, 2.5, "many"])
 def test_a_number_of_draws_that_cannot_be_is_named(post, size):
     for ask in (post.draws, lambda size: post.predict(time=TIME, voltage=VOLTS, size=size)):

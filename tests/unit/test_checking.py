@@ -13,7 +13,7 @@ from deabayes.checks.study import check_names, check_study
 from deabayes.cli import main
 from deabayes.faults import UserError
 from deabayes.scaffold import new_study
-from deabayes.study import Study
+from deabayes.study import Sampling, Study
 from deabayes.systems import REGISTRY
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -140,6 +140,29 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     assert "study s, kv_gm_4: 8 points cannot determine" in faults[0]
 
 
+def test_too_few_walkers_for_a_candidate(tmp_path: Path) -> None:
+    sampling = Sampling(walkers=22)
+    study = Study("s", make_folder(tmp_path), ("kv_gm_1", "kv_gm_2"), sampling=sampling)
+    (fault,) = check_study(study)[0]
+    assert "study s, kv_gm_2, sampling.walkers: 22 are too few for 12 parameters" in fault
+    assert "at least 24" in fault
+
+
+def test_an_sd_beyond_the_value_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    assert check_folder(folder).warnings == ()
+    replace_in(folder / "specimen.yaml", "sd: 1.1", "sd: 30")
+    (warning,) = check_folder(folder).warnings
+    assert "specimen.yaml, quantities.cross_section: its sd is 1.36 times its value" in warning
+
+
+def test_a_step_that_leaves_nothing_says_what_there_was(tmp_path: Path) -> None:
+    steps = {"relaxation": [{"mask_before": {"time": "5 h"}}]}
+    study = Study("s", make_folder(tmp_path), ("kv_gm_1",), preparation=steps)
+    (fault,) = check_study(study)[0]
+    assert "step 'mask_before' leaves no sample of those from 0 to 3.9 s; change its" in fault
+
+
 def test_further_experiments_of_a_study_are_checked_before_a_job(tmp_path):
     asked = {"longer": {"like": "relax", "duration": 2}, "slow": {"like": "pull", "duration": 2},
              "other": {"like": "puls"}}  # fmt: skip
@@ -165,6 +188,45 @@ def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     assert faults == []
     assert len(warnings) == 1
     assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
+    short = {"tau_beta": {"distribution": "loguniform", "lower": "0.1 s", "upper": "2 s"}}
+    own = Study("s", tmp_path / "strip", ("kv_gm_2",), priors=short)
+    assert check_study(own) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"), [("N", None), ("mN", "reaches 0.0012 N"), ("kN", "reaches 1.2e+03 N")]
+)
+def test_a_unit_that_is_a_thousand_off_is_a_warning(
+    tmp_path: Path, unit: str, said: str | None
+) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "force: {noise: {value: 1, unit: mN}, range: {value: 10,"
+               " unit: N}}", "force: {}")  # fmt: skip
+    replace_in(folder / "records" / "relax.csv", "force [N]", f"force [{unit}]")
+    study = Study("s", folder, ("kv_gm_1", "kv_gm_2"))
+    assert not [line for line in check_study(study)[1] if "prior expects" in line]
+    faults, warnings = check_study(study, compare=True)
+    found = [line for line in warnings if "prior expects" in line]
+    assert faults == [] and len(found) == (said is not None)
+    assert said is None or f"s, kv_gm_1, relax: force {said}, where" in found[0]
+
+
+def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    first, *rows = record_lines(1)
+    turned = [",".join([*cells[:2], f"-{cells[2]}"]) for cells in (row.split(",") for row in rows)]
+    write_lines(folder / "records" / "relax.csv", [first, *(t.replace("--", "") for t in turned)])
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    (found,) = [line for line in warnings if "relax: " in line]
+    assert "force falls where the prior expects it to rise; is its sign right?" in found
+
+
+def test_a_record_that_no_draw_of_the_prior_has_a_response_to(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "unit: mm, source: ruler", "unit: um, source: ruler")
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    (found,) = [line for line in warnings if "relax: " in line]
+    assert "0 of 200 draws of the prior have a response to it; are the units" in found
 
 
 def test_warnings_of_a_study_stand_under_a_heading(

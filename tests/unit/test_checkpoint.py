@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from deabayes.faults import UserError
 from deabayes.sampling.checkpoint import (
     Store,
     random_state_arrays,
@@ -95,3 +97,14 @@ def test_runs_of_different_lengths_are_thinned_to_the_shortest():
     assert chain[1].tobytes() == short.chain.tobytes()
     assert (chain[0, -1] == long.chain[-1]).all()
     assert (log_posterior == -chain[..., 0]).all()
+
+
+@pytest.mark.parametrize("kind", ["a posterior", "no netCDF"])
+def test_a_file_that_is_no_ensemble(tmp_path, kind):
+    path = tmp_path / "posterior.nc"
+    if kind == "a posterior":
+        xr.Dataset({"E_0": 1.0}).to_netcdf(path, engine="h5netcdf")
+    else:
+        path.write_text("time [s]")
+    with pytest.raises(UserError, match=r"posterior\.nc: is no ensemble's file.* --output"):
+        Ensemble.read(path, Coordinates())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -129,3 +130,13 @@ def test_pairs_that_span_decades_have_logarithmic_axes() -> None:
     region = axes[1, 0].collections[0].get_paths()[0].vertices
     assert region[:, 0].min() > low and region[:, 0].max() > 0.3 * high
     assert np.corrcoef(np.log10(region[:, 0]), region[:, 1])[0, 1] > 0.85
+
+
+def test_draws_of_either_sign_have_linear_axes() -> None:
+    values = np.concatenate([np.linspace(-1.0, 0.9, 40), np.linspace(1.0, 100.0, 960)])
+    results = SimpleNamespace(
+        posterior={"x": xr.DataArray(values)}, label=lambda _: {"unit": "1", "symbol": "x"}
+    )
+    column = pairs._column(results, "x")
+    assert not column.log
+    np.testing.assert_array_equal(column.drawn, values)

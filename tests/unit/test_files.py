@@ -23,6 +23,13 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> 
     assert path.read_text() == "old"
 
 
+def test_a_folder_in_its_place_is_named_as_the_user_did(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError, match="is a folder, name a file") as caught:
+        write_text_atomically("text", tmp_path)
+    assert caught.value.filename == str(tmp_path)
+    assert not list(tmp_path.parent.glob(".*.tmp"))
+
+
 def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "new" / "folder" / "table.csv"
 

@@ -70,6 +70,7 @@ def test_any_text_is_read_back() -> None:
 def test_a_name_may_be_compared_with_what_is_none() -> None:
     assert closest(2024, ["2023", 2025]) is not None
     assert "known: 1, b" in nearest("zzz", [1, "b"])
+    assert nearest("zzz", []) == ""
 
 
 def test_the_command_line_says_it(

@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from deabayes.posteriors.content import convergence_summary
+from deabayes.distributions import LogUniform
+from deabayes.parameter import Parameter
+from deabayes.posteriors.content import convergence_summary, shortness
 from deabayes.posteriors.summary import contraction
 from deabayes.sampling.pooling import PooledResult
 
@@ -54,6 +56,21 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
         "replaced_walkers": 3, "failures": {"evaluations": 1500, "failed": 11},
         "mode_shares": [[0.9, 0.8], [0.1, 0.2]],
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("upper", "said"), [(500.0, ["0.3"]), (0.2, [])])
+@pytest.mark.parametrize("inherited", [True, False])
+def test_records_shorter_than_the_prior_expects_are_told(upper, said, inherited):
+    tau = Parameter("tau_1", "", "s", "", LogUniform(0.01, upper), "", ordered="tau")
+    records = [
+        SimpleNamespace(experiment=SimpleNamespace(coordinate_unit="s", elapsed=length))
+        for length in (0.1, 0.3)
+    ]
+    blocks = (SimpleNamespace(names=("tau_1",)),) if inherited else ()
+    prior = SimpleNamespace(parameters=(tau,), inherited=blocks)
+    target = SimpleNamespace(prior=prior, records=records)
+    found = [line.partition("lasts ")[2].partition(" s,")[0] for line in shortness(target)]
+    assert found == ([] if inherited else said)
 
 
 NORMAL = np.random.default_rng(1).standard_normal(20000)

@@ -194,7 +194,7 @@ def test_without_a_protocol_it_says_that_there_is_a_wider_one():
     plain = post.predict(frequency=FREQUENCY, **ASKED)
     assert plain.attrs["model_note"] == (
         "solved by voigt_kelvin_2, the fitted candidate; records of frequency_response are "
-        f"predicted with voigt_kelvin_2{ENDING}: give protocol="
+        f"predicted with voigt_kelvin_2{ENDING}: give the protocol"
     )
     other = post.predict(protocol="sine", frequency=FREQUENCY, **ASKED)
     assert other.attrs["model_note"] == ""

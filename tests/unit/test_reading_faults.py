@@ -16,7 +16,7 @@ from tests.unit.study_folders import (
 )
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.folder import read_folder
+from deabayes.reading.folder import read_folder, scan_folder
 
 Break = Callable[[Path], object]
 
@@ -104,6 +104,25 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "misspelt record": (
         table("relax.csv", "relx.csv"),
         ["relx.csv", "did you mean 'records/relax.csv'?"],
+    ),
+    "folder for a record": (
+        table("records/relax.csv", "records"),
+        ["records (relax): is a folder, not a record", "experiments.csv"],
+    ),
+    "record on Windows": (
+        table("records/relax.csv", "records\\relax.csv"),
+        ["no such file", "did you mean 'records/relax.csv'?"],
+    ),
+    "number that is none": (
+        lambda f: [
+            replace_in(f / "experiments.csv", "stretch_rate_per_s", "frequency_Hz"),
+            replace_in(f / "experiments.csv", "0.05", "nan"),
+        ],
+        ["line 3, frequency_Hz: expected a number, found 'nan'", "leave the cell empty"],
+    ),
+    "noise in a larger unit": (
+        specimen("{value: 1, unit: mN}", "{value: 1, unit: MN}"),
+        [RELAX, "column force: varies by 1.167", "noise of 1e+06 N", "specimen.yaml"],
     ),
     "wrong ending": (table("relax.csv", "relax.txt"), ["did you mean 'records/relax.csv'?"]),
     "empty record": (lambda f: (f / "records" / RELAX).write_text(""), [RELAX, "is empty"]),
@@ -267,3 +286,28 @@ def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
     with pytest.raises(Faults, match="data row 20"):
         read.record(read.table[0])
     assert read.record(read.table[1]).columns["force"].size == 40
+
+
+@pytest.mark.parametrize(("newton", "refused"), [(1.13, False), (1.09, True)])
+def test_a_clipped_sensor_may_read_five_per_cent_beyond_its_range(
+    tmp_path: Path, newton: float, refused: bool
+) -> None:
+    folder = make_folder(tmp_path)  # forces up to 1.167 N
+    specimen("range: {value: 10, unit: N}", f"range: {{value: {newton}, unit: N}}")(folder)
+    faults = scan_folder(folder)[1]
+    assert len(faults) == 2 * refused  # both records
+    assert all("column force: reaches 1.16" in fault for fault in faults)
+
+
+def test_a_row_given_twice_is_said_once(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    table("pull,load_unload,records/pull.csv", "relax,load_unload,records/relax.csv")(folder)
+    with pytest.raises(Faults) as caught:
+        read_folder(folder)
+    assert len(caught.value.faults) == 1
+
+
+def test_a_file_for_a_folder(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    with pytest.raises(UserError, match=r"specimen\.yaml: is a file; name its folder .*strip$"):
+        read_folder(folder / "specimen.yaml")

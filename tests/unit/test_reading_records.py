@@ -57,12 +57,14 @@ def check_plain(path: Path) -> None:
         PLAIN.rstrip("\n").encode(),
         PLAIN.encode() + b"\n\n\r\n",
         PLAIN.replace("displacement [mm]", " displacement [ mm ] ").encode(),
+        b"sep=;\r\n" + PLAIN.replace(",", ";").encode(),
     ],
     ids=[
         "plain", "byte order mark", "carriage returns", "carriage returns only", "semicolon", "tab",
         "semicolon, comma",
         "tab, comma", "late decimal comma", "quoted decimal comma", "comments", "trailing comma",
         "no newline at the end", "empty lines at the end", "blanks in the header",
+        "Excel's separator line",
     ],
 )  # fmt: skip
 def test_ways_to_write_the_same_record(tmp_path: Path, content: bytes) -> None:

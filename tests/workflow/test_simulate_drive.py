@@ -16,10 +16,19 @@ TUBE_VALUES = ("E_0=1.5e6", "E_1=6e6", "tau_1=0.1")
 STRIP = ("tensile_strip", "neo_hookean", "--specimen", "strip")
 
 
-def simulate(place: Path, record: str, system: tuple[str, ...], values: tuple[str, ...]) -> None:
+RAMP = "time [s],voltage [kV]\n0,1\n1,2\n2,3\n"
+
+
+def simulate(
+    place: Path,
+    record: str,
+    system: tuple[str, ...],
+    values: tuple[str, ...],
+    output: str = "out.csv",
+) -> None:
     (place / "drive.csv").write_text(record)
     settings = [word for value in values for word in ("--set", value)]
-    main(["simulate", *system, "--excitation", "drive.csv", *settings, "-o", "out.csv"])
+    main(["simulate", *system, "--excitation", "drive.csv", *settings, "-o", output])
 
 
 @pytest.fixture
@@ -70,3 +79,24 @@ def test_a_parameter_outside_its_support_is_named(
         simulate(place, "time [s],voltage [kV]\n0,1\n1,2\n", TUBE, ("E_0=-1.5e6", *TUBE_VALUES[1:]))
     assert ended.value.code == 1
     assert "parameter E_0 is -1.5e+06 Pa; it must be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("values", "output", "words"),
+    [
+        ((*TUBE_VALUES, "E_0=2e6"), "out.csv", "--set: E_0 is given twice; keep one"),
+        (TUBE_VALUES, "out.xlsx", "-o out.xlsx: a table is written, name it .csv"),
+    ],
+)
+def test_what_would_be_passed_over(
+    place: Path,
+    capsys: pytest.CaptureFixture[str],
+    values: tuple[str, ...],
+    output: str,
+    words: str,
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        simulate(place, RAMP, TUBE, values, output)
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == f"deabayes: {words}\n"
+    assert not (place / output).exists()

@@ -60,7 +60,7 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
     if read is None:
         return CheckReport(Path(folder), (), tuple(faults), ())
     understood = _specimen_lines(read)
-    warnings: list[str] = []
+    warnings = _wide(read)
     for row in read.table:
         lines, found = _record_lines(read, row)
         understood += lines
@@ -75,6 +75,17 @@ def _specimen_lines(read: StudyFolder) -> list[str]:
     lines += [f"  {_shown(name, q)}" for name, q in specimen.quantities.items()]
     lines += [f"  instrument {_shown(name, q)}" for name, q in specimen.instruments.items()]
     return lines
+
+
+def _wide(read: StudyFolder) -> list[str]:
+    """Quantities whose sd is per cent, or in another unit, by the look of it."""
+    ratios = {name: q.sd / abs(q.value) for name, q in read.specimen.quantities.items() if q.sd}
+    return [
+        f"{read.path}/specimen.yaml, quantities.{name}: its sd is {ratio:.3g} times its value; an "
+        "sd is in the value's unit, not in per cent"
+        for name, ratio in ratios.items()
+        if ratio > 1.0
+    ]
 
 
 def _shown(name: str, quantity: Quantity) -> str:

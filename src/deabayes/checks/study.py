@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
-from deabayes.reading.checks import shorter_than_time_constant, too_few_points
+from deabayes.reading.checks import too_few_points, too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import repeated_records
@@ -23,13 +24,14 @@ if TYPE_CHECKING:
     from deabayes.systems import System
 
 
-def check_study(study: Study) -> tuple[list[str], list[str]]:
+def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[str]]:
     """Faults and warnings of what a study asks for, given its folder's records.
 
     Candidates, experiment names, noise model, preparation steps and parameters with a
     prior of their own must exist, with settings that can be used; the points to calibrate
     on must outnumber the parameters, and records should outlast the longest time constant
-    of the prior.
+    of the prior. With `compare` the first candidate's prior is held against the records, for
+    which its model may have to be compiled.
     """
     read, faults = scan_folder(study.specimen, study.data_root)
     faults += _unknown_names(study)
@@ -47,7 +49,6 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         where = f"study {study.name}, {candidate}"
         points = sum(raw.columns[row.response].size for row, raw in records)
         faults += too_few_points(points, len(system.parameters()), where) if records else []
-        warnings += _too_short_for(system, records, where)
     experiments = _prepared(study, read, rows, faults)
     if not faults:
         faults += _without_model(study, systems, experiments)
@@ -59,6 +60,10 @@ def check_study(study: Study) -> tuple[list[str], list[str]]:
         fitted = [each for each in experiments if each.role == "calibrate"]
         found = try_models(systems, fitted, study.priors, f"study {study.name}")
         faults, warnings = found[0], [*warnings, *found[1]]
+    if not faults:
+        warnings += [line for s in systems.values() for line in _too_short(study, s, records)]
+    if compare and not faults:
+        warnings += unexpected(study, systems, experiments)
     return faults, warnings
 
 
@@ -159,7 +164,16 @@ def _prior_faults(
             Prior.from_parameters((*system.parameters(), *noise), study.priors, known)
         except UserError as error:
             found += [f"study {study.name}, {fault}" for fault in str(error).splitlines()]
+        found += _few_walkers(study, system, len(system.parameters()) + len(noise))
     return list(dict.fromkeys(found))
+
+
+def _few_walkers(study: Study, system: System, parameters: int) -> list[str]:
+    walkers = study.sampling.walkers
+    if walkers >= 2 * parameters:
+        return []
+    return [f"study {study.name}, {system.candidate}, sampling.walkers: {walkers} are too few for "
+            f"{parameters} parameters; set at least {2 * parameters}"]  # fmt: skip
 
 
 def _unknown_names(study: Study) -> list[str]:
@@ -230,14 +244,12 @@ def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
     return [f"study {study.name}, further_experiments: {fault}" for fault in found]
 
 
-def _too_short_for(
-    system: System, records: Sequence[tuple[ExperimentRow, RawRecord]], where: str
+def _too_short(
+    study: Study, system: System, records: Sequence[tuple[ExperimentRow, RawRecord]]
 ) -> list[str]:
-    """Warn when no calibrated record outlasts the longest time constant the prior expects."""
-    constants = [p for p in system.parameters() if p.unit == "s" and p.ordered]
+    from deabayes.prior.joint import Prior
+
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
     durations = [float(np.ptp(raw.columns["time"])) for _, raw in records if "time" in raw.columns]
-    if not constants or not durations:
-        return []
-    # The prior's upper quartile: half of its mass lies within a factor or so of it.
-    longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
-    return shorter_than_time_constant(max(durations), longest, f"{where}, the longest record")
+    where = f"study {study.name}, {system.candidate}, the longest record"
+    return too_short_for(prior.parameters, durations, where)

@@ -10,10 +10,13 @@ from deabayes.commands.checks import checked
 from deabayes.commands.drive import read_drive
 from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
-from deabayes.commands.own_protocol import named
+from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study
 from deabayes.units import NUMBER_AND_UNIT
+
+OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
+"""Endings that a CSV file may not have: what opens them would not read it."""
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
@@ -165,6 +168,8 @@ def simulate_record(
     from deabayes.own_models.files import load_for
     from deabayes.simulation import simulate
 
+    if output.suffix.lower() in OTHER_FORMATS:
+        raise UserError(f"-o {output}: a table is written, name it .csv")
     load_for(system, config)
     driven: dict[str, Any] = read_drive(system, excitation)
     response = simulate(
@@ -221,6 +226,7 @@ def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
 
 def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
     """Parameters given as NAME=VALUE: SI, or with a unit."""
+    once_each(settings, "--set")
     for setting in settings:
         name, _, value = setting.partition("=")
         number, unit = match.groups() if (match := NUMBER_AND_UNIT.match(value)) else ("", "")

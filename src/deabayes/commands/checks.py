@@ -57,7 +57,7 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
     from deabayes.checks.folder import check_folder
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
-    warnings = checked(study)
+    warnings = checked(study, compare=True)
     if warnings:
         say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
     for warning in warnings:
@@ -97,11 +97,11 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
         raise Faults(faults)
 
 
-def checked(study: Study) -> list[str]:
+def checked(study: Study, compare: bool = False) -> list[str]:
     """The warnings on a study; its faults are raised."""
     from deabayes.checks.study import check_study
 
-    faults, warnings = check_study(study)
+    faults, warnings = check_study(study, compare)
     if faults:
         raise Faults(faults)
     return warnings

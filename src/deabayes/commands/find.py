@@ -32,7 +32,8 @@ def find_population(name: str, config: Path) -> Population:
 
     populations = {each.name: each for each in load_populations(config)}
     if name not in populations:
-        raise UserError(f"{config}: has no population {name!r}{nearest(name, populations)}")
+        hint = nearest(name, populations) or "; name one under `populations`"
+        raise UserError(f"{config}: has no population {name!r}{hint}")
     studies = {study.name: study for study in load_studies(config)}
     faults = check_population(populations[name], studies)
     if faults:

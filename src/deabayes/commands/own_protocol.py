@@ -74,6 +74,7 @@ def named(settings: Sequence[str], option: str) -> Iterator[tuple[str, float | s
     ------
     UserError
     """
+    once_each(settings, option)
     for setting in settings:
         name, _, value = (part.strip() for part in setting.partition("="))
         if not name or not value:
@@ -82,6 +83,19 @@ def named(settings: Sequence[str], option: str) -> Iterator[tuple[str, float | s
             yield name, float(value)
         except ValueError:
             yield name, value
+
+
+def once_each(settings: Sequence[str], option: str) -> None:
+    """Refuse a name that is set twice; which value was meant cannot be told.
+
+    Raises
+    ------
+    UserError
+    """
+    names = [setting.partition("=")[0].strip() for setting in settings]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise UserError(f"{option}: {twice} is given twice; keep one")
 
 
 def _to_be_known(prediction: xr.Dataset) -> Iterator[str]:

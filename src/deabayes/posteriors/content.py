@@ -13,6 +13,7 @@ from deabayes.posterior import LogPosterior
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
+from deabayes.reading.checks import too_short_for
 from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
@@ -66,11 +67,21 @@ class PosteriorContent:
             _with_doubts(convergence_summary(pooled), inherited),
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
+                *shortness(target),
                 *_notes(target.prior, inherited),
             ],
             seed,
             further,
         )
+
+
+def shortness(target: LogPosterior) -> list[str]:
+    """That no calibrated record outlasts the longest time constant that the prior expects."""
+    experiments = [record.experiment for record in target.records]
+    durations = [each.elapsed for each in experiments if each.coordinate_unit == "s"]
+    inherited = {name for block in target.prior.inherited for name in block.names}
+    own = [p for p in target.prior.parameters if p.name not in inherited]
+    return too_short_for(own, durations, "the longest calibrated record")
 
 
 def _with_doubts(

@@ -126,7 +126,12 @@ def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingR
         )
     after = REGISTRY[name](record, settings)
     if not after.used.any():
-        raise UserError(f"preparation of {record.row.name}: step {name!r} leaves no sample")
+        left = record.coordinate[record.used]
+        raise UserError(
+            f"preparation of {record.row.name}: step {name!r} leaves no sample of those from "
+            f"{left.min():.6g} to {left.max():.6g} {record.coordinate_unit}; change its settings, "
+            f"or the unit of the record's {record.coordinate_name}"
+        )
     return after.with_step(name, settings, record)
 
 

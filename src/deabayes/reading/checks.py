@@ -6,13 +6,14 @@ after the header.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import nearest
+from deabayes.faults import closest
+from deabayes.parameter import Parameter
 from deabayes.quantities import with_unit
 
 SMALLEST_RECORD = 4
@@ -26,11 +27,11 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
             f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
             "`unit` under record_format.columns in specimen.yaml"
         ]
+    missing = [(name, closest(name, columns)) for name in needed if name not in columns]
     return [
-        f"{where}: column {name!r} is missing{nearest(name, columns)}; the record has "
-        f"{', '.join(columns)}; correct the header or experiments.csv"
-        for name in needed
-        if name not in columns
+        f"{where}: column {name!r} is missing{f'; did you mean {meant!r}?' if meant else ''}; the "
+        f"record has {', '.join(columns)}; correct the header or experiments.csv"
+        for name, meant in missing
     ]
 
 
@@ -112,6 +113,18 @@ def outside_range(
         f"{where}, column {channel}: reaches {with_unit(worst, unit, channel)}, beyond the "
         f"instrument's range of {with_unit(limit, unit, channel)} (first in data row {row}); "
         "correct the column's unit or the range in specimen.yaml"
+    ]
+
+
+def less_than_noise(
+    values: FloatArray, noise: float, channel: str, unit: str, where: str
+) -> list[str]:
+    """A response that varies by less than the sd of its sensor's noise, which no noise does."""
+    if np.ptp(values) >= noise:
+        return []
+    return [
+        f"{where}, column {channel}: varies by {np.ptp(values):.4g} {unit}, less than the noise of "
+        f"{noise:.4g} {unit} in specimen.yaml; correct the unit of one of them"
     ]
 
 
@@ -217,6 +230,18 @@ def shorter_than_time_constant(duration: float, longest: float, where: str) -> l
         return []
     return [f"{where}: lasts {duration:.3g} s, less than the longest time constant of the prior "
             f"({longest:.3g} s), which the prior will then set"]  # fmt: skip
+
+
+def too_short_for(
+    parameters: Iterable[Parameter], durations: Sequence[float], where: str
+) -> list[str]:
+    """No record outlasts the longest of the ordered time constants that the priors expect."""
+    constants = [p for p in parameters if p.unit == "s" and p.ordered]
+    if not constants or not durations:
+        return []
+    # The prior's upper quartile: half of its mass lies within a factor or so of it.
+    longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
+    return shorter_than_time_constant(max(durations), longest, where)
 
 
 def longest_run(flags: Flags) -> int:

@@ -119,13 +119,16 @@ class StudyFolder:
 
     def _missing_file(self, row: ExperimentRow) -> str:
         """Names are compared without their endings, which would make any two alike."""
-        path = self.path / row.record
+        place = f"{self.path / row.record} ({row.name})"
+        if (self.path / row.record).is_dir():
+            return f"{place}: is a folder, not a record; correct {FILE}"
+        path = self.path / row.record.replace("\\", "/")  # as Windows writes it
         files = path.parent.iterdir() if path.parent.is_dir() else ()
         names = {p.stem: p.name for p in sorted(files, key=lambda p: p.suffix == path.suffix)}
         meant = closest(path.stem, names)
-        record = Path(row.record).with_name(names[meant]).as_posix() if meant else ""
+        record = path.with_name(names[meant]).relative_to(self.path).as_posix() if meant else ""
         hint = f"; did you mean {record!r}?" if record else ""
-        return f"{path} ({row.name}): there is no such file; put it there or correct {FILE}{hint}"
+        return f"{place}: there is no such file; put it there or correct {FILE}{hint}"
 
 
 def read_folder(
@@ -154,6 +157,8 @@ def scan_folder(
 ) -> tuple[StudyFolder | None, list[str]]:
     """As much of a study folder as can be read, and every fault of it."""
     folder = Path(folder)
+    if folder.is_file():
+        return None, [f"{folder}: is a file; name its folder {folder.parent}"]
     if not folder.is_dir():
         return None, [f"{folder}: there is no such folder; `deabayes new` makes one to fill in"]
     faults: list[str] = []

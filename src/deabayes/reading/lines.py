@@ -13,7 +13,8 @@ from deabayes.faults import UserError
 from deabayes.reading.columns import COMMENT
 
 LONGEST_LINE = 8192
-COMMENT_AT_START = re.compile(COMMENT.pattern.encode())
+COMMENT_AT_START = re.compile(COMMENT.pattern.encode() + rb"|sep=.?$")
+"""Or the line in which Excel is told the delimiter."""
 QUOTED_OR_COMMENT = re.compile(
     rb'("[^"\r\n]*")|' + COMMENT.pattern.encode() + rb"[^\r\n]*", re.MULTILINE
 )

@@ -54,6 +54,10 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
         if limit is not None:
             values = raw.columns[name]
             faults += checks.outside_range(values, limit.value, name, limit.unit, where, allowed)
+    noise = instrument(specimen, "noise", row.response, raw.units[row.response])
+    if noise is not None:
+        values = raw.columns[row.response]
+        faults += checks.less_than_noise(values, noise.value, row.response, noise.unit, where)
     return faults
 
 
@@ -98,7 +102,7 @@ def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: 
         f"{where}: validate record {name!r} holds the same values as calibrate record "
         f"{calibrate[digest]!r}; give it another measurement, or remove the row"
         for digest, name in validate
-        if digest in calibrate
+        if calibrate.get(digest, name) != name  # a row given twice is said elsewhere
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
@@ -63,6 +64,7 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
         where = f"{path}, line {line}"
         content = _content(header, values)
         wrong = _too_many(header, values, where) + violations(content, "experiments", where)
+        wrong += _not_finite(content, where)
         row = None if wrong else _row(content)
         if row is not None and system is not None:
             wrong = _system_faults(row, system, where)
@@ -80,6 +82,16 @@ def _too_many(header: list[str], values: list[str], where: str) -> list[str]:
             'holds a comma in "quotation marks"'
         ]
     return []
+
+
+def _not_finite(content: Mapping[str, Any], where: str) -> list[str]:
+    """Numbers that models read and that are none."""
+    return [
+        f"{where}, {name}: expected a number, found '{content[name]}'; correct it, or leave the "
+        "cell empty"
+        for name in READ_BY_MODELS
+        if isinstance(content.get(name), float) and not math.isfinite(content[name])
+    ]
 
 
 def values_of(folder: Path, column: str) -> list[str]:

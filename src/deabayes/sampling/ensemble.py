@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
 from deabayes.files import write_atomically
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Proposal
@@ -68,15 +69,27 @@ class Ensemble:
 
     @classmethod
     def read(cls, path: Path, coordinates: Coordinates) -> Ensemble:
-        """Read what `write` wrote; its proposal begins in these coordinates."""
+        """Read what `write` wrote; its proposal begins in these coordinates.
+
+        Raises
+        ------
+        UserError
+            Some other file.
+        """
         import xarray as xr
 
-        with xr.open_dataset(path, engine="h5netcdf") as dataset:
-            dataset = dataset.load()
-        arrays = {str(n): v.values for n, v in dataset.items()}
-        proposal = Proposal.from_arrays(arrays, coordinates)
-        scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}
-        return cls(dataset["chain"].values, dataset["log_posterior"].values, proposal, **scalars)
+        try:
+            with xr.open_dataset(path, engine="h5netcdf") as dataset:
+                dataset = dataset.load()
+            arrays = {str(n): v.values for n, v in dataset.items()}
+            proposal = Proposal.from_arrays(arrays, coordinates)
+            scalars = {name: kind(dataset.attrs[name]) for name, kind in _scalars().items()}
+            return cls(arrays["chain"], arrays["log_posterior"], proposal, **scalars)
+        except (KeyError, OSError):
+            raise UserError(
+                f"{path}: is no ensemble's file; give those that `deabayes fit --ensemble` wrote "
+                "(its --output)"
+            ) from None
 
 
 def _scalars() -> dict[str, type]:

@@ -1,0 +1,71 @@
+"""Records held against what priors expect of them: a wrong unit is off by a thousand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.prior.joint import Prior
+from deabayes.study import Study
+from deabayes.systems import System
+
+DRAWS = 200
+FEWEST = 20
+"""Draws with a response that a comparison needs; with fewer, sampling hardly begins."""
+POINTS = 50
+OUTER = (0.05, 0.95)
+OPPOSITE = -0.5
+"""Correlation with the draws' median below which a record runs against it."""
+BEYOND = 10.0
+"""Factor beyond the outer draws from which units are suspected, not materials."""
+
+
+def unexpected(
+    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
+) -> list[str]:
+    """Warn of fitted records far larger, or smaller, than the first candidate's prior expects."""
+    candidate, system = next(iter(systems.items()))
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
+    theta = prior.sample(np.random.default_rng(0), DRAWS)
+    draws = dict(zip(prior.names, np.ascontiguousarray(theta.T), strict=True))
+    where = f"study {study.name}, {candidate}"
+    fitted = [each for each in experiments if each.role == "calibrate"]
+    return [line for each in fitted for line in _unexpected(system, each, draws, where)]
+
+
+def _unexpected(
+    system: System, each: Experiment, draws: Mapping[str, FloatArray], where: str
+) -> list[str]:
+    kept = np.linspace(0, each.coordinate.size - 1, POINTS).round().astype(int)
+    kept = np.unique([*kept, np.argmin(each.response), np.argmax(each.response)])
+    at, measured = each.coordinate[kept], each.response[kept]
+    with np.errstate(all="ignore"):
+        curves = np.asarray(system.predict(each.excitation, at, each.response_name, draws))
+    curves = curves[np.isfinite(curves).all(axis=1)]
+    place = f"{where}, {each.name}: "
+    if len(curves) < FEWEST:
+        return [f"{place}{len(curves)} of {DRAWS} draws of the prior have a response to it; are "
+                "the units of record and specimen right?"]  # fmt: skip
+    middle = np.median(curves, axis=0)
+    if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
+        return [f"{place}{each.response_name} falls where the prior expects it to rise; is its "
+                "sign right?"]  # fmt: skip
+    return _of_another_size(curves, measured, each, place)
+
+
+def _of_another_size(
+    curves: FloatArray, measured: FloatArray, each: Experiment, place: str
+) -> list[str]:
+    # A record may vary by nothing but noise, or lie far from zero: then the other one fits.
+    for size in (np.ptp, lambda values, axis=-1: np.max(np.abs(values), axis=axis)):
+        low, high = np.quantile(size(curves, axis=1), OUTER)
+        found = float(size(measured))
+        if low / BEYOND <= found <= high * BEYOND:
+            return []
+    unit = "" if each.response_unit == "1" else f" {each.response_unit}"
+    return [
+        f"{place}{each.response_name} reaches {found:.2g}{unit}, where the prior expects "
+        f"{low:.2g} to {high:.2g}{unit} (90 %); are the units of record, specimen and priors right?"
+    ]
