@@ -189,6 +189,8 @@ class MinimumEnergyStructure(System):
         return simulate
 
     def _displacement(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
+        from deabayes.systems.structure_lanes import displacement
+
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])
         back = np.argsort(order)
@@ -198,8 +200,7 @@ class MinimumEnergyStructure(System):
         def simulate(draws: Draws) -> FloatArray:
             structure = self.structure(draws)
             angle = self._follow(structure, history, times, held).angle[:, back]
-            moved = np.cos(angle) - column(np.cos(structure.rest))
-            return np.asarray(column(2.0 * structure.length) * moved)
+            return np.asarray(displacement(angle, structure.length, structure.rest))
 
         return simulate
 

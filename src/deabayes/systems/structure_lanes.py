@@ -17,6 +17,7 @@ OF_START, OF_STEP, OF_LOW, OF_HIGH, OF_CONSTANTS = range(5)
 """Columns of a draw: starting angle, first step after a jump of the voltage, the angles
 between which it stays, and from there on the constants in the order of the kernel's rows."""
 CONSTANTS = 17
+OF_DRY = OF_CONSTANTS + (k.DRY - k.INERTIA) // LANES
 DRAW_COLUMNS = OF_CONSTANTS + CONSTANTS + k.FILM_DEGREE + 1
 UNIT_COLUMNS = 4
 """Columns of a unit: 1/tau, k, weight of its error, y at the start."""
@@ -56,6 +57,17 @@ def _accept(
 
 
 @njit(**KERNEL_OPTIONS)
+def displacement(angle: FloatArray, length: FloatArray, rest: FloatArray) -> FloatArray:
+    """Displacement (W, N) of the slider at angles (W, N): numpy's cosine took a quarter of all."""
+    found = np.empty_like(angle)
+    for w in range(angle.shape[0]):
+        at_rest = k.sine_cosine(rest[w])[1]
+        for n in range(angle.shape[1]):
+            found[w, n] = 2.0 * length[w] * (k.sine_cosine(angle[w, n])[1] - at_rest)
+    return found
+
+
+@njit(**KERNEL_OPTIONS)
 def integrate(
     edges: FloatArray,
     volts: FloatArray,
@@ -87,6 +99,7 @@ def integrate(
     piece, output = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
     now, proposed = np.zeros(LANES), np.zeros(LANES)
     waiting, running = 0, 0
+    dry = np.any(draws[:, OF_DRY] > 0.0)
     while True:
         for i in range(LANES):
             while lane_draw[i] == IDLE and waiting < walkers:
@@ -106,7 +119,7 @@ def integrate(
                 c[k.OFFSET + i] = (now[i] - begin) * c[k.SPAN + i]
         if running == 0:
             break
-        step(c, blocks)
+        step(c, blocks, dry)
         for i in range(LANES):
             w = lane_draw[i]
             if w == IDLE:

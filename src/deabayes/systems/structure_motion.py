@@ -18,6 +18,11 @@ ESTIMATE = 10.0
 RINGING = 3.0
 """Times the damping ratio, at most 1: the share of that which is allowed where it rings, because
 the errors of as many periods add up as are remembered."""
+HELD = 20.0
+"""Times the share of the drive that dry friction bears, plus 1: what is allowed is divided by it,
+because errors stay where the slider does, and the range is smaller."""
+ROUNDING = 1e-13
+"""Error [rad] below which none is asked of a step, as at hardly any voltage."""
 FIRST_STEP = 0.1
 """Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
 
@@ -66,15 +71,8 @@ def constants_of(
     static = positive(structure.stiffness(rest))
     stiff = static + lever**2 * total
     slow = np.sqrt(structure.mass(rest) / stiff)
-    # A range of the angle that the draw alone tells before integration.
-    push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
-    swing = np.where(push > 0.0, push / stiff, 1e-12)
     friction = positive(draws["friction_force" if model.dry else "eta_0"])
-    # Dry friction resists like viscous friction at the speed of the swing.
-    viscous = friction * slow / (lever * swing) if model.dry else friction
-    damping = 0.5 * viscous * lever**2 / (stiff * slow)
-    forgotten = np.maximum(damping, slow / np.ptp(history.edges))
-    allowed = ESTIMATE * tolerance * swing * np.minimum(1.0, RINGING * forgotten)
+    allowed = _allowed(structure, history, tolerance, friction, lever, stiff)
     low, high = np.full_like(rest, FLATTEST), np.minimum(rest + STEEPER, STEEPEST)
     middle, scale, film = film_polynomial(structure, low, high)
     none = np.zeros_like(rest)
@@ -90,6 +88,36 @@ def constants_of(
     parts = (1.0 / positive(times), stiffness, weight, column(-moved))
     units = np.stack(np.broadcast_arrays(*parts), axis=2)
     return np.concatenate([np.stack(columns, axis=1), film], axis=1), np.ascontiguousarray(units)
+
+
+def _allowed(
+    structure: Structure,
+    history: Drive,
+    tolerance: float,
+    friction: FloatArray,
+    lever: FloatArray,
+    stiff: FloatArray,
+) -> FloatArray:
+    """Error of the angle allowed in a step (W,), by what the draws tell before integration.
+
+    Parameters
+    ----------
+    friction : F_c or eta_0; `lever` from the slider to the angle, `stiff` its stiffness with
+        stiff units, each (W,).
+    """
+    dry, rest = structure.model.dry, structure.rest
+    slow = np.sqrt(structure.mass(rest) / stiff)
+    push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
+    push = np.where(push > 0.0, push, 1e-12 * stiff)
+    swing = push / stiff
+    # Dry friction resists like viscous friction at the speed of the swing.
+    viscous = friction * slow / (lever * swing) if dry else friction
+    damping = 0.5 * viscous * lever**2 / (stiff * slow)
+    forgotten = np.maximum(damping, slow / np.ptp(history.edges))
+    allowed = ESTIMATE * tolerance * swing * np.minimum(1.0, RINGING * forgotten)
+    if dry:
+        allowed = allowed / (1.0 + HELD * friction * lever / push)
+    return np.maximum(allowed, ROUNDING)
 
 
 def film_polynomial(

@@ -156,9 +156,9 @@ def _speed(c: FloatArray, i: int, increment: float, of_angle: float) -> float:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_1(c: FloatArray) -> None:
+def _angle_1(c: FloatArray, dry: bool) -> None:
     """First stage of theta and omega."""
-    k.accelerate(c)
+    k.accelerate(c, dry)
     k.jacobian(c)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + START + i]
@@ -171,8 +171,8 @@ def _angle_1(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_2(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_2(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_2(c, i)
         of_speed = c[FLOW + i] + arrow.history_2(c, SPEED + i) + t.D2 * c[DRIFT + i]
@@ -186,8 +186,8 @@ def _angle_2(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_3(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_3(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_3(c, i)
         of_speed = c[FLOW + i] + arrow.history_3(c, SPEED + i) + t.D3 * c[DRIFT + i]
@@ -201,8 +201,8 @@ def _angle_3(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_4(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_4(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_4(c, i)
         of_speed = c[FLOW + i] + arrow.history_4(c, SPEED + i) + t.D4 * c[DRIFT + i]
@@ -216,8 +216,8 @@ def _angle_4(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_5(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_5(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_5(c, i)
         of_speed = c[FLOW + i] + arrow.history_5(c, SPEED + i) + t.D5 * c[DRIFT + i]
@@ -231,8 +231,8 @@ def _angle_5(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_6(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_6(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_6(c, i)
         of_speed = c[FLOW + i] + arrow.history_6(c, SPEED + i)
@@ -245,8 +245,8 @@ def _angle_6(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_7(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_7(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_7(c, i)
         of_speed = c[FLOW + i] + arrow.history_7(c, SPEED + i)
@@ -259,8 +259,8 @@ def _angle_7(c: FloatArray) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def _angle_8(c: FloatArray) -> None:
-    k.accelerate(c)
+def _angle_8(c: FloatArray, dry: bool) -> None:
+    k.accelerate(c, dry)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_8(c, i)
         of_speed = c[FLOW + i] + arrow.history_8(c, SPEED + i)
@@ -272,38 +272,40 @@ def _angle_8(c: FloatArray) -> None:
         c[ERROR + i] = abs(u) + c[SLOWNESS + i] * abs(a)
         c[K2 + i], c[K3 + i] = arrow.dense_2(c, i), arrow.dense_3(c, i)
         c[K4 + i] = arrow.dense_4(c, i)
+    if dry:
+        k.doubt(c)
 
 
 @njit(**KERNEL_OPTIONS)
-def step(c: FloatArray, units: FloatArray) -> None:
+def step(c: FloatArray, units: FloatArray, dry: bool) -> None:
     """One step of every lane: the block of theta and omega, those of the `units` (n, ...)."""
     n = units.shape[0]
     k.drive(c)
     k.begin(c)
     for u in range(n):
         _unit_1(units[u], c)
-    _angle_1(c)
+    _angle_1(c, dry)
     for u in range(n):
         _unit_2(units[u], c)
-    _angle_2(c)
+    _angle_2(c, dry)
     for u in range(n):
         _unit_3(units[u], c)
-    _angle_3(c)
+    _angle_3(c, dry)
     for u in range(n):
         _unit_4(units[u], c)
-    _angle_4(c)
+    _angle_4(c, dry)
     for u in range(n):
         _unit_5(units[u], c)
-    _angle_5(c)
+    _angle_5(c, dry)
     for u in range(n):
         _unit_6(units[u], c)
-    _angle_6(c)
+    _angle_6(c, dry)
     for u in range(n):
         _unit_7(units[u], c)
-    _angle_7(c)
+    _angle_7(c, dry)
     for u in range(n):
         _unit_8(units[u], c)
-    _angle_8(c)
+    _angle_8(c, dry)
     for u in range(n):
         _unit_end(units[u], c)
     for i in range(LANES):
