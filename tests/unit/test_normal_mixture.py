@@ -149,6 +149,20 @@ class TestFit:
         )
         assert lost < 0.15 < 1.5 < np.mean(exact - one.log_density(fresh))
 
+    def test_no_dips_along_a_bent_ridge(self):
+        x = banana(np.random.default_rng(15), 8000)
+        block = PosteriorBlock.fit(self.NAMES, x)
+        drawn = block.colour(np.random.default_rng(16).standard_normal((40000, 4)))
+        ends = stats.norm.ppf(np.linspace(0.02, 0.98, 25))
+        counts, expected = np.histogram(drawn[:, 0] / 0.3, ends)[0], 40000 * 0.04
+        assert np.sqrt(np.mean((counts / expected - 1.0) ** 2)) < 0.1
+
+    def test_no_more_components_than_draws_left_out_ask_for(self):
+        two = mixture(2, 4)
+        x = two.colour(np.random.default_rng(17).standard_normal((8000, 4)))
+        block = PosteriorBlock.fit(self.NAMES, x)
+        assert block.mixture.components == 2
+
     def test_a_thin_bent_ridge_keeps_its_width(self):
         """Two coordinates that differ by a millionth of what they have in common."""
         x = banana(np.random.default_rng(13), 8000)
