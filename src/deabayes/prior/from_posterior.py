@@ -20,9 +20,9 @@ SOUGHT_MISFIT = 0.03
 COMPONENTS = (2, 4, 8, 16)
 """Tried in turn where one normal does not describe the draws."""
 LEAST_GAIN = 0.05
-"""In the mean log density of draws left out [nat]: for less, no more components are taken. Where too
-few follow a bent ridge its density dips between them, by a third with the 8 that bring the misfit
-of `ogden_2`'s film below 0.03."""
+"""In the mean log density of draws left out [nat]: for less, no more components are taken. Where
+too few follow a bent ridge its density dips between them, by a third with the 8 that bring the
+misfit of `ogden_2`'s film below 0.03."""
 
 
 class PriorFromPosterior(NamedTuple):

@@ -29,7 +29,6 @@ from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
-from deabayes.springs.base import column
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.specimen_quantities import uncertain_quantities
