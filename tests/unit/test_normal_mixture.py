@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from deabayes.prior.from_posterior import PosteriorBlock, distance_from_normal
+from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.normal_mixture import NormalMixture
+from deabayes.prior.transport import distance_from_normal
 
 
 def mixture(components: int, dimension: int, seed: int = 1) -> NormalMixture:
@@ -127,23 +128,28 @@ class TestFit:
     def test_one_normal_where_it_will_do(self):
         x = mixture(1, 4).colour(np.random.default_rng(9).standard_normal((4000, 4)))
         block = PosteriorBlock.fit(self.NAMES, x)
-        assert block.mixture.components == 1
-        np.testing.assert_allclose(block.mixture.means[0], x.mean(axis=0))
-        np.testing.assert_allclose(block.mixture.factors[0], np.linalg.cholesky(np.cov(x.T)))
+        assert block.transport.mixture.components == 1
+        np.testing.assert_allclose(block.transport.mixture.means[0], x.mean(axis=0))
+        np.testing.assert_allclose(
+            block.transport.mixture.factors[0], np.linalg.cholesky(np.cov(x.T))
+        )
         assert "multivariate normal on" in block.describe()
 
     def test_a_bent_ridge_is_followed(self):
         rng = np.random.default_rng(10)
         block = PosteriorBlock.fit(self.NAMES, banana(rng, 8000))
         assert block.misfit < 0.05
-        assert f"mixture of {block.mixture.components} multivariate normals" in block.describe()
+        assert (
+            f"mixture of {block.transport.mixture.components} multivariate normals"
+            in block.describe()
+        )
         fresh = banana(rng, 4000)
         u = fresh / 0.3
         u = np.stack(
             [u[:, 0], (u[:, 1] - 0.7 * u[:, 0] ** 2) / 0.1, u[:, 2], u[:, 3] / 0.5], axis=1
         )
         exact = np.sum(stats.norm.logpdf(u), axis=1) - 4 * np.log(0.3) - np.log(0.1 * 0.5)
-        lost = np.mean(exact - block.mixture.log_density(fresh))
+        lost = np.mean(exact - block.transport.mixture.log_density(fresh))
         one = NormalMixture(
             np.ones(1), fresh.mean(axis=0)[None], np.linalg.cholesky(np.cov(fresh.T))[None]
         )
@@ -161,7 +167,7 @@ class TestFit:
         two = mixture(2, 4)
         x = two.colour(np.random.default_rng(17).standard_normal((8000, 4)))
         block = PosteriorBlock.fit(self.NAMES, x)
-        assert block.mixture.components == 2
+        assert block.transport.mixture.components == 2
 
     def test_a_thin_bent_ridge_keeps_its_width(self):
         """Two coordinates that differ by a millionth of what they have in common."""
@@ -169,14 +175,14 @@ class TestFit:
         x[:, 2] = x[:, 0] + 1e-6 * x[:, 2]
         block = PosteriorBlock.fit(self.NAMES, x)
         drawn = block.colour(np.random.default_rng(14).standard_normal((4000, 4)))
-        assert block.mixture.components > 1
+        assert block.transport.mixture.components > 1
         assert np.std(drawn[:, 2] - drawn[:, 0]) == pytest.approx(0.3e-6, rel=0.1)
 
     def test_the_same_draws_give_the_same_prior(self):
         x = banana(np.random.default_rng(11), 2000)
         one, other = (PosteriorBlock.fit(self.NAMES, x) for _ in range(2))
-        np.testing.assert_array_equal(one.mixture.means, other.mixture.means)
+        np.testing.assert_array_equal(one.transport.mixture.means, other.transport.mixture.means)
 
     def test_few_draws_are_not_split(self):
         x = banana(np.random.default_rng(12), 79)
-        assert PosteriorBlock.fit(self.NAMES, x).mixture.components == 1
+        assert PosteriorBlock.fit(self.NAMES, x).transport.mixture.components == 1

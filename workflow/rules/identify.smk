@@ -12,6 +12,7 @@ MODEL = modules(
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
+    "warp/*.py",
     "own_models/*.py",
     "noise/*.py",
 )

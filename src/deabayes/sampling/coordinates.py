@@ -9,7 +9,7 @@ the largest draw, in logarithms by 5 (docs/sampler.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
 **Inherited parameters.** Their z is what makes another posterior, a mixture of normals, N(0, I). A
-ridge bends in it where one component gives way to the next; in the score of the default prior,
+ridge bends in it where one component gives way to the next; in the mixture's own coordinates,
 whitened as a whole, it does not.
 
 **Pairs, units and terms.** See `pairs`, `shares` and `terms`.
@@ -184,9 +184,11 @@ class Coordinates:
             *term_shares(target, free),
         ]
         inherited = tuple(
-            Inherited(tuple(target.names.index(name) for name in block.names), block.mixture)
+            Inherited(
+                tuple(target.names.index(name) for name in block.names), block.transport.mixture
+            )
             for block in target.prior.inherited
-            if block.mixture.components > 1
+            if block.transport.mixture.components > 1
         )
         return cls(natural, tuple(pairs), inherited)
 
