@@ -74,7 +74,7 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 	@for units in 1 2 3; do \
 		$(BIN)/python -m tests.validation.membrane_recovery $$units --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
-	@for variant in white dense iid iid_white; do \
+	@for variant in white dense dense_white iid iid_white; do \
 		$(BIN)/python -m tests.validation.membrane_recovery 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
 	@$(BIN)/python -m tests.validation.tubular_recovery --replicates $(TUBES) --processes $(CORES)

@@ -8,8 +8,9 @@ per held-out record: the share of its points inside the predictive bands. Replic
 did not converge are kept and marked.
 
 Variants: `ou` is the check; `white` fits the same data as if noise were independent and must
-fail it; `dense` samples five times faster; `iid` and `iid_white` fit data whose noise is
-independent, with the default noise model and with the right one.
+fail it; `dense` samples five times faster, and `dense_white` fits that as if noise were
+independent; `iid` and `iid_white` fit data whose noise is independent, with the default noise
+model and with the right one.
 
     python -m tests.validation.membrane_recovery 3 --replicates 100
     python -m tests.validation.membrane_recovery 2 --variant white
@@ -51,6 +52,7 @@ VARIANTS = {
     "ou": Variant(),
     "white": Variant(fit="white"),
     "dense": Variant(refined=5),
+    "dense_white": Variant(fit="white", refined=5),
     "iid": Variant(data="white"),
     "iid_white": Variant(data="white", fit="white"),
 }

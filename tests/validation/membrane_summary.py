@@ -20,6 +20,7 @@ MEANING = {
     "ou": "OU + white noise, fitted as such",
     "white": "the same data, fitted as independent noise (must fail)",
     "dense": "sampled five times faster",
+    "dense_white": "sampled five times faster, fitted as independent noise (must fail)",
     "iid": "independent noise, fitted as OU + white",
     "iid_white": "independent noise, fitted as such",
 }
