@@ -2,7 +2,7 @@
 
 import pandas as pd
 import pytest
-from tests.validation import goals
+from tests.validation import goals, membrane_summary
 
 
 def found(folder):
@@ -56,3 +56,18 @@ def test_coverage_and_its_control(tmp_path, share, expected):
     membranes = table[table["of"].str.startswith("membrane, kv_gm_1")]
     assert [answer for answer in met(membranes, "4") if answer] == [expected, "yes"]
     assert [answer for answer in met(membranes, "7") if answer] == ["yes"]
+
+
+@pytest.mark.parametrize(
+    ("dense", "width", "expected"), [(0.92, 1.2, ["yes", "yes"]), (0.85, 1.3, ["NO", "NO"])]
+)
+def test_sampling_faster_and_noise_that_is_not_there(tmp_path, dense, width, expected):
+    names = [membrane_summary.MEANING[variant] for variant in ("ou", "dense", "iid")]
+    covered = [f"{share} (0.8 to 1)" for share in (0.9, dense, 0.9)]
+    rows = {"data and fit": names, "units": 1, "replicates": 100}
+    rows |= {"coverage of 90 % intervals": covered, "width over the right model's": width}
+    pd.DataFrame(rows).to_csv(tmp_path / "membrane_recovery.csv", index=False)
+    asked = found(tmp_path)
+    faster = asked[asked["asked"].str.startswith("five times faster")]
+    assert list(faster["met"]) == expected
+    assert faster["measured"].iloc[0] == f"{dense - 0.9:+.3f}"
