@@ -37,6 +37,11 @@ class Transport:
     mixture: NormalMixture
     warp: Warp | None = None
 
+    @property
+    def bends(self) -> bool:
+        """Whether it is no affine map."""
+        return self.warp is not None or self.mixture.components > 1
+
     def colour(self, z: FloatArray) -> FloatArray:
         """x (W, k) of z (W, k)."""
         y = self.mixture.colour(z)

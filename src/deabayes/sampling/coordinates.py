@@ -9,8 +9,8 @@ the largest draw, in logarithms by 5 (docs/sampler.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
 **Inherited parameters.** Their z is what makes another posterior, a mixture of normals, N(0, I). A
-ridge bends in it where one component gives way to the next; in the mixture's own coordinates,
-whitened as a whole, it does not.
+ridge bends in it where one component gives way to the next, so they are taken for what they are by
+their default prior. Of a single normal z is as straight.
 
 **Pairs, units and terms.** See `pairs`, `shares` and `terms`.
 """
@@ -30,7 +30,7 @@ from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import ROUNDING, Independent, Ordered
-from deabayes.prior.normal_mixture import NormalMixture
+from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 from deabayes.sampling.shares import unit_shares
 from deabayes.sampling.terms import term_shares
@@ -119,37 +119,27 @@ class Natural:
 
 @dataclass(frozen=True)
 class Inherited:
-    """Parameters whose prior is a mixture, whitened by its covariance, in place of their z.
+    """Parameters that have another posterior for a prior, by their default prior's scores.
 
     Attributes
     ----------
-    columns : of z, in the mixture's order.
+    columns : of z, in the block's order.
     """
 
     columns: tuple[int, ...]
-    mixture: NormalMixture
+    block: PosteriorBlock
 
     def straighten(self, u: FloatArray) -> FloatArray:
         """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
         own = list(self.columns)
         z = u[:, own]
-        x = self.mixture.colour(z)
-        u[:, own] = self._whole.whiten(x)
-        log_density = self.mixture.log_density(x) + self._log_determinant
-        return log_normal_density(z).sum(axis=1) - log_density
+        u[:, own] = self.block.colour(z)
+        return log_normal_density(z).sum(axis=1) - self.block.transport.log_density(u[:, own])
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
         own = list(self.columns)
-        u[:, own] = self.mixture.whiten(self._whole.colour(u[:, own]))
-
-    @cached_property
-    def _whole(self) -> NormalMixture:
-        return self.mixture.as_one()
-
-    @cached_property
-    def _log_determinant(self) -> float:
-        return float(np.log(np.diag(self._whole.factors[0])).sum())
+        u[:, own] = self.block.whiten(u[:, own])
 
 
 @dataclass(frozen=True)
@@ -161,7 +151,7 @@ class Coordinates:
     natural : parameters of which not the score is taken.
     pairs : of parameters, see `pairs`, of units, see `shares`, and of terms, see `terms`; they
         come after.
-    inherited : parameters whose prior is a mixture.
+    inherited : parameters whose prior is a mixture; they come first.
     """
 
     natural: tuple[Natural, ...] = ()
@@ -171,8 +161,8 @@ class Coordinates:
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """Those of a log-posterior's parameters; natural ones where priors are their own."""
-        names = {n for block in target.prior.inherited for n in block.names}
-        free = frozenset(k for k, name in enumerate(target.names) if name not in names)
+        bent, straight = _inherited(target)
+        free = frozenset(range(target.dimension)).difference(straight)
         natural = tuple(_natural(target, free))
         logarithms = frozenset(
             k for part in natural for k in part.block.columns if part.logarithmic
@@ -183,14 +173,7 @@ class Coordinates:
             *unit_shares(target, free, logarithms),
             *term_shares(target, free),
         ]
-        inherited = tuple(
-            Inherited(
-                tuple(target.names.index(name) for name in block.names), block.transport.mixture
-            )
-            for block in target.prior.inherited
-            if block.transport.mixture.components > 1
-        )
-        return cls(natural, tuple(pairs), inherited)
+        return cls(natural, tuple(pairs), bent)
 
     @property
     def _parts(self) -> list[Inherited | Natural | Pair]:
@@ -219,6 +202,18 @@ class Coordinates:
                 part.bend(z)
         z[~np.isfinite(z).all(axis=1)] = np.nan
         return z
+
+
+def _inherited(target: LogPosterior) -> tuple[tuple[Inherited, ...], list[int]]:
+    """Blocks of which z bends, and the columns of the others."""
+    bent, straight = [], list[int]()
+    for block in target.prior.inherited:
+        columns = tuple(target.names.index(name) for name in block.names)
+        if block.transport.bends:
+            bent.append(Inherited(columns, block))
+        else:
+            straight += columns
+    return tuple(bent), straight
 
 
 def _natural(target: LogPosterior, free: frozenset[int]) -> Iterator[Natural]:

@@ -29,8 +29,8 @@ from deabayes.systems.stretched_spring import StretchedSpring
 class Pair(Protocol):
     """Coordinates in the places of two others, made in place."""
 
-    def straighten(self, u: FloatArray) -> float:
-        """Change the columns of u (W, d) and return the log of the Jacobian."""
+    def straighten(self, u: FloatArray) -> FloatArray | float:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,) or of all."""
         ...
 
     def bend(self, u: FloatArray) -> None:

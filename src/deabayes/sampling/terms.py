@@ -19,8 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.distributions import Uniform
+from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
+from deabayes.prior.blocks import Parts
 from deabayes.sampling.pairs import log_normals
 from deabayes.sampling.shares import Shares
 from deabayes.sampling.units import units_of
@@ -50,29 +52,85 @@ class Stretched:
         return -np.log(np.abs(2.0 * stress_of_one(exponents, *self.logarithms) / exponents))
 
 
-def term_shares(target: LogPosterior, free: frozenset[int]) -> list[Shares]:
-    """Those of a spring's terms where each has a log-normal share of the shear modulus.
+@dataclass(frozen=True)
+class LogParts:
+    """Logarithms of parts of a total in place of their scores."""
+
+    block: Parts
+
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        own = list(self.block.columns)
+        z, parts = u[:, own], self.block.to_parameters(u[:, own])
+        u[:, own] = np.log(parts)
+        log_density = self.block.log_density(parts) + u[:, own].sum(axis=1)
+        return np.asarray(log_normal_density(z).sum(axis=1) - log_density)
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it."""
+        own = list(self.block.columns)
+        u[:, own] = self.block.to_normal(np.exp(u[:, own]))
+
+
+def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | Shares]:
+    """Those of a spring's terms, of which the exponents are uniform.
+
+    Where the prior is of all terms' stress at a stretch, of parts of it. Where each term has a
+    log-normal share of the shear modulus, of stresses at the largest stretch on record.
 
     Parameters
     ----------
     free : columns with priors of their own.
     """
-    stretches = target.system.largest_stretches([r.experiment for r in target.records])
-    if stretches is None:
-        return []
-    logarithms = float(np.log(stretches[0])), float(np.log(stretches[1]))
-    found: list[Shares] = []
+    found: list[LogParts | Shares] = []
     for terms in units_of(target.prior):
         exponents, *companions = (tuple(row.tolist()) for row in terms.columns)
         prior = target.prior.parameters[exponents[0]].prior
         if len(companions) != 1 or not isinstance(prior, Uniform) or not free.issuperset(exponents):
             continue
-        coefficients = [target.prior.parameters[column] for column in companions[0]]
-        halves = all(p.half_product_with and not p.reference_stretches for p in coefficients)
-        normals = log_normals(target, companions[0], free)
-        if halves and len(normals) == terms.count:
-            medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
-            middle, sd = (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / 12**0.5
-            hidden = Stretched(middle, sd, logarithms)
-            found.append(Shares(exponents, companions[0], np.log(medians), sigmas, hidden))
+        if parts := _parts(target, companions[0], free):
+            ones = np.ones(terms.count)
+            found += [LogParts(parts), Shares(exponents, companions[0], 0.0 * ones, ones, shown)]
+        elif shares := _shares(target, exponents, companions[0], free):
+            found.append(shares)
     return found
+
+
+def shown(scores: FloatArray) -> FloatArray:
+    """Nothing is hidden of a stress."""
+    return np.zeros_like(scores)
+
+
+def _parts(
+    target: LogPosterior, coefficients: tuple[int, ...], free: frozenset[int]
+) -> Parts | None:
+    """The block of coefficients that are parts of one stress at given stretches."""
+    parameters = [target.prior.parameters[column] for column in coefficients]
+    if not all(p.half_product_with and p.reference_stretches for p in parameters):
+        return None
+    for block in target.prior.blocks:
+        if isinstance(block, Parts) and block.columns == coefficients:
+            return block if free.issuperset(coefficients) else None
+    return None
+
+
+def _shares(
+    target: LogPosterior,
+    exponents: tuple[int, ...],
+    coefficients: tuple[int, ...],
+    free: frozenset[int],
+) -> Shares | None:
+    """Those of terms with log-normal shares of the shear modulus."""
+    stretches = target.system.largest_stretches([r.experiment for r in target.records])
+    parameters = [target.prior.parameters[column] for column in coefficients]
+    halves = all(p.half_product_with and not p.reference_stretches for p in parameters)
+    normals = log_normals(target, coefficients, free)
+    prior = target.prior.parameters[exponents[0]].prior
+    if stretches is None or not halves or len(normals) < len(coefficients):
+        return None
+    assert isinstance(prior, Uniform)
+    medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
+    middle, sd = (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / 12**0.5
+    logarithms = float(np.log(stretches[0])), float(np.log(stretches[1]))
+    hidden = Stretched(middle, sd, logarithms)
+    return Shares(exponents, coefficients, np.log(medians), sigmas, hidden)

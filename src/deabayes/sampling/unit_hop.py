@@ -11,7 +11,8 @@ and ordered theta, so with the prior's density p on ordered theta the proposal i
 with min(1, L' p(theta') q(tau_k) / (L p(theta) q(tau_k'))) (Tierney 1994, Annals of Statistics
 22, 1701). It changes nothing but the order in which modes are visited.
 
-An Ogden term takes along its stress s mu_k at the largest stretch on record, where that is known,
+An Ogden term takes along its stress s mu_k at the stretches that its prior is of, or at the largest
+on record, where those are known,
 s = lambda_1^alpha_k - lambda_3^alpha_k: at another exponent the same mu_k makes another film. The
 Jacobian of mu_k' = mu_k s(alpha_k) / s(alpha_k') by mu_k multiplies the ratio.
 """
@@ -36,7 +37,8 @@ class UnitHop:
 
     Attributes
     ----------
-    stretches : lambda_1 and lambda_3 at which an Ogden term keeps its stress; None: it keeps mu.
+    stretches : lambda_1 and lambda_3 at which an Ogden term keeps its stress, where its prior names
+        none; None: it keeps mu.
     """
 
     prior: Prior
@@ -83,9 +85,11 @@ class UnitHop:
 
     def _carried(self, units: Units, old: FloatArray, new: FloatArray) -> FloatArray | None:
         """What mu of a term is multiplied by, (W,); None for other units."""
-        if self.stretches is None or len(units.columns) != 2:
+        if len(units.columns) != 2:
             return None
-        if self.prior.parameters[units.columns[1, 0]].half_product_with is None:
+        coefficient = self.prior.parameters[units.columns[1, 0]]
+        stretches = coefficient.reference_stretches or self.stretches
+        if stretches is None or coefficient.half_product_with is None:
             return None
-        logarithms = np.log(self.stretches)
+        logarithms = np.log(stretches)
         return stress_of_one(old, *logarithms) / stress_of_one(new, *logarithms)
