@@ -1,5 +1,7 @@
 """Hops between places in the order of units: the prior is kept, and far modes are found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -28,11 +30,23 @@ def chain_prior(units, own_prior=False):
     return Prior.from_parameters([*moduli, *times])
 
 
+def film_prior(terms):
+    """Ogden terms that are parts of one stress."""
+    parameters = [
+        replace(p, prior=LogNormal(1e6, 1.0), reference_stretches=(3.5, 0.06), part_of="stress")
+        if p.half_product_with
+        else p
+        for p in Ogden().parameters(terms)
+    ]
+    return Prior.from_parameters(parameters)
+
+
 PRIORS = {
     "two units": chain_prior(2),
     "three units": chain_prior(3),
     "moduli with priors of their own": chain_prior(2, own_prior=True),
     "Ogden terms": Prior.from_parameters(Ogden().parameters(2)),
+    "terms of a film": film_prior(3),
 }
 
 
