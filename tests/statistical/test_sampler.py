@@ -29,8 +29,8 @@ from deabayes.sampling.proposal import Lines, Part, Proposal, fit
 from deabayes.sampling.run import Run, Target
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
+from deabayes.sampling.warp import fit_warp
 from deabayes.study import Sampling
-from deabayes.warp import fit_warp
 
 
 def wide_proposal(dimension):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from deabayes.prior.from_posterior import PosteriorBlock, distance_from_normal
 from deabayes.prior.normal_mixture import NormalMixture
-from deabayes.prior.transport import distance_from_normal
 
 
 def mixture(components: int, dimension: int, seed: int = 1) -> NormalMixture:
@@ -95,3 +95,88 @@ def test_marginal_leaves_the_others_out():
     kept = one.marginal([3, 1])
     assert distance_from_normal(kept.whiten(x[:, [3, 1]])) < 0.015
     assert distance_from_normal(kept.whiten(x[:, [1, 3]])) > 0.1
+
+
+class TestDistance:
+    def test_of_normal_draws(self):
+        assert distance_from_normal(np.random.default_rng(6).standard_normal((8000, 5))) < 0.02
+
+    def test_of_one_shifted_column(self):
+        z = np.random.default_rng(7).standard_normal((8000, 5))
+        z[:, 2] += 0.5
+        assert distance_from_normal(z) == pytest.approx(2 * stats.norm.cdf(0.25) - 1, abs=0.02)
+
+    def test_of_a_shape_that_no_column_shows(self):
+        """Signs shared by all columns: each is standard normal, together they lie in two cones."""
+        rng = np.random.default_rng(8)
+        z = np.abs(rng.standard_normal(8000))[:, None] * rng.choice([-1.0, 1.0], (8000, 4))
+        assert max(stats.kstest(column, "norm").statistic for column in z.T) < 0.02
+        assert distance_from_normal(z) > 0.1
+
+
+def banana(rng: np.random.Generator, size: int) -> np.ndarray:
+    """A bent ridge in four dimensions."""
+    u = rng.standard_normal((size, 4))
+    x = np.stack([u[:, 0], 0.7 * u[:, 0] ** 2 + 0.1 * u[:, 1], u[:, 2], 0.5 * u[:, 3]], axis=1)
+    return 0.3 * x
+
+
+class TestFit:
+    NAMES = ("a", "b", "c", "d")
+
+    def test_one_normal_where_it_will_do(self):
+        x = mixture(1, 4).colour(np.random.default_rng(9).standard_normal((4000, 4)))
+        block = PosteriorBlock.fit(self.NAMES, x)
+        assert block.mixture.components == 1
+        np.testing.assert_allclose(block.mixture.means[0], x.mean(axis=0))
+        np.testing.assert_allclose(block.mixture.factors[0], np.linalg.cholesky(np.cov(x.T)))
+        assert "multivariate normal on" in block.describe()
+
+    def test_a_bent_ridge_is_followed(self):
+        rng = np.random.default_rng(10)
+        block = PosteriorBlock.fit(self.NAMES, banana(rng, 8000))
+        assert block.misfit < 0.05
+        assert f"mixture of {block.mixture.components} multivariate normals" in block.describe()
+        fresh = banana(rng, 4000)
+        u = fresh / 0.3
+        u = np.stack(
+            [u[:, 0], (u[:, 1] - 0.7 * u[:, 0] ** 2) / 0.1, u[:, 2], u[:, 3] / 0.5], axis=1
+        )
+        exact = np.sum(stats.norm.logpdf(u), axis=1) - 4 * np.log(0.3) - np.log(0.1 * 0.5)
+        lost = np.mean(exact - block.mixture.log_density(fresh))
+        one = NormalMixture(
+            np.ones(1), fresh.mean(axis=0)[None], np.linalg.cholesky(np.cov(fresh.T))[None]
+        )
+        assert lost < 0.15 < 1.5 < np.mean(exact - one.log_density(fresh))
+
+    def test_no_dips_along_a_bent_ridge(self):
+        x = banana(np.random.default_rng(15), 8000)
+        block = PosteriorBlock.fit(self.NAMES, x)
+        drawn = block.colour(np.random.default_rng(16).standard_normal((40000, 4)))
+        ends = stats.norm.ppf(np.linspace(0.02, 0.98, 25))
+        counts, expected = np.histogram(drawn[:, 0] / 0.3, ends)[0], 40000 * 0.04
+        assert np.sqrt(np.mean((counts / expected - 1.0) ** 2)) < 0.1
+
+    def test_no_more_components_than_draws_left_out_ask_for(self):
+        two = mixture(2, 4)
+        x = two.colour(np.random.default_rng(17).standard_normal((8000, 4)))
+        block = PosteriorBlock.fit(self.NAMES, x)
+        assert block.mixture.components == 2
+
+    def test_a_thin_bent_ridge_keeps_its_width(self):
+        """Two coordinates that differ by a millionth of what they have in common."""
+        x = banana(np.random.default_rng(13), 8000)
+        x[:, 2] = x[:, 0] + 1e-6 * x[:, 2]
+        block = PosteriorBlock.fit(self.NAMES, x)
+        drawn = block.colour(np.random.default_rng(14).standard_normal((4000, 4)))
+        assert block.mixture.components > 1
+        assert np.std(drawn[:, 2] - drawn[:, 0]) == pytest.approx(0.3e-6, rel=0.1)
+
+    def test_the_same_draws_give_the_same_prior(self):
+        x = banana(np.random.default_rng(11), 2000)
+        one, other = (PosteriorBlock.fit(self.NAMES, x) for _ in range(2))
+        np.testing.assert_array_equal(one.mixture.means, other.mixture.means)
+
+    def test_few_draws_are_not_split(self):
+        x = banana(np.random.default_rng(12), 79)
+        assert PosteriorBlock.fit(self.NAMES, x).mixture.components == 1

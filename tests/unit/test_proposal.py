@@ -5,7 +5,7 @@ import pytest
 
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Part, Proposal, fit
-from deabayes.warp import fit_warp
+from deabayes.sampling.warp import fit_warp
 
 
 def ridge(n=4000, seed=0):

@@ -21,7 +21,7 @@ from deabayes.pipeline import build_target, read_experiments
 from dataclasses import replace
 from deabayes.posterior import further_prior, wider_systems
 from deabayes.study import load_study
-from deabayes.warp import fit_warp
+from deabayes.sampling.warp import fit_warp
 
 samples = np.random.default_rng(2).standard_normal((500, 4))
 fit_warp(samples).inverse(fit_warp(samples).forward(samples))

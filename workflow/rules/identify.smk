@@ -12,7 +12,6 @@ MODEL = modules(
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
-    "warp/*.py",
     "own_models/*.py",
     "noise/*.py",
 )

@@ -47,7 +47,7 @@ def _use_an_inherited_prior() -> None:
 
 def _use_the_proposal() -> None:
     """The sampler's straightening map, there and back."""
-    from deabayes.warp import fit_warp
+    from deabayes.sampling.warp import fit_warp
 
     samples = np.random.default_rng(0).standard_normal((200, 2))
     warp = fit_warp(samples)

@@ -172,8 +172,8 @@ def marginal(prior: Prior, names: Sequence[str]) -> Prior:
     """The prior of some of the parameters alone, the others integrated over.
 
     Blocks of the default prior are independent of each other, so those of the names are the
-    marginal; an inherited mixture's is the mixture of its part (of a straightened one, fitted to
-    draws of it), in the coordinate z of `names`, which depends on no other parameter.
+    marginal; an inherited mixture's is the mixture of its part, in the coordinate z of `names`,
+    which depends on no other parameter.
 
     Raises
     ------

@@ -134,7 +134,7 @@ class Inherited:
         own = list(self.columns)
         z = u[:, own]
         u[:, own] = self.block.colour(z)
-        return log_normal_density(z).sum(axis=1) - self.block.transport.log_density(u[:, own])
+        return log_normal_density(z).sum(axis=1) - self.block.mixture.log_density(u[:, own])
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
@@ -209,7 +209,7 @@ def _inherited(target: LogPosterior) -> tuple[tuple[Inherited, ...], list[int]]:
     bent, straight = [], list[int]()
     for block in target.prior.inherited:
         columns = tuple(target.names.index(name) for name in block.names)
-        if block.transport.bends:
+        if block.mixture.components > 1:
             bent.append(Inherited(columns, block))
         else:
             straight += columns

@@ -11,7 +11,7 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.mixture import Mixture, RandomSource, two_clusters
 from deabayes.sampling.mixture import fit as fit_mixture
-from deabayes.warp import Warp, fit_warp
+from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2

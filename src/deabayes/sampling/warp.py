@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.warp.kernels import (
+from deabayes.sampling.warp_kernels import (
     KNOTS,
     RATES,
     SCALE_LIMIT,
