@@ -70,4 +70,4 @@ def test_sampling_faster_and_noise_that_is_not_there(tmp_path, dense, width, exp
     asked = found(tmp_path)
     faster = asked[asked["asked"].str.startswith("five times faster")]
     assert list(faster["met"]) == expected
-    assert faster["measured"].iloc[0] == f"{dense - 0.9:+.3f}"
+    assert faster["measured"].iloc[0] == f"{dense - 0.9:+.3f}, 100 specimens"

@@ -105,13 +105,15 @@ def robust(folder: Path) -> Iterator[Found]:
     else:
         column = "coverage of 90 % intervals"
         change = _first(dense[column]) - _first(usual[column])
-        yield what, f"{change:+.3f}", "yes" if abs(change) < LARGEST_CHANGE else "NO"
+        met = "yes" if abs(change) < LARGEST_CHANGE else "NO"
+        yield what, f"{change:+.3f}, {dense['replicates']} specimens", met
     what = "membrane, kv_gm_1: widths on independent noise, over the right model's"
     ratio = None if independent is None else independent["width over the right model's"]
     if ratio is None or pd.isna(ratio):
         yield what, NOT_RUN, ""
     else:
-        yield what, f"{float(ratio):.2f}", "yes" if float(ratio) <= WIDEST else "NO"
+        met = "yes" if float(ratio) <= WIDEST else "NO"
+        yield what, f"{float(ratio):.2f}, {independent['replicates']} specimens", met
 
 
 def _membranes(folder: Path) -> Iterator[Checked]:
