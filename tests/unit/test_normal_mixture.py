@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from deabayes.prior.from_posterior import PosteriorBlock, distance_from_normal
+from deabayes.prior.from_posterior import MIXTURES, PosteriorBlock, distance_from_normal
 from deabayes.prior.normal_mixture import NormalMixture
 
 
@@ -161,7 +161,7 @@ class TestFit:
         two = mixture(2, 4)
         x = two.colour(np.random.default_rng(17).standard_normal((8000, 4)))
         block = PosteriorBlock.fit(self.NAMES, x)
-        assert block.mixture.components == 2
+        assert block.mixture.components == 2 * MIXTURES
 
     def test_a_thin_bent_ridge_keeps_its_width(self):
         """Two coordinates that differ by a millionth of what they have in common."""

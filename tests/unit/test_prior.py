@@ -9,6 +9,7 @@ from scipy import stats
 from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
+from deabayes.prior.from_posterior import MIXTURES
 from deabayes.prior.joint import Prior, PriorFromPosterior
 
 
@@ -219,7 +220,7 @@ class TestInherit:
         bimodal[::4, 1] += 1.0
         inherited = Prior(FREE).inherit(names, bimodal)
         assert inherited.inherited[0].misfit < 0.03
-        assert "mixture of 2 multivariate normals" in inherited.describe("offset")
+        assert f"mixture of {2 * MIXTURES} multivariate normals" in inherited.describe("offset")
         offset = inherited.sample(np.random.default_rng(12), 20000)[:, 2]
         assert np.mean(offset > 1.0) == pytest.approx(0.25, abs=0.01)
         assert np.mean(offset[offset > 1.0]) == pytest.approx(draws[:, 1].mean() + 1.0, abs=0.003)

@@ -18,7 +18,9 @@ LARGEST_MISFIT = 0.05
 SOUGHT_MISFIT = 0.03
 """From which one normal will not do; 8000 draws are 0.01 from themselves."""
 COMPONENTS = (2, 4, 8, 16)
-"""Tried in turn where one normal does not describe the draws."""
+"""Tried where one normal does not describe the draws."""
+MIXTURES = 4
+"""Of so many components each, of which the mean is taken."""
 LEAST_GAIN = 0.05
 """In the mean log density of draws left out [nat]: what fewer components may lack. Where
 too few follow a bent ridge its density dips between them, by a third with the 8 that bring the
@@ -70,7 +72,9 @@ class PosteriorBlock:
         if block.misfit <= SOUGHT_MISFIT:
             return block
         components = _best_number(z, normal)
-        return cls._of(names, _mixture(z, components, normal), z) if components > 1 else block
+        if components == 1:
+            return block
+        return cls._of(names, _mean_of_mixtures(z, components, normal), z)
 
     @classmethod
     def _of(cls, names: tuple[str, ...], mixture: NormalMixture, z: FloatArray) -> PosteriorBlock:
@@ -130,6 +134,17 @@ def _mixture(z: FloatArray, components: int, normal: NormalMixture) -> NormalMix
     fitted.fit(normal.whiten(z))
     factors = normal.factors[0] @ np.linalg.cholesky(fitted.covariances_)
     return NormalMixture(fitted.weights_, normal.colour(fitted.means_), factors)
+
+
+def _mean_of_mixtures(z: FloatArray, components: int, normal: NormalMixture) -> NormalMixture:
+    """The mean of mixtures fitted to draws drawn again: their necks are at different places."""
+    again = np.random.default_rng(0).integers(len(z), size=(MIXTURES, len(z)))
+    found = [_mixture(z[drawn], components, normal) for drawn in again]
+    return NormalMixture(
+        np.concatenate([each.weights for each in found]) / MIXTURES,
+        np.concatenate([each.means for each in found]),
+        np.concatenate([each.factors for each in found]),
+    )
 
 
 def _best_number(z: FloatArray, normal: NormalMixture) -> int:
