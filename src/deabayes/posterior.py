@@ -71,7 +71,8 @@ class LogPosterior:
 
     Sampling happens in the prior's standard-normal coordinate z (see
     `Prior.to_parameters`): calling the object with z (W, d) gives
-    log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence.
+    log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence (corrected where
+    theta(z) makes only nearly the prior of N(0, I), see `Prior.log_correction`).
     A draw whose response is not finite has log-probability -inf and is counted.
     """
 
@@ -141,13 +142,17 @@ class LogPosterior:
         return np.where(finite, total, -np.inf)
 
     def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
-        """log L(theta(z)), (W,), for z (W, d) in the standard-normal coordinate."""
+        """log [L(theta) p(theta) / q(theta)], (W,), for z (W, d) in the standard-normal coordinate.
+
+        q is what theta(z) makes of N(0, I): the prior p itself but for some inherited ones
+        (`Prior.log_correction`).
+        """
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             theta = self.prior.to_parameters(z)
-        return self.log_likelihood(theta)
+            return self.log_likelihood(theta) + self.prior.log_correction(theta)
 
     def __call__(self, z: FloatArray) -> FloatArray:
-        """log L(theta(z)) + log N(z; 0, I), (W,)."""
+        """log [L(theta(z)) p / q] + log N(z; 0, I), (W,)."""
         return self.log_likelihood_of_normal(z) + log_standard_normal(z)
 
     def rough(self) -> LogPosterior:

@@ -37,10 +37,12 @@ def test_the_error_is_that_of_a_mean_of_independent_estimates():
 class Hills:
     """Two peaks of a likelihood, the higher one at (2, -1), and a prior that pulls to zero."""
 
-    def __call__(self, z):
-        return self.log_likelihood_of_normal(z) - 0.5 * np.sum(z**2, axis=1)
+    prior = SimpleNamespace(to_parameters=lambda z: z)
 
-    def log_likelihood_of_normal(self, z):
+    def __call__(self, z):
+        return self.log_likelihood(z) - 0.5 * np.sum(z**2, axis=1)
+
+    def log_likelihood(self, z):
         high = 7.0 - np.sum((z - [2.0, -1.0]) ** 2, axis=1)
         return np.where(z[:, 0] > 0.0, high, 3.0 - np.sum((z + 2.0) ** 2, axis=1))
 
@@ -53,5 +55,8 @@ def test_the_highest_of_all_climbs_counts_and_the_prior_does_not():
 
 def test_the_priors_bounds_stay():
     """A peak nine prior deviations out is not reached."""
-    target = SimpleNamespace(log_likelihood_of_normal=lambda z: -((z[:, 0] - 9.0) ** 2))
+    target = SimpleNamespace(
+        prior=SimpleNamespace(to_parameters=lambda z: z),
+        log_likelihood=lambda z: -((z[:, 0] - 9.0) ** 2),
+    )
     assert maximum_log_likelihood(target, np.zeros((1, 1))) == pytest.approx(-9.0)

@@ -108,7 +108,8 @@ def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
 
     def objective(z: FloatArray) -> tuple[float, FloatArray]:
         shifts = step * np.eye(z.size)
-        values = target.log_likelihood_of_normal(np.vstack([z, z + shifts, z - shifts]))
+        near = np.vstack([z, z + shifts, z - shifts])
+        values = target.log_likelihood(target.prior.to_parameters(near))
         if not np.isfinite(values[0]):
             return 1e300, np.zeros_like(z)
         gradient = (values[1 : z.size + 1] - values[z.size + 1 :]) / (2 * step)

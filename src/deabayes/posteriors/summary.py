@@ -63,7 +63,8 @@ def power_sensitivities(
 ) -> dict[str, dict[str, float]]:
     """Column of the summary -> quantity -> `power_scaling.sensitivities`.
 
-    The prior's density that is raised to a power is N(z; 0, I): a power of a density depends
+    The prior's density that is raised to a power is N(z; 0, I), corrected where it is not quite
+    the prior (`Prior.log_correction`): a power of a density depends
     on the coordinate, and in this one a power above 1 draws every prior together about its
     median, those with bounds and inherited ones too. How far a quantity moves is measured on
     the scale of `contraction` for derived quantities.
@@ -72,7 +73,8 @@ def power_sensitivities(
     ----------
     posterior, prior : draws of every quantity.
     """
-    log_prior = log_standard_normal(content.z.reshape(-1, content.target.dimension))
+    z, prior_of = content.z.reshape(-1, content.target.dimension), content.target.prior
+    log_prior = log_standard_normal(z) + prior_of.log_correction(prior_of.to_parameters(z))
     log_likelihood = content.log_posterior.reshape(-1) - log_prior
     draws = {name: _scaled(posterior[name], prior[name])[0] for name in posterior}
     effective = content.diagnostics["ess_bulk"].clip(upper=log_prior.size).to_dict()

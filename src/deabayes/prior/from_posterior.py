@@ -1,8 +1,13 @@
-"""A posterior as the prior of another study: a mixture of normals in the default coordinate."""
+"""A posterior as the prior of another study: what its draws have learned, or a mixture of normals.
+
+A mixture of normals makes draws, and coordinates for the sampler. Where it takes several normals
+and the default prior times a learned likelihood describes the draws better (see `learned`), that
+is the density.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -10,6 +15,7 @@ import numpy as np
 
 from deabayes.distributions.scores import FloatArray, log_normal_density
 from deabayes.faults import UserError
+from deabayes.prior.learned import Learned, Shown
 from deabayes.prior.normal_mixture import NormalMixture
 
 FEWEST_DRAWS_PER_PARAMETER = 10
@@ -25,6 +31,8 @@ LEAST_GAIN = 0.05
 """In the mean log density of draws left out [nat]: what fewer components may lack. Where
 too few follow a bent ridge its density dips between them, by a third with the 8 that bring the
 misfit of `ogden_2`'s film below 0.03."""
+OTHERS = 4
+"""Draws of the mixture for each draw handed on, to tell these from."""
 
 
 class PriorFromPosterior(NamedTuple):
@@ -40,22 +48,39 @@ class PriorFromPosterior(NamedTuple):
 
 @dataclass(frozen=True)
 class PosteriorBlock:
-    """A mixture of normals in the default prior's standard-normal coordinate.
+    """A posterior in the default prior's standard-normal coordinate.
 
-    `misfit` is how far the draws, whitened by the mixture, are from standard normal
-    (`distance_from_normal`).
+    Attributes
+    ----------
+    misfit : largest distance of distribution functions of the draws from the density's: of
+        draws whitened by the mixture from standard normal ones (`distance_from_normal`), or of
+        what is shown, and of scores, with `learned`.
+    learned : the likelihood that makes the default prior the density; without it the mixture is.
     """
 
     names: tuple[str, ...]
     mixture: NormalMixture
     misfit: float
+    learned: Learned | None = None
 
     @classmethod
-    def fit(cls, names: tuple[str, ...], z: FloatArray) -> PosteriorBlock:
+    def fit(
+        cls,
+        names: tuple[str, ...],
+        z: FloatArray,
+        shown: Shown | None = None,
+        to_parameters: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> PosteriorBlock:
         """Fit to draws z (S, k) in the default coordinate.
 
-        One normal where it describes the draws (`SOUGHT_MISFIT`), else as many as describe
-        draws left out best (`LEAST_GAIN`).
+        One normal where it describes the draws (`SOUGHT_MISFIT`). Else the default prior with a
+        learned likelihood, if draws left out are likelier by it (`LEAST_GAIN`) than by a mixture
+        of as many normals as describe them best; else the mean of several such mixtures.
+
+        Parameters
+        ----------
+        shown, to_parameters : what records show of the parameters, and these of scores z; without
+            them no likelihood is learned.
 
         Raises
         ------
@@ -74,14 +99,41 @@ class PosteriorBlock:
         components = _best_number(z, normal)
         if components == 1:
             return block
+        if shown is not None and to_parameters is not None:
+            half = z[: size // 2]
+            on_half = cls(names, _mixture(half, components, normal), block.misfit)
+            on_half = on_half._learning(half, shown, to_parameters)
+            rest = z[size // 2 :]
+            if on_half.log_correction(to_parameters(rest), rest).mean() > LEAST_GAIN:
+                mixture = _mixture(z, components, normal)
+                return cls(names, mixture, block.misfit)._learning(z, shown, to_parameters)
         return cls._of(names, _mean_of_mixtures(z, components, normal), z)
 
     @classmethod
     def _of(cls, names: tuple[str, ...], mixture: NormalMixture, z: FloatArray) -> PosteriorBlock:
         return cls(names, mixture, distance_from_normal(mixture.whiten(z)))
 
+    def _learning(
+        self,
+        z: FloatArray,
+        shown: Shown,
+        to_parameters: Callable[[FloatArray], FloatArray],
+    ) -> PosteriorBlock:
+        """With the likelihood that draws z (S, k) have learned."""
+        theta, drawn = to_parameters(z), self.mixture.sample(OTHERS * len(z))
+        others = to_parameters(drawn)
+        log_own, log_others = (self.mixture.log_density(each) for each in (z, drawn))
+        learned = Learned.of(shown, (theta, z), (others, drawn), (log_own, log_others))
+        block = replace(self, learned=learned)
+        weights = np.exp(block.log_correction(others, drawn))
+        seen = learned.directed(theta, z), learned.directed(others, drawn)
+        return replace(block, misfit=max(_distance(z, drawn, weights), _distance(*seen, weights)))
+
     def of(self, names: Sequence[str]) -> PosteriorBlock | None:
-        """The marginal of those of its parameters that are named; None if none is."""
+        """The marginal of those of its parameters that are named; None if none is.
+
+        That of the mixture: of a learned likelihood it is not known.
+        """
         kept = [k for k, name in enumerate(self.names) if name in names]
         if not kept:
             return None
@@ -89,6 +141,7 @@ class PosteriorBlock:
             self,
             names=tuple(self.names[k] for k in kept),
             mixture=self.mixture.marginal(kept),
+            learned=self.learned if len(kept) == len(self.names) else None,
         )
 
     def colour(self, z: FloatArray) -> FloatArray:
@@ -99,13 +152,25 @@ class PosteriorBlock:
         """Inverse of `colour`."""
         return self.mixture.whiten(z_default)
 
-    def log_density_ratio(self, z_default: FloatArray) -> FloatArray:
-        """log p(z_default) of the mixture - log N(z_default; 0, I), (W,)."""
+    def log_density_ratio(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
+        """log p(z_default) - log N(z_default; 0, I), (W,)."""
+        if self.learned is not None:
+            return self.learned(theta, z_default)
         default = np.sum(log_normal_density(z_default), axis=1)
         return self.mixture.log_density(z_default) - default
 
+    def log_correction(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
+        """log p(z_default) - log q(z_default), q being what `colour` makes of N(0, I), (W,)."""
+        if self.learned is None:
+            return np.zeros(len(z_default))
+        default = np.sum(log_normal_density(z_default), axis=1)
+        log_density = self.learned(theta, z_default) + default
+        return np.asarray(log_density - self.mixture.log_density(z_default))
+
     def describe(self) -> str:
         """What it is, in words, for tables."""
+        if self.learned is not None:
+            return "posterior of another study, a likelihood learned from its draws times the prior"
         count = self.mixture.components
         kind = "multivariate normal" if count == 1 else f"mixture of {count} multivariate normals"
         return f"posterior of another study, {kind} on the scores"
@@ -171,9 +236,29 @@ def distance_from_normal(z: FloatArray) -> float:
     """
     from scipy.special import gammainc, ndtr
 
-    squared_length = np.sum(z**2, axis=1, keepdims=True)
-    columns = [np.sort(ndtr(z), axis=0), np.sort(gammainc(z.shape[1] / 2, squared_length / 2), 0)]
-    uniform = np.concatenate(columns, axis=1)
-    size = len(z)
-    above = np.arange(1, size + 1)[:, None] / size - uniform
+    columns = _with_squared_length(z)
+    columns[:, :-1] = ndtr(columns[:, :-1])
+    columns[:, -1] = gammainc(z.shape[1] / 2, columns[:, -1] / 2)
+    return _largest_gap(np.sort(columns, axis=0))
+
+
+def _distance(z: FloatArray, others: FloatArray, weights: FloatArray) -> float:
+    """How far draws z (S, k) are from weighted others: as `distance_from_normal`."""
+    gaps = []
+    for own, other in zip(_with_squared_length(z).T, _with_squared_length(others).T, strict=True):
+        order = np.argsort(other)
+        below = np.concatenate([[0.0], np.cumsum(weights[order])]) / weights.sum()
+        at = np.searchsorted(other[order], np.sort(own), side="right")
+        gaps.append(_largest_gap(below[at][:, None]))
+    return max(gaps)
+
+
+def _with_squared_length(z: FloatArray) -> FloatArray:
+    return np.concatenate([z, np.sum(z**2, axis=1, keepdims=True)], axis=1)
+
+
+def _largest_gap(probabilities: FloatArray) -> float:
+    """Between (S, n) distribution functions at S ascending draws and the share of these below."""
+    size = len(probabilities)
+    above = np.arange(1, size + 1)[:, None] / size - probabilities
     return float(np.max(np.maximum(above, 1.0 / size - above)))

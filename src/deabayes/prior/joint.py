@@ -18,12 +18,15 @@ from deabayes.prior.blocks import (
     Parts,
 )
 from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
+from deabayes.prior.learned import Shown
 from deabayes.prior.overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0
 LARGEST_INHERITED_SCORE = 30.0
 """Further out, normal probabilities are no longer told apart."""
+CANDIDATES = 10
+"""For each draw, where draws are chosen by weight."""
 
 
 class Prior:
@@ -105,9 +108,9 @@ class Prior:
     def inherit(self, names: Sequence[str], draws: FloatArray) -> Prior:
         """Replace the priors of parameters that another posterior has drawn.
 
-        A multivariate normal, or a mixture of them where one does not do, is fitted to the
-        draws in this prior's z, so correlations and supports are kept; its misfit is in
-        `inherited`. Names unknown here are marginalised.
+        A multivariate normal, or where one does not do a mixture of them or a likelihood, is
+        fitted to the draws in this prior's z, so correlations and supports are kept; its misfit
+        is in `inherited`. Names unknown here are marginalised.
 
         Parameters
         ----------
@@ -123,7 +126,8 @@ class Prior:
         theta = np.tile(self._from_default(np.zeros((1, len(self.names)))), (len(draws), 1))
         for name in common:
             theta[:, self._column[name]] = draws[:, list(names).index(name)]
-        z = self._to_default(theta)[:, [self._column[n] for n in common]]
+        columns = [self._column[n] for n in common]
+        z = self._to_default(theta)[:, columns]
         for name, column in zip(common, z.T, strict=True):
             outside = int(np.sum(~np.isfinite(column)))
             if outside:
@@ -132,7 +136,14 @@ class Prior:
                     f"prior here ({self.describe(name)}); widen it under priors:"
                 )
         z = np.clip(z, -LARGEST_INHERITED_SCORE, LARGEST_INHERITED_SCORE)
-        block = PosteriorBlock.fit(common, z)
+
+        def to_parameters(z: FloatArray) -> FloatArray:
+            every = np.zeros((len(z), len(self.names)))
+            every[:, columns] = z
+            return self._from_default(every)[:, columns]
+
+        shown = Shown.by([self.parameters[k] for k in columns])
+        block = PosteriorBlock.fit(common, z, shown, to_parameters)
         kept = tuple(b for b in self.inherited if not set(b.names) & set(common))
         return Prior(self.parameters, self.minimum_ratios, (*kept, block))
 
@@ -156,12 +167,26 @@ class Prior:
         if self.inherited:
             z = self._to_default(theta)
             for block_, columns in zip(self.inherited, self._inherited_columns, strict=True):
-                total += block_.log_density_ratio(z[:, columns])
+                total += block_.log_density_ratio(theta[:, columns], z[:, columns])
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def log_correction(self, theta: FloatArray) -> FloatArray:
+        """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0."""
+        total = np.zeros(len(theta))
+        if not any(block.learned for block in self.inherited):
+            return total
+        z = self._to_default(theta)
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            total += block.log_correction(theta[:, columns], z[:, columns])
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Independent draws theta (n, d)."""
-        return self.to_parameters(rng.standard_normal((n, len(self.names))))
+        """Independent draws theta (n, d); of many where z is not quite normal, by weight."""
+        if not any(block.learned for block in self.inherited):
+            return self.to_parameters(rng.standard_normal((n, len(self.names))))
+        theta = self.to_parameters(rng.standard_normal((CANDIDATES * n, len(self.names))))
+        weights = np.exp(self.log_correction(theta))
+        return theta[rng.choice(len(theta), size=n, p=weights / weights.sum())]
 
     @property
     def parts(self) -> frozenset[str]:

@@ -57,6 +57,13 @@ class NormalMixture:
         factor = np.asarray(np.linalg.cholesky(within + spread.T @ spread), dtype=np.float64)
         return NormalMixture(np.ones(1), mean[None], factor[None])
 
+    def sample(self, n: int) -> FloatArray:
+        """n draws (n, k); always the same, and sooner than by `colour`."""
+        rng = np.random.default_rng(0)
+        chosen = rng.choice(self.components, size=n, p=self.weights)
+        normal = rng.standard_normal((n, self.means.shape[1]))
+        return self.means[chosen] + np.einsum("sab,sb->sa", self.factors[chosen], normal)
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """log p(x), (W,), of x (W, k)."""
         from scipy.special import logsumexp

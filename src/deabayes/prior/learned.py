@@ -1,0 +1,184 @@
+r"""What draws of a posterior have learned beyond a default prior, as a likelihood.
+
+A mixture fitted to draws is a fair description of where they are, and a poor one of a thin
+slice at their rim: it is lumpy there, and log densities are off by a nat. But a posterior is
+its prior, which is known, times a likelihood; and in what the records show, f(theta), that is
+nearly normal:
+
+log p(theta) = log p_0(theta) + c + b f + f' A f / 2.
+
+Of an Ogden film f is the logarithm of its stress at some stretches, on which forces depend and
+through which alone they tell anything of coefficients and exponents; of other parameters, their
+scores.
+
+Coefficients are those by which the draws of p are told best from draws of the mixture q, whose
+density is known: the log odds of a draw's being one of p are log p - log q + log(S / S_q), a
+logistic regression of the monomials of f (Gutmann & Hyvarinen 2012, noise-contrastive
+estimation). The constant c comes with it: p is normalised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.distributions.scores import FloatArray, log_normal_density
+from deabayes.parameter import Parameter
+
+LOG_STRETCHES = np.linspace(-0.3, 0.3, 5)
+"""Beyond the one at rest, at which a film's stress is taken: 0.74 to 1.35 times as far."""
+LEAST_SPREAD = 1e-4
+"""Of combinations of features: what varies less among the draws is a function of the others."""
+RIDGE = 1e-3
+"""Penalty on the squares of coefficients, of features of unit variance."""
+STEPS = 50
+"""At most, of Newton's method; it takes five."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The terms of an Ogden film among some columns of parameters.
+
+    Attributes
+    ----------
+    coefficients, exponents : their columns.
+    stretches : lambda_x and lambda_z at rest.
+    """
+
+    coefficients: tuple[int, ...]
+    exponents: tuple[int, ...]
+    stretches: tuple[float, float]
+
+    def log_stresses(self, theta: FloatArray) -> FloatArray:
+        """ln sum_i mu_i (lambda_x^alpha_i - lambda_z^alpha_i) of theta (W, k), (W, 5)."""
+        first, third = np.log(self.stretches)
+        exponents = theta[:, self.exponents, None]
+        stresses = np.expm1(exponents * (first + LOG_STRETCHES))
+        stresses = stresses - np.expm1(exponents * (third - LOG_STRETCHES))
+        return np.log(np.einsum("wi,wij->wj", theta[:, self.coefficients], stresses))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What records show of parameters: a film's stress, and scores of the others."""
+
+    series: tuple[Series, ...]
+    scores: tuple[int, ...]
+
+    @classmethod
+    def by(cls, parameters: Sequence[Parameter]) -> Shown:
+        """That of `parameters`, which are theta's columns; whole films only are taken for such."""
+        column = {p.name: k for k, p in enumerate(parameters)}
+        films: dict[str, list[int]] = {}
+        for k, p in enumerate(parameters):
+            if p.part_of and p.reference_stretches and p.half_product_with in column:
+                films.setdefault(p.part_of, []).append(k)
+        series = []
+        for terms in films.values():
+            exponents = tuple(column[str(parameters[k].half_product_with)] for k in terms)
+            stretches = parameters[terms[0]].reference_stretches
+            assert stretches is not None
+            series.append(Series(tuple(terms), exponents, stretches))
+        in_series = {k for each in series for k in (*each.coefficients, *each.exponents)}
+        return cls(tuple(series), tuple(k for k in column.values() if k not in in_series))
+
+    def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """Features (W, F) of parameters theta (W, k), which have the scores z (W, k)."""
+        return np.column_stack([*(s.log_stresses(theta) for s in self.series), z[:, self.scores]])
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A likelihood that is quadratic in what records show.
+
+    Attributes
+    ----------
+    centre, directions : (F,) and (F, r): w = (f - centre) directions has mean 0 and unit
+        covariance over the draws.
+    coefficients : of 1, w_i, and w_i w_j with i <= j.
+    """
+
+    shown: Shown
+    centre: FloatArray
+    directions: FloatArray
+    coefficients: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        shown: Shown,
+        draws: tuple[FloatArray, FloatArray],
+        others: tuple[FloatArray, FloatArray],
+        log_others: tuple[FloatArray, FloatArray],
+    ) -> Learned:
+        """That by which draws are told best from draws of another density q.
+
+        Parameters
+        ----------
+        draws, others : theta (S, k) and z (S, k) of each.
+        log_others : log q(z) of both, each (S,).
+        """
+        features = shown(*draws)
+        centre = features.mean(axis=0)
+        variances, vectors = np.linalg.eigh(np.atleast_2d(np.cov(features, rowvar=False)))
+        varies = variances > LEAST_SPREAD**2
+        directions = vectors[:, varies] / np.sqrt(variances[varies])
+        found = cls(shown, centre, directions, np.zeros(0))
+        terms = [found._monomials(*each) for each in (draws, others)]
+        known = [
+            np.sum(log_normal_density(z), axis=1) - log_q
+            for (_, z), log_q in zip((draws, others), log_others, strict=True)
+        ]
+        coefficients = _told_apart(terms, known, float(np.log(len(terms[0]) / len(terms[1]))))
+        return cls(shown, centre, directions, coefficients)
+
+    def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """log L, (W,); p_0 L is normalised."""
+        return np.asarray(self._monomials(theta, z) @ self.coefficients)
+
+    def directed(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """w (W, r): what is shown, of unit covariance over the draws it was learned from."""
+        return np.asarray((self.shown(theta, z) - self.centre) @ self.directions)
+
+    def _monomials(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        w = self.directed(theta, z)
+        first, second = np.triu_indices(w.shape[1])
+        return np.concatenate([np.ones((len(w), 1)), w, w[:, first] * w[:, second]], axis=1)
+
+
+def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: float) -> FloatArray:
+    """Coefficients of a logistic regression with known offsets.
+
+    Parameters
+    ----------
+    terms : (S, m) of the draws and of the others.
+    known : log odds without what is sought, but for `log_ratio`, of either.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import expit, log_expit
+
+    every = np.concatenate(terms)
+    offsets = np.concatenate(known) + log_ratio
+    usable = np.isfinite(every).all(axis=1) & np.isfinite(offsets)
+    sign = np.repeat([1.0, -1.0], [len(each) for each in terms])[usable]
+    every, offsets = every[usable], offsets[usable]
+
+    def loss(b: FloatArray) -> float:
+        return float(0.5 * RIDGE * b @ b - log_expit(sign * (offsets + every @ b)).sum())
+
+    def gradient(b: FloatArray) -> FloatArray:
+        wrong = sign * expit(-sign * (offsets + every @ b))
+        return np.asarray(RIDGE * b - wrong @ every)
+
+    def curvature(b: FloatArray) -> FloatArray:
+        odds = expit(offsets + every @ b)
+        return np.asarray((every.T * (odds * (1.0 - odds))) @ every + RIDGE * np.eye(b.size))
+
+    start = np.linalg.lstsq(every[sign > 0], -offsets[sign > 0] + log_ratio, rcond=None)[0]
+    options = {"maxiter": STEPS}
+    found = minimize(
+        loss, start, jac=gradient, hess=curvature, method="trust-exact", options=options
+    )
+    return np.asarray(found.x)
