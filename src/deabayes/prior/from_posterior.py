@@ -79,8 +79,8 @@ class PosteriorBlock:
 
         Parameters
         ----------
-        shown, to_parameters : what records show of the parameters, and these of scores z; without
-            them no likelihood is learned.
+        shown, to_parameters : what records show of the parameters, and these of scores z. Without
+            a film no likelihood is learned: quadratic in scores, it makes one normal.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class PosteriorBlock:
         components = _best_number(z, normal)
         if components == 1:
             return block
-        if shown is not None and to_parameters is not None:
+        if shown is not None and shown.series and to_parameters is not None:
             half = z[: size // 2]
             on_half = cls(names, _mixture(half, components, normal), block.misfit)
             on_half = on_half._learning(half, shown, to_parameters)
