@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.distributions import LogUniform, Uniform
-from deabayes.prior.blocks import Ordered
+from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.pairs import NoisePair
 

@@ -10,7 +10,7 @@ from tests.validation.worlds import tubular_full
 
 from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import Quantity, Specimen
-from deabayes.prior.blocks import Ordered
+from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.pairs import GentPair, NoisePair
 from deabayes.sampling.proposal import fit

@@ -15,7 +15,8 @@ from deabayes.distributions import Normal
 from deabayes.parameter import Parameter
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.inherited_prior import GROUP, inherited_prior, with_inherited_prior
-from deabayes.prior.from_posterior import PosteriorBlock, _distance
+from deabayes.prior.distances import distance
+from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.joint import Prior
 from deabayes.prior.learned import Learned, Shown
 from deabayes.sampling.unit_hop import UnitHop
@@ -179,8 +180,8 @@ def test_distance_of_weighted_draws() -> None:
     rng = np.random.default_rng(8)
     others = rng.uniform(-3.0, 3.0, (40_000, 1))
     weights = stats.norm.pdf(others[:, 0])
-    assert _distance(rng.standard_normal((4000, 1)), others, weights) < 0.03
-    assert _distance(rng.standard_normal((4000, 1)) + 0.3, others, weights) > 0.1
+    assert distance(rng.standard_normal((4000, 1)), others, weights) < 0.03
+    assert distance(rng.standard_normal((4000, 1)) + 0.3, others, weights) > 0.1
 
 
 def test_a_posterior_file_holds_it() -> None:

@@ -11,7 +11,7 @@ from tests.validation.worlds import membrane, tubular_full
 from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.prior.blocks import Ordered
+from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.shares import Shares, TooSlow, shown_for, unit_shares
 

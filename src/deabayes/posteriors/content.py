@@ -99,8 +99,8 @@ def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
     """What is to be known of a prior from another posterior."""
     notes = [] if inherited is None else list(inherited.notes)
     return notes + [
-        f"prior_from: no mixture of normals describes the draws handed on (largest distance of "
-        f"distribution functions {block.misfit:.2f}); the prior made of them is approximate"
+        "prior_from: what is fitted to the draws handed on does not describe them (largest "
+        f"distance of distribution functions {block.misfit:.2f}); this prior is approximate"
         for block in prior.inherited
         if block.misfit > LARGEST_MISFIT
     ]

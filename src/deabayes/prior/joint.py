@@ -6,19 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from deabayes.distributions import LogNormal, format_number
+from deabayes.distributions import format_number
 from deabayes.distributions.scores import FloatArray
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
-from deabayes.prior.blocks import (
-    Block,
-    Independent,
-    LogNormals,
-    Ordered,
-    Parts,
-)
+from deabayes.prior.blocks import blocks_of
 from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
 from deabayes.prior.learned import Shown
+from deabayes.prior.ordered import Ordered
 from deabayes.prior.overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
@@ -72,7 +67,7 @@ class Prior:
         default = MINIMUM_RATIO if isinstance(minimum_ratio, Mapping) else minimum_ratio
         self.minimum_ratios = {group: given.get(group, default) for group in self._members}
         self._half_products = self._product_columns()
-        self.blocks = self._build_blocks()
+        self.blocks = blocks_of(self.parameters, self._members, self.minimum_ratios)
         self._inherited_columns = [[self._column[n] for n in b.names] for b in self.inherited]
 
     @classmethod
@@ -211,33 +206,6 @@ class Prior:
             if name in inherited.names:
                 text = f"{inherited.describe()} of: {text}; misfit {inherited.misfit:.3f}"
         return text
-
-    def _build_blocks(self) -> tuple[Block, ...]:
-        blocks: list[Block] = []
-        for group, members in self._members.items():
-            prior = self.parameters[members[0]].prior
-            if any(self.parameters[k].prior != prior for k in members):
-                raise ValueError(f"the members of ordered group {group} must share one prior")
-            from_largest = self.parameters[members[0]].ordered_from == "largest"
-            ratio = self.minimum_ratios[group]
-            blocks.append(Ordered.of(group, tuple(members), prior, ratio, from_largest))
-        totals = dict.fromkeys(p.part_of for p in self.parameters if p.part_of is not None)
-        for total in totals:
-            columns = tuple(k for k, p in enumerate(self.parameters) if p.part_of == total)
-            blocks.append(Parts(columns, self.parameters[columns[0]].prior))
-        free = [
-            (k, p.prior)
-            for k, p in enumerate(self.parameters)
-            if p.ordered is None and p.part_of is None
-        ]
-        normals = [(k, d) for k, d in free if isinstance(d, LogNormal)]
-        if normals:
-            columns, medians = zip(*normals, strict=True)
-            blocks.append(LogNormals.of(columns, medians))
-        others = [(k, d) for k, d in free if not isinstance(d, LogNormal)]
-        if others:
-            blocks.append(Independent(*zip(*others, strict=True)))
-        return tuple(blocks)
 
     def _product_columns(self) -> list[tuple[int, int]]:
         """(parameter, parameter whose half product with it has the prior), as columns."""

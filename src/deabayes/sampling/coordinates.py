@@ -29,8 +29,9 @@ from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from deabayes.prior.blocks import ROUNDING, Independent, Ordered
+from deabayes.prior.blocks import Independent
 from deabayes.prior.from_posterior import PosteriorBlock
+from deabayes.prior.ordered import ROUNDING, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
 from deabayes.sampling.shares import unit_shares
 from deabayes.sampling.terms import term_shares
