@@ -24,7 +24,7 @@ from deabayes.sampling.unit_hop import UnitHop
 FILM = ("mu_1", "mu_2", "alpha_1", "alpha_2", "relative_permittivity")
 CANDIDATES = 400_000
 WIDTH = 0.3
-"""Of the stress' logarithm at each of five stretches, and 1 of the permittivity's score."""
+"""Of the stress at each of five stretches, of itself, and 1 of the permittivity's score."""
 
 
 def log_likelihood(prior: Prior, theta: np.ndarray) -> np.ndarray:
@@ -34,7 +34,8 @@ def log_likelihood(prior: Prior, theta: np.ndarray) -> np.ndarray:
     centre = [[4e5, 1e3, 1.0, 4.0, 2.0]]
     features = shown(theta[:, columns], prior.to_normal(theta)[:, columns])
     about = shown(np.array(centre), np.zeros((1, len(FILM))))
-    return -0.5 * np.sum(((features - about) / [*[WIDTH] * 5, 1.0]) ** 2, axis=1)
+    widths = np.append(WIDTH * about[0, :5], 1.0)
+    return -0.5 * np.sum(((features - about) / widths) ** 2, axis=1)
 
 
 @cache

@@ -7,7 +7,7 @@ nearly normal:
 
 log p(theta) = log p_0(theta) + c + b f + f' A f / 2.
 
-Of an Ogden film f is the logarithm of its stress at some stretches, on which forces depend and
+Of an Ogden film f is its stress at some stretches, of which forces are linear functions and
 through which alone they tell anything of coefficients and exponents; of other parameters, their
 scores.
 
@@ -29,8 +29,8 @@ from deabayes.parameter import Parameter
 
 LOG_STRETCHES = np.linspace(-0.3, 0.3, 5)
 """Beyond the one at rest, at which a film's stress is taken: 0.74 to 1.35 times as far."""
-LEAST_SPREAD = 1e-4
-"""Of combinations of features: what varies less among the draws is a function of the others."""
+LEAST_SPREAD = 2e-3
+"""Of combinations of standardised features: what varies less is a function of the others."""
 RIDGE = 1e-3
 """Penalty on the squares of coefficients, of features of unit variance."""
 STEPS = 50
@@ -51,13 +51,13 @@ class Series:
     exponents: tuple[int, ...]
     stretches: tuple[float, float]
 
-    def log_stresses(self, theta: FloatArray) -> FloatArray:
-        """ln sum_i mu_i (lambda_x^alpha_i - lambda_z^alpha_i) of theta (W, k), (W, 5)."""
+    def stresses(self, theta: FloatArray) -> FloatArray:
+        """sum_i mu_i (lambda_x^alpha_i - lambda_z^alpha_i) [Pa] of theta (W, k), (W, 5)."""
         first, third = np.log(self.stretches)
         exponents = theta[:, self.exponents, None]
         stresses = np.expm1(exponents * (first + LOG_STRETCHES))
         stresses = stresses - np.expm1(exponents * (third - LOG_STRETCHES))
-        return np.log(np.einsum("wi,wij->wj", theta[:, self.coefficients], stresses))
+        return np.asarray(np.einsum("wi,wij->wj", theta[:, self.coefficients], stresses))
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Shown:
 
     def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
         """Features (W, F) of parameters theta (W, k), which have the scores z (W, k)."""
-        return np.column_stack([*(s.log_stresses(theta) for s in self.series), z[:, self.scores]])
+        return np.column_stack([*(s.stresses(theta) for s in self.series), z[:, self.scores]])
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,11 @@ class Learned:
         """
         features = shown(*draws)
         centre = features.mean(axis=0)
-        variances, vectors = np.linalg.eigh(np.atleast_2d(np.cov(features, rowvar=False)))
+        sd = features.std(axis=0)
+        correlations = np.atleast_2d(np.corrcoef(features, rowvar=False))
+        variances, vectors = np.linalg.eigh(correlations)
         varies = variances > LEAST_SPREAD**2
-        directions = vectors[:, varies] / np.sqrt(variances[varies])
+        directions = vectors[:, varies] / np.sqrt(variances[varies]) / sd[:, None]
         found = cls(shown, centre, directions, np.zeros(0))
         terms = [found._monomials(*each) for each in (draws, others)]
         known = [
