@@ -11,7 +11,7 @@ from deabayes.distributions import Normal
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
-from deabayes.posteriors.content import _notes, _with_doubts
+from deabayes.posteriors.content import _notes, _with_doubts, at_the_rim
 from deabayes.posteriors.inheritance import inherit_from
 from deabayes.posteriors.storage import specimen_to_json, write_tree
 from deabayes.prior.joint import Prior
@@ -102,6 +102,19 @@ def test_a_prior_that_does_not_describe_the_draws_is_said_to_be_approximate(stor
     assert "approximate" in apart[0]
     notes = inherit_from(stored(), strip("b")).notes
     assert _notes(prior, inherit_from(stored(), strip("b"))) == list(notes)
+
+
+@pytest.mark.parametrize(("shift", "said"), [(0.0, False), (1.5, False), (4.0, True)])
+def test_records_that_contradict_what_was_handed_on_are_said_to(shift, said):
+    rng = np.random.default_rng(2)
+    own = [Parameter(n, n, "1", "", Normal(0.0, 1.0), "") for n in "abc"]
+    prior = Prior(own).inherit(("a", "b"), 0.3 * rng.normal(size=(4000, 2)))
+    theta = 0.05 * rng.normal(size=(500, 3)) + [0.3 * shift, 0.0, 3.0]
+    found = at_the_rim(prior, theta)
+    assert bool(found) is said
+    if said:
+        assert "pull a, b to the rim" in found[0]
+    assert not at_the_rim(Prior(own), theta)
 
 
 def test_nothing_to_hand_on(stored):

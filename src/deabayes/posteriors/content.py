@@ -18,6 +18,9 @@ from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
+PRIOR_DRAWS = 4000
+RIM = 0.01
+"""Share of an inherited prior's draws that are as unlikely, below which it is said."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class PosteriorContent:
     ) -> PosteriorContent:
         """With at most `STORED_DRAWS` of the pooled draws per ensemble."""
         z, log_posterior = pooled.thinned(STORED_DRAWS)
+        theta = target.prior.to_parameters(z.reshape(-1, z.shape[2]))
         experiments = [record.experiment for record in target.records]
         return cls(
             study,
@@ -69,6 +73,7 @@ class PosteriorContent:
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
                 *shortness(target),
                 *_notes(target.prior, inherited),
+                *at_the_rim(target.prior, theta),
             ],
             seed,
             further,
@@ -103,6 +108,27 @@ def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
         f"distance of distribution functions {block.misfit:.2f}); this prior is approximate"
         for block in prior.inherited
         if block.misfit > LARGEST_MISFIT
+    ]
+
+
+def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
+    """That new records pull what was handed on to where hardly any draw of it had been.
+
+    How many draws of the inherited prior are no likelier under it than the median of the
+    posterior's draws theta (W, d) is (Box 1980, J. R. Stat. Soc. A 143).
+    """
+    if not prior.inherited:
+        return []
+    drawn = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    before, after = (prior.log_density_of_inherited(each) for each in (drawn, theta))
+    share = float(np.mean(before <= np.median(after)))
+    if share >= RIM:
+        return []
+    names = ", ".join(name for block in prior.inherited for name in block.names)
+    return [
+        f"prior_from: these records pull {names} to the rim of what the other posterior allows "
+        f"(of its own draws {100.0 * share:.2g} % are as unlikely): is it the same material, "
+        "and does the model fit both? Records fitted together tell (docs/how-to/prior-from.md)"
     ]
 
 

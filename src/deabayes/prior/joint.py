@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from deabayes.distributions import format_number
-from deabayes.distributions.scores import FloatArray
+from deabayes.distributions.scores import FloatArray, log_normal_density
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.prior.blocks import blocks_of
@@ -164,6 +164,15 @@ class Prior:
             for block_, columns in zip(self.inherited, self._inherited_columns, strict=True):
                 total += block_.log_density_ratio(theta[:, columns], z[:, columns])
         return np.where(np.isnan(total), -np.inf, total)
+
+    def log_density_of_inherited(self, theta: FloatArray) -> FloatArray:
+        """log p, (W,), of inherited parameters' scores alone."""
+        z, total = self._to_default(theta), np.zeros(len(theta))
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            own = z[:, columns]
+            total += block.log_density_ratio(theta[:, columns], own)
+            total += np.sum(log_normal_density(own), axis=1)
+        return total
 
     def log_correction(self, theta: FloatArray) -> FloatArray:
         """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0."""
