@@ -177,6 +177,22 @@ def test_a_normal_is_found_from_a_wider_one() -> None:
     assert np.abs(log_density - exact).mean() < 0.03
 
 
+def test_nothing_rises_without_end() -> None:
+    """Draws of a direction that nothing was learned of: its curvature would be chance's."""
+    rng = np.random.default_rng(9)
+    draws, others = rng.standard_normal((2000, 2)), rng.standard_normal((8000, 2))
+    draws[:, 0] = 0.5 + 0.1 * draws[:, 0]
+    others[:, 0] = 0.5 + 0.2 * others[:, 0]
+    q = stats.multivariate_normal([0.5, 0.0], [[0.04, 0.0], [0.0, 1.0]]).logpdf
+    found = Learned.of(Shown((), (0, 1)), (draws, draws), (others, others), (q(draws), q(others)))
+    far = np.array([[0.5, 0.0], [0.5, 30.0], [0.5, -30.0]])
+    levels = found(far, far)
+    assert levels[1:].max() - levels[0] < 3.0  # linear terms are chance's still
+    np.testing.assert_allclose(
+        found(draws, draws).mean(), np.log(10.0) - 0.5 + 0.5 * 0.26, atol=0.1
+    )
+
+
 def test_distance_of_weighted_draws() -> None:
     rng = np.random.default_rng(8)
     others = rng.uniform(-3.0, 3.0, (40_000, 1))

@@ -133,7 +133,14 @@ class Learned:
             np.sum(log_normal_density(z), axis=1) - log_q
             for (_, z), log_q in zip((draws, others), log_others, strict=True)
         ]
-        coefficients = _told_apart(terms, known, float(np.log(len(terms[0]) / len(terms[1]))))
+        log_ratio = float(np.log(len(terms[0]) / len(terms[1])))
+        coefficients = _told_apart(terms, known, log_ratio)
+        linear = 1 + directions.shape[1]
+        coefficients[linear:] = _bounded(coefficients[linear:], linear - 1)
+        known = [
+            k + t[:, linear:] @ coefficients[linear:] for k, t in zip(known, terms, strict=True)
+        ]
+        coefficients[:linear] = _told_apart([t[:, :linear] for t in terms], known, log_ratio)
         return cls(shown, centre, directions, coefficients)
 
     def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
@@ -148,6 +155,20 @@ class Learned:
         w = self.directed(theta, z)
         first, second = np.triu_indices(w.shape[1])
         return np.concatenate([np.ones((len(w), 1)), w, w[:, first] * w[:, second]], axis=1)
+
+
+def _bounded(quadratic: FloatArray, size: int) -> FloatArray:
+    """Coefficients of w_i w_j, i <= j, of the nearest form that has a largest value.
+
+    Where draws tell nothing beyond the prior curvatures are zero but for chance, and a form that
+    rises without end would outdo the prior far out.
+    """
+    first, second = np.triu_indices(size)
+    form = np.zeros((size, size))
+    form[first, second] = quadratic
+    curvatures, axes = np.linalg.eigh(form + form.T)
+    form = (axes * np.minimum(curvatures, 0.0)) @ axes.T
+    return np.where(first == second, 0.5, 1.0) * form[first, second]
 
 
 def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: float) -> FloatArray:
