@@ -42,6 +42,7 @@ class Convergence:
         ess_bulk, ess_tail, r_hat.
     autocorrelation_times : (E,) how many autocorrelation times each run covers.
     mode_shares : one row per mode, one column per run, the share of its draws there.
+    agree : no gate failed but those of length: runs do not disagree, and no walker is stuck.
     """
 
     converged: bool
@@ -49,6 +50,7 @@ class Convergence:
     table: pd.DataFrame
     autocorrelation_times: FloatArray
     mode_shares: pd.DataFrame | None = None
+    agree: bool = True
 
 
 def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
@@ -108,32 +110,39 @@ def assess(
     """
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
-    reasons = _table_reasons(table, settings) + _length_reasons(times, settings)
-    reasons += _tau_reasons(quantities, times, settings)
+    disagreeing = _r_hat_reasons(table, settings)
+    short = _size_reasons(table, settings) + _length_reasons(times, settings)
+    short += _tau_reasons(quantities, times, settings)
     if dropped is not None:
-        reasons += _burn_in_reasons(np.asarray(dropped) * times)
+        short += _burn_in_reasons(np.asarray(dropped) * times)
     if log_posterior is not None:
-        reasons += _stuck_reasons(log_posterior)
+        disagreeing += _stuck_reasons(log_posterior)
     shares = None
     if draws is not None:
         shares, mode_reasons = mode_shares(draws)
-        reasons += mode_reasons
-    return Convergence(not reasons, reasons, table, times, shares)
+        disagreeing += mode_reasons
+    reasons = disagreeing + short
+    return Convergence(not reasons, reasons, table, times, shares, agree=not disagreeing)
 
 
-def _table_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
+def _r_hat_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
     reasons = []
     for name, row in table.iterrows():
         if not np.isfinite(row[["r_hat", "ess_bulk", "ess_tail"]].to_numpy(float)).all():
             reasons.append(f"{name}: some draws are not a number, so it cannot be judged")
-            continue
-        if not row["r_hat"] < settings.r_hat:
+        elif not row["r_hat"] < settings.r_hat:
             reasons.append(
                 f"{name}: R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
                 "the independent runs disagree; sample longer"
             )
+    return reasons
+
+
+def _size_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
+    reasons = []
+    for name, row in table.iterrows():
         for column, meaning in (("ess_bulk", "bulk"), ("ess_tail", "tail")):
-            if not row[column] >= settings.ess:
+            if row[column] < settings.ess:
                 reasons.append(
                     f"{name}: the {meaning} of the distribution rests on {row[column]:.0f} "
                     f"effective draws, fewer than {settings.ess:g}; sample longer"

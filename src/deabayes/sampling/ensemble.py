@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.files import write_atomically
+from deabayes.sampling.chains import ess_bulk
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Proposal
+
+LEAST_DROPPED = 0.1
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,31 @@ class Ensemble:
     def failed_share(self) -> float:
         """Share of likelihood evaluations that gave no finite value."""
         return self.failures / max(self.evaluations, 1)
+
+    def followed_by(self, later: Ensemble) -> Ensemble:
+        """This run and what came after it with the same proposal, spaced alike, as one.
+
+        A tenth of all steps is dropped at least (`LEAST_DROPPED`).
+
+        Parameters
+        ----------
+        later : counts this one's steps and evaluations among its own.
+        """
+        missing = LEAST_DROPPED * later.steps - self.burn_in
+        more = max(0, ceil(missing / self.thin))
+        chain = np.concatenate([self.chain, later.chain])[more:]
+        smallest = min(ess_bulk(values) for values in np.moveaxis(chain, 2, 0)[:, None])
+        burn_in = self.burn_in + more * self.thin
+        kept = later.steps - burn_in
+        before = (self.steps - burn_in) / kept
+        return replace(
+            later,
+            chain=chain,
+            log_posterior=np.concatenate([self.log_posterior, later.log_posterior])[more:],
+            burn_in=burn_in,
+            acceptance=before * self.acceptance + (1.0 - before) * later.acceptance,
+            autocorrelation_time=float(kept * chain.shape[1] / smallest),
+        )
 
     def write(self, path: Path) -> None:
         """Write to a netCDF file that appears complete or not at all."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.cloud import LogDensity
 from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.ensemble import Ensemble, align
-from deabayes.sampling.forked import run_apart
+from deabayes.sampling.extension import extend, ready, side_by_side
 from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.proposal import Proposal
 from deabayes.sampling.refit import better_proposals, leave_out
@@ -23,7 +23,9 @@ from deabayes.study import Sampling
 
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
-REFIT, CONTINUED, INSPECTED = range(3)
+EXTENDED = 0
+"""Random streams: 0 before the first refit, then the refit's number."""
+REFIT, INSPECTED = 0, 2
 MOST_REFITS = 6
 LEFT_AFTER_REFIT = 2.0
 """Times what it throws away that the budget must leave after a refit."""
@@ -66,12 +68,13 @@ def pool(
 ) -> PooledResult:
     """Judge ensembles together; when a gate fails, refit the proposals and sample on.
 
-    Only what follows the last refit is kept. Goes on in rounds until every gate passes
-    or each ensemble has used `settings.max_steps`; the verdict says which. Proposals are
-    refitted again, a few times at most, while runs are far from long enough and the budget
-    leaves much more than a refit throws away, and then only to longer runs than the last time
-    or where a proposal leaves out what runs have found since; where none gets better by it,
-    nothing is thrown away.
+    Where runs agree and are nearly long enough they first go on as they are, nothing thrown
+    away (see `extend`). Else only what follows the last refit is kept. Goes on in rounds until
+    every gate passes or each ensemble has used `settings.max_steps`; the verdict says which.
+    Proposals are refitted again, a few times at most, while runs are far from long enough and
+    the budget leaves much more than a refit throws away, and then only to longer runs than the
+    last time or where a proposal leaves out what runs have found since; where none gets better
+    by it, nothing is thrown away.
 
     Parameters
     ----------
@@ -84,7 +87,11 @@ def pool(
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
-    store, refits, renewed, current = Store(folder), 0, 0, tuple(ensembles)
+    store, refits, renewed = Store(folder), 0, 0
+    target = Target(log_likelihood, guide)
+    judged = partial(judge, settings=settings, quantities=quantities)
+    ways = store.sub("extended"), stage_seed(seed, EXTENDED), progress, processes
+    current, convergence = extend(target, ensembles, convergence, judged, settings, *ways)
     total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
@@ -97,8 +104,7 @@ def pool(
             proposals = _refit(inside, current, guide, stream)
             if not runs or _differ(proposals, current):
                 ensembles, total, renewed = current, 0, renewed + 1
-                target = Target(log_likelihood, guide)
-                runs = _runs(target, ensembles, proposals, settings, stream, inside)
+                runs = ready(target, ensembles, proposals, settings, stream, inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
         if total >= most:
             break
@@ -106,29 +112,6 @@ def pool(
         current = _continue_all(runs, ensembles, total, settings, progress, processes)
         convergence = judge(current, settings, quantities)
     return PooledResult(current, convergence)
-
-
-def _runs(
-    target: Target,
-    ensembles: Sequence[Ensemble],
-    proposals: Sequence[Proposal],
-    settings: Sampling,
-    seed: np.random.SeedSequence,
-    store: Store,
-) -> list[Run]:
-    """Each ensemble, ready to go on from its last step with a proposal."""
-    return [
-        Run(
-            replace(target),
-            proposals[index],
-            (ensemble.chain[-1], ensemble.log_posterior[-1]),
-            stage_seed(seed, CONTINUED, index),
-            store.sub(f"continued_{index}"),
-            settings,
-            label=f"sampling on, ensemble {index + 1} of {len(ensembles)}",
-        )
-        for index, ensemble in enumerate(ensembles)
-    ]
 
 
 def judge(
@@ -188,11 +171,7 @@ def _continue_all(
         partial(_continue, run, before, total, settings, progress)
         for run, before in zip(runs, ensembles, strict=True)
     ]
-    if processes > 1 and all(run.store.folder is not None for run in runs):
-        run_apart(tasks, processes)
-        for run in runs:
-            run.store.read_again()
-    return tuple(task() for task in tasks)
+    return side_by_side(runs, tasks, processes)
 
 
 def _continue(

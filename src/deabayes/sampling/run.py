@@ -173,8 +173,10 @@ class Run:
         steps_before: int = 0,
         refitted: bool = False,
         limit: int | None = None,
+        thin: int | None = None,
     ) -> Ensemble:
-        """What is kept of the chain so far: spaced by a quarter of its autocorrelation time.
+        """What is kept of the chain so far: spaced by `thin`, or a quarter of its
+        autocorrelation time.
 
         Only the first `limit` steps are looked at: what a run that was stopped had done after
         them must not decide how it goes on.
@@ -184,7 +186,7 @@ class Run:
         first = int(dropped * len(chain))
         tau, kept = float(chunks[-1]["tau"]), len(chain) - first
         wanted = int(tau / self.thin / 4) if np.isfinite(tau) else 1
-        stride = max(1, min(wanted, kept // 200))
+        stride = max(1, min(wanted, kept // 200)) if thin is None else thin // self.thin
         index = np.arange(len(chain) - 1, first - 1, -stride)[::-1]
         spent = evaluations + sum(chunk["evaluations"] for chunk in chunks)
         return Ensemble(
