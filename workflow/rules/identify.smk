@@ -15,7 +15,7 @@ MODEL = modules(
     "own_models/*.py",
     "noise/*.py",
 )
-POOLED = modules("sampling/pooling.py", "sampling/refit.py")
+POOLED = modules("sampling/pooling.py", "sampling/extension.py", "sampling/refit.py")
 SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
     "prediction/noise_origin.py",
