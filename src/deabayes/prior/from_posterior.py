@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +57,8 @@ class PosteriorBlock:
     misfit : largest distance of distribution functions of the draws from the density's: of
         draws whitened by the mixture from standard normal ones (`distance_from_normal`), or of
         what is shown, and of scores, with `learned`.
-    learned : the likelihood that makes the default prior the density; without it the mixture is.
+    mixture : the density, but with
+    learned : the likelihood that makes the default prior the density.
     """
 
     names: tuple[str, ...]
@@ -105,7 +107,7 @@ class PosteriorBlock:
             on_half = cls(names, _mixture(half, components, normal), block.misfit)
             on_half = on_half._learning(half, shown, to_parameters)
             rest = z[size // 2 :]
-            if on_half.log_correction(to_parameters(rest), rest).mean() > LEAST_GAIN:
+            if on_half.log_weights(to_parameters(rest), rest).mean() > LEAST_GAIN:
                 mixture = _mixture(z, components, normal)
                 return cls(names, mixture, block.misfit)._learning(z, shown, to_parameters)
         return cls._of(names, _mean_of_mixtures(z, components, normal), z)
@@ -121,12 +123,13 @@ class PosteriorBlock:
         to_parameters: Callable[[FloatArray], FloatArray],
     ) -> PosteriorBlock:
         """With the likelihood that draws z (S, k) have learned."""
-        theta, drawn = to_parameters(z), self.mixture.sample(OTHERS * len(z))
+        size, rng = OTHERS * len(z), np.random.default_rng(0)
+        theta, drawn = to_parameters(z), self.mixture.sample(rng, size)
         others = to_parameters(drawn)
         log_own, log_others = (self.mixture.log_density(each) for each in (z, drawn))
         learned = Learned.of(shown, (theta, z), (others, drawn), (log_own, log_others))
         block = replace(self, learned=learned)
-        weights = np.exp(block.log_correction(others, drawn))
+        weights = np.exp(block.log_weights(others, drawn))
         seen = learned.directed(theta, z), learned.directed(others, drawn)
         return replace(block, misfit=max(distance(z, drawn, weights), distance(*seen, weights)))
 
@@ -145,13 +148,22 @@ class PosteriorBlock:
             learned=self.learned if len(kept) == len(self.names) else None,
         )
 
+    @cached_property
+    def base(self) -> NormalMixture:
+        """What N(0, I) is made into by `colour`.
+
+        The mixture; or, where its density does not count, one normal: it goes on straight as far
+        out as records may pull parameters, where a mixture's quantiles are one component's.
+        """
+        return self.mixture if self.learned is None else self.mixture.as_one()
+
     def colour(self, z: FloatArray) -> FloatArray:
         """Default coordinate (W, k) of the standard normal z (W, k)."""
-        return self.mixture.colour(z)
+        return self.base.colour(z)
 
     def whiten(self, z_default: FloatArray) -> FloatArray:
         """Inverse of `colour`."""
-        return self.mixture.whiten(z_default)
+        return self.base.whiten(z_default)
 
     def log_density_ratio(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
         """log p(z_default) - log N(z_default; 0, I), (W,)."""
@@ -162,11 +174,18 @@ class PosteriorBlock:
 
     def log_correction(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
         """log p(z_default) - log q(z_default), q being what `colour` makes of N(0, I), (W,)."""
+        return self._log_over(self.base, theta, z_default)
+
+    def log_weights(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
+        """log p(z_default) - log q(z_default), q being the mixture, (W,)."""
+        return self._log_over(self.mixture, theta, z_default)
+
+    def _log_over(self, q: NormalMixture, theta: FloatArray, z_default: FloatArray) -> FloatArray:
         if self.learned is None:
             return np.zeros(len(z_default))
         default = np.sum(log_normal_density(z_default), axis=1)
         log_density = self.learned(theta, z_default) + default
-        return np.asarray(log_density - self.mixture.log_density(z_default))
+        return np.asarray(log_density - q.log_density(z_default))
 
     def describe(self) -> str:
         """What it is, in words, for tables."""

@@ -185,11 +185,16 @@ class Prior:
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Independent draws theta (n, d); of many where z is not quite normal, by weight."""
+        """Independent draws theta (n, d); chosen by weight where likelihoods were learned."""
         if not any(block.learned for block in self.inherited):
             return self.to_parameters(rng.standard_normal((n, len(self.names))))
-        theta = self.to_parameters(rng.standard_normal((CANDIDATES * n, len(self.names))))
-        weights = np.exp(self.log_correction(theta))
+        z = rng.standard_normal((CANDIDATES * n, len(self.names)))
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            z[:, columns] = block.mixture.sample(rng, len(z))
+        theta, log_weights = self._from_default(z), np.zeros(len(z))
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            log_weights += block.log_weights(theta[:, columns], z[:, columns])
+        weights = np.exp(log_weights - log_weights.max())
         return theta[rng.choice(len(theta), size=n, p=weights / weights.sum())]
 
     @property

@@ -57,9 +57,8 @@ class NormalMixture:
         factor = np.asarray(np.linalg.cholesky(within + spread.T @ spread), dtype=np.float64)
         return NormalMixture(np.ones(1), mean[None], factor[None])
 
-    def sample(self, n: int) -> FloatArray:
-        """n draws (n, k); always the same, and sooner than by `colour`."""
-        rng = np.random.default_rng(0)
+    def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
+        """n draws (n, k), sooner than by `colour`."""
         chosen = rng.choice(self.components, size=n, p=self.weights)
         normal = rng.standard_normal((n, self.means.shape[1]))
         return self.means[chosen] + np.einsum("sab,sb->sa", self.factors[chosen], normal)
