@@ -160,28 +160,21 @@ class Prior:
         for block in self.blocks:
             total += block.log_density(magnitudes[:, block.columns])
         if self.inherited:
-            z = self._to_default(theta)
-            for block_, columns in zip(self.inherited, self._inherited_columns, strict=True):
-                total += block_.log_density_ratio(theta[:, columns], z[:, columns])
+            total += self._over_inherited("log_density_ratio", theta, self._to_default(theta))
         return np.where(np.isnan(total), -np.inf, total)
 
     def log_density_of_inherited(self, theta: FloatArray) -> FloatArray:
         """log p, (W,), of inherited parameters' scores alone."""
-        z, total = self._to_default(theta), np.zeros(len(theta))
-        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
-            own = z[:, columns]
-            total += block.log_density_ratio(theta[:, columns], own)
-            total += np.sum(log_normal_density(own), axis=1)
-        return total
+        z = self._to_default(theta)
+        own = z[:, [column for columns in self._inherited_columns for column in columns]]
+        default = np.sum(log_normal_density(own), axis=1)
+        return default + self._over_inherited("log_density_ratio", theta, z)
 
     def log_correction(self, theta: FloatArray) -> FloatArray:
         """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0."""
-        total = np.zeros(len(theta))
         if not any(block.learned for block in self.inherited):
-            return total
-        z = self._to_default(theta)
-        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
-            total += block.log_correction(theta[:, columns], z[:, columns])
+            return np.zeros(len(theta))
+        total = self._over_inherited("log_correction", theta, self._to_default(theta))
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
@@ -191,11 +184,16 @@ class Prior:
         z = rng.standard_normal((CANDIDATES * n, len(self.names)))
         for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
             z[:, columns] = block.mixture.sample(rng, len(z))
-        theta, log_weights = self._from_default(z), np.zeros(len(z))
-        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
-            log_weights += block.log_weights(theta[:, columns], z[:, columns])
-        weights = np.exp(log_weights - log_weights.max())
+        theta = self._from_default(z)
+        weights = np.nan_to_num(np.exp(self._over_inherited("log_weights", theta, z)))
         return theta[rng.choice(len(theta), size=n, p=weights / weights.sum())]
+
+    def _over_inherited(self, method: str, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """A method of inherited blocks at their columns of theta and of scores z, summed, (W,)."""
+        total = np.zeros(len(theta))
+        for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
+            total += getattr(block, method)(theta[:, columns], z[:, columns])
+        return total
 
     @property
     def parts(self) -> frozenset[str]:
