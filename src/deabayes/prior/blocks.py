@@ -115,7 +115,7 @@ class Parts:
         left = np.cumsum(theta[:, ::-1], axis=1)[:, ::-1]
         z = np.empty_like(theta)
         z[:, 0] = self.total.to_normal(left[:, 0])
-        with np.errstate(invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             z[:, 1:] = -ndtri_exp(np.log(left[:, 1:] / left[:, :-1]) * self._powers)
         return z
 
