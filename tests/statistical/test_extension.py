@@ -72,6 +72,14 @@ def test_runs_that_disagree_are_not_gone_on_with():
     assert all(run.burn_in >= 500 for run in found.ensembles)
 
 
+def test_a_larger_budget_than_they_were_made_with_is_no_mistake():
+    """10 steps from one that is stored to the next: those before are 1 apart."""
+    settings = replace(SETTINGS, max_steps=40000)
+    found = pool(likelihood, runs(40), settings, np.random.SeedSequence(6))
+    assert found.convergence.converged
+    assert all(run.burn_in >= 500 for run in found.ensembles)
+
+
 def test_what_was_made_is_not_made_again(tmp_path):
     whole = pooled(runs(40), tmp_path / "a")
     again, three = pooled(runs(40), tmp_path / "a"), pooled(runs(40), tmp_path / "b", 3)

@@ -87,6 +87,8 @@ def extend(
             break
         own = [each.proposal for each in ensembles]
         runs = runs or ready(target, ensembles, own, settings, seed, store)
+        if any(each.thin % run.thin for run, each in zip(runs, ensembles, strict=True)):
+            break  # another budget than they were sampled with stores steps that are further apart
         tasks = [
             partial(_gone_on, *each, progress) for each in zip(runs, ensembles, added, strict=True)
         ]
