@@ -123,7 +123,9 @@ def load_study(path: Path, name: str | None = None) -> Study:
     content = read_yaml(Path(path))
     if "studies" in content:
         studies = {study.name: study for study in load_studies(Path(path))}
-        wanted = next(iter(studies)) if name is None and len(studies) == 1 else str(name)
+        if name is None and len(studies) > 1:
+            raise UserError(f"{path}: has several studies; name one of {', '.join(studies)}")
+        wanted = name or next(iter(studies))
         if wanted not in studies:
             raise UserError(f"{path}: has no study {wanted!r}{nearest(wanted, studies)}")
         return studies[wanted]

@@ -95,6 +95,30 @@ def test_draws_of_the_prior_are_the_draws_handed_on() -> None:
     assert prior.inherited[0].misfit < 0.05
 
 
+def test_draws_of_the_prior_are_weighted() -> None:
+    """Chosen from those of one normal, which are no good without their weights."""
+    _, prior, theta, _ = handed_on()
+    (block,) = prior.inherited
+    poor = replace(block, mixture=block.mixture.as_one())
+    one = Prior(prior.parameters, prior.minimum_ratios, (poor,))
+    columns = [prior.names.index(name) for name in block.names]
+    assert block.learned is not None
+    before = _shown(block.learned, theta[:, columns])
+    weighted = one.sample(np.random.default_rng(3), 20_000)
+    z = np.random.default_rng(3).standard_normal((20_000, theta.shape[1]))
+    gaps = [
+        distance(before, _shown(block.learned, each[:, columns]), np.ones(len(each)))
+        for each in (weighted, one.to_parameters(z))
+    ]
+    assert gaps[0] < 0.05
+    assert gaps[1] > 0.1
+
+
+def _shown(learned: Learned, theta: np.ndarray) -> np.ndarray:
+    """The film's part of it, which needs no scores."""
+    return learned.shown(theta, np.zeros_like(theta))[:, :-1]
+
+
 def test_the_density_in_z_is_that_of_the_parameters() -> None:
     """N(z) p/q = p(theta) |d theta / d z|, by finite differences."""
     posterior, prior, _, _ = handed_on()

@@ -109,6 +109,14 @@ def test_one_study_of_a_config_by_name(config: Path) -> None:
         load_study(config, "vbh")
 
 
+def test_of_several_studies_one_must_be_named(config: Path) -> None:
+    other = "studies:\n  other: {specimen: strip, candidates: [kv_gm_1]}\n"
+    config.write_text(CONFIG.replace("studies:\n", other, 1), encoding="utf-8")
+    with pytest.raises(UserError, match="has several studies; name one of other, vhb"):
+        load_study(config)
+    assert load_study(config, "other").name == "other"
+
+
 def test_a_mapping_is_read_like_its_file(config: Path) -> None:
     from deabayes.reading.yaml_file import read_yaml
 
