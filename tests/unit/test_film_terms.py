@@ -70,6 +70,24 @@ def test_what_adds_up_is_the_stress_at_rest(of) -> None:
     np.testing.assert_allclose(middle + sd * u[:, shares.places[0]], mean)
 
 
+@pytest.mark.parametrize("of", [film, inherited])
+def test_of_two_terms_the_standard_deviation_of_exponents_is_a_coordinate(of) -> None:
+    """Each weighted by its stress at rest: along a ridge of other shares it stays what it is."""
+    posterior = of("ogden_2")
+    (shares,) = (p for p in Coordinates.of(posterior).pairs if isinstance(p, Shares))
+    z = np.random.default_rng(4).standard_normal((50, posterior.dimension))
+    theta = posterior.prior.to_parameters(z)
+    mu, alpha = theta[:, list(shares.sizes)], theta[:, list(shares.places)]
+    parts = mu * (STRETCHES[0] ** alpha - STRETCHES[1] ** alpha)
+    weights = parts / parts.sum(axis=1, keepdims=True)
+    mean = (weights * alpha).sum(axis=1, keepdims=True)
+    prior = posterior.prior.parameters[shares.places[0]].prior
+    sd = (prior.upper - prior.lower) / np.sqrt(12.0)
+    u, _ = Coordinates.of(posterior).straighten(z)
+    expected = np.sqrt((weights * (alpha - mean) ** 2).sum(axis=1))
+    np.testing.assert_allclose(sd * u[:, shares.places[1]], expected, rtol=1e-9)
+
+
 def test_a_hop_keeps_the_stress_of_a_term() -> None:
     posterior = film("ogden_2")
     hop, rng = UnitHop.of(posterior.prior), np.random.default_rng(1)

@@ -20,7 +20,7 @@ TIMES = LogUniform(1e-2, 1e6)
 MEDIANS, SIGMAS = np.array([2.0, 3.0, 5.0]), np.array([0.5, 0.7, 0.9])
 
 
-def units(count: int, sign: float = 1.0) -> Coordinates:
+def units(count: int, sign: float = 1.0, spread: bool = False) -> Coordinates:
     """Times in the first columns of z, moduli (or, with -1, stiffnesses in series) in the last."""
     shares = Shares(
         tuple(range(count)),
@@ -28,6 +28,7 @@ def units(count: int, sign: float = 1.0) -> Coordinates:
         sign * np.log(MEDIANS[:count]),
         sign * SIGMAS[:count],
         TooSlow(float(np.log(RECORD))),
+        spread,
     )
     times = Natural(Ordered.of("tau", tuple(range(count)), TIMES, 1.0))
     return Coordinates((times,), (shares,))
@@ -44,10 +45,11 @@ def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray
     return there.straighten(z)[0][0]
 
 
+@pytest.mark.parametrize("spread", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("count", [2, 3])
-def test_there_and_back_with_the_jacobian(count: int, sign: float) -> None:
-    there = units(count, sign)
+def test_there_and_back_with_the_jacobian(count: int, sign: float, spread: bool) -> None:
+    there = units(count, sign, spread)
     z, step = np.random.default_rng(1).standard_normal((300, 2 * count)), 1e-5
     u, log_jacobian = there.straighten(z)
     np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
@@ -57,6 +59,29 @@ def test_there_and_back_with_the_jacobian(count: int, sign: float) -> None:
     ]
     expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
     np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_spread_of_parts_is_the_standard_deviation_of_their_places(count: int) -> None:
+    """var = sum_ik c_ik s_i s_k, c_ik the correlation of "beyond the i-th" and "the k-th"."""
+    there = replace(units(count, spread=True).pairs[0], hidden=np.zeros_like)
+    z = np.random.default_rng(3).standard_normal((50, 2 * count))
+    u = np.sort(z, axis=1)
+    where = u[:, :count].copy()
+    sizes = np.exp(there.intercepts + there.slopes * u[:, count:])
+    shares = sizes / sizes.sum(axis=1, keepdims=True)
+    mean = (shares * where).sum(axis=1, keepdims=True)
+    variance = (shares * (where - mean) ** 2).sum(axis=1)
+    there.straighten(u)
+    below = np.cumsum(shares, axis=1)[:, :-1]
+    odds = np.sqrt(below / (1.0 - below))
+    found = np.zeros(len(z))
+    for i in range(count - 1):
+        for k in range(count - 1):
+            low, high = min(i, k), max(i, k)
+            found += odds[:, low] / odds[:, high] * u[:, 1 + i] * u[:, 1 + k]
+    np.testing.assert_allclose(found, variance)
+    np.testing.assert_allclose(u[:, 0], mean[:, 0])
 
 
 def test_shares_of_any_size_have_a_way_back() -> None:

@@ -40,6 +40,10 @@ class Shares:
     places, sizes : columns, in one order: of ln tau_i and of the scores of mu_i.
     intercepts, slopes : (n,), with +-ln mu_i = intercept + slope z.
     hidden : ln(1 + tau / T).
+    spread : the distance of neighbours is counted in what it adds to the standard deviation of
+        places, s_i = (W_i (1 - W_i))^(1/2) (ln tau_{i+1} - ln tau_i), W_i = sum_{j <= i} w_j: of
+        two parts it is that standard deviation, and the ridge along which the smaller one goes
+        out, the further the smaller, is the line of constant s.
     """
 
     places: tuple[int, ...]
@@ -47,33 +51,44 @@ class Shares:
     intercepts: FloatArray
     slopes: FloatArray
     hidden: Hidden
+    spread: bool = False
 
-    def straighten(self, u: FloatArray) -> float:
-        """Change the columns of u (W, d) in place; log of the Jacobian."""
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
         places, sizes = list(self.places), list(self.sizes)
         where = u[:, places]
         shown = self.intercepts + self.slopes * u[:, sizes] - self.hidden(where)
         largest = shown.max(axis=1, keepdims=True)
         total = largest + np.log(np.exp(shown - largest).sum(axis=1, keepdims=True))
+        log_factors = self._log_factors(shown - total)
         u[:, places[0]] = (np.exp(shown - total) * where).sum(axis=1)
-        u[:, places[1:]] = np.diff(where, axis=1)
+        u[:, places[1:]] = np.diff(where, axis=1) * np.exp(log_factors)
         u[:, sizes[0]] = total[:, 0]
         u[:, sizes[1:]] = np.diff(shown, axis=1)
-        return float(np.log(np.abs(self.slopes)).sum())
+        return log_factors.sum(axis=1) + np.log(np.abs(self.slopes)).sum()
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
         places, sizes = list(self.places), list(self.sizes)
         ratios, steps = np.zeros((len(u), len(places))), np.zeros((len(u), len(places)))
         np.cumsum(u[:, sizes[1:]], axis=1, out=ratios[:, 1:])
-        np.cumsum(u[:, places[1:]], axis=1, out=steps[:, 1:])
         ratios -= ratios.max(axis=1, keepdims=True)
-        shares = np.exp(ratios)
-        whole = shares.sum(axis=1, keepdims=True)
-        where = u[:, [places[0]]] - (shares * steps).sum(axis=1, keepdims=True) / whole + steps
-        shown = u[:, [sizes[0]]] + ratios - np.log(whole)
+        log_shares = ratios - np.log(np.exp(ratios).sum(axis=1, keepdims=True))
+        distances = u[:, places[1:]] * np.exp(-self._log_factors(log_shares))
+        np.cumsum(distances, axis=1, out=steps[:, 1:])
+        mean = (np.exp(log_shares) * steps).sum(axis=1, keepdims=True)
+        where = u[:, [places[0]]] - mean + steps
+        shown = u[:, [sizes[0]]] + log_shares
         u[:, places] = where
         u[:, sizes] = (shown + self.hidden(where) - self.intercepts) / self.slopes
+
+    def _log_factors(self, log_shares: FloatArray) -> FloatArray:
+        """Of the distances (W, n - 1), given the shares' logarithms (W, n)."""
+        if not self.spread:
+            return np.zeros_like(log_shares[:, 1:])
+        below = np.logaddexp.accumulate(log_shares, axis=1)[:, :-1]
+        above = np.logaddexp.accumulate(log_shares[:, ::-1], axis=1)[:, -2::-1]
+        return 0.5 * (below + above)
 
 
 @dataclass(frozen=True)

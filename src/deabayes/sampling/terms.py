@@ -10,6 +10,13 @@ v_i = mu_i (lambda_1^alpha_i - lambda_3^alpha_i), w_i = v_i / sum_j v_j:
 the sum and the mean exponent, which is the slope there of ln stress against ln stretch, are what a
 record fixes. Exponents are counted in standard deviations of their prior. The Jacobian of u by
 ln(mu_i alpha_i / 2), which carries the prior, and by alpha_i is 1.
+
+What a record fixes next is the slope's own change, which is the variance of the exponents so
+weighted: of two terms w_1 w_2 (alpha_2 - alpha_1)^2. Where it is fixed, the further the smaller
+term's exponent, the smaller the term. For parts of a stress at given stretches, of which records
+fix that much, its root takes the place of alpha_2 - alpha_1 (`Shares.spread`). In the ridge of a
+film handed on, one term's share from 1 to 60 %, a cubic in ln(v_2 / v_1) leaves 0.025 of the root,
+as a straight line does; of the exponents' difference 0.16, and a straight line 0.23.
 """
 
 from __future__ import annotations
@@ -90,7 +97,8 @@ def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | S
             continue
         if parts := _parts(target, companions[0], free):
             ones = np.ones(terms.count)
-            found += [LogParts(parts), Shares(exponents, companions[0], 0.0 * ones, ones, shown)]
+            stresses = Shares(exponents, companions[0], 0.0 * ones, ones, shown, spread=True)
+            found += [LogParts(parts), stresses]
         elif shares := _shares(target, exponents, companions[0], free):
             found.append(shares)
     return found
