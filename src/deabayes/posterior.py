@@ -149,7 +149,7 @@ class LogPosterior:
         """
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             theta = self.prior.to_parameters(z)
-            return self.log_likelihood(theta) + self.prior.log_correction(theta)
+            return self.log_likelihood(theta) + self.prior.log_correction(theta, z)
 
     def __call__(self, z: FloatArray) -> FloatArray:
         """log [L(theta(z)) p / q] + log N(z; 0, I), (W,)."""

@@ -81,7 +81,7 @@ def test_a_films_likelihood_is_found_to_the_rim() -> None:
 def test_the_density_integrates_to_one() -> None:
     _, prior, _, _ = handed_on()
     z = np.random.default_rng(2).standard_normal((20_000, len(prior.names)))
-    weights = np.exp(prior.log_correction(prior.to_parameters(z)))
+    weights = np.exp(prior.log_correction(prior.to_parameters(z), z))
     assert weights.mean() == pytest.approx(1.0, abs=0.05)
     assert weights.std() > 0.3
 
@@ -131,7 +131,7 @@ def test_the_density_in_z_is_that_of_the_parameters() -> None:
     log_jacobian = np.linalg.slogdet(np.stack(columns, axis=2))[1]
     normal = stats.norm.logpdf(z).sum(axis=1)
     expected = prior.log_density(theta) + log_jacobian
-    np.testing.assert_allclose(normal + prior.log_correction(theta), expected, atol=1e-3)
+    np.testing.assert_allclose(normal + prior.log_correction(theta, z), expected, atol=1e-3)
     expected += posterior.log_likelihood(theta)
     np.testing.assert_allclose(replace(posterior, prior=prior)(z), expected, atol=1e-3)
 
@@ -146,7 +146,7 @@ def test_hops_keep_it() -> None:
     for _ in range(20):
         proposed, factor = hop(z, rng)
         log_target = [
-            prior.log_correction(prior.to_parameters(each)) - 0.5 * (each**2).sum(axis=1)
+            prior.log_correction(prior.to_parameters(each), each) - 0.5 * (each**2).sum(axis=1)
             for each in (z, proposed)
         ]
         moved = np.log(rng.random(len(z))) < factor + log_target[1] - log_target[0]
@@ -167,7 +167,7 @@ def test_two_places_are_left_to_mixtures() -> None:
     (block,) = prior.inherit(("a", "b"), draws).inherited
     assert block.mixture.components > 1
     assert block.learned is None
-    assert not prior.inherit(("a", "b"), draws).log_correction(draws).any()
+    assert not prior.inherit(("a", "b"), draws).log_correction(draws, draws).any()
 
 
 def test_a_part_of_it_is_the_mixtures() -> None:
@@ -229,9 +229,27 @@ def test_a_posterior_file_holds_it() -> None:
     posterior, prior, theta, _ = handed_on()
     held = xr.DataTree.from_dict({GROUP: inherited_prior(replace(posterior, prior=prior))})
     found = with_inherited_prior(posterior, held).prior
-    assert found.log_correction(theta[:50]).any()
-    np.testing.assert_array_equal(
-        found.log_correction(theta[:50]), prior.log_correction(theta[:50])
-    )
+    theta, z = theta[:50], prior.to_normal(theta[:50])
+    assert found.log_correction(theta, z).any()
+    np.testing.assert_array_equal(found.log_correction(theta, z), prior.log_correction(theta, z))
     assert found.describe("mu_1") == prior.describe("mu_1")
     assert "learned from its draws" in found.describe("mu_1")
+
+
+def test_far_out_it_is_the_density_of_z_not_of_rounded_parameters() -> None:
+    """An exponent at its bound is that number from a score of 9 on; N(0, 1) falls further."""
+    _, prior, theta, _ = handed_on()
+    (block,) = prior.inherited
+    film = [prior.names.index(name) for name in block.names]
+    exponents = [k for k, name in enumerate(block.names) if name.startswith("alpha")]
+    start = np.median(prior.to_normal(theta), axis=0)
+    scores = np.repeat(block.colour(start[None, film]), 3, axis=0)
+    for column in exponents:
+        far = scores.copy()
+        far[:, column] = -9.0, -12.0, -15.0
+        z = np.repeat(start[None], 3, axis=0)
+        z[:, film] = block.whiten(far)
+        found = prior.to_parameters(z)
+        np.testing.assert_allclose(found, np.repeat(found[:1], 3, axis=0), rtol=1e-6)
+        log_density = stats.norm.logpdf(z).sum(axis=1) + prior.log_correction(found, z)
+        np.testing.assert_allclose(np.diff(log_density), [-31.5, -40.5], atol=1e-3)

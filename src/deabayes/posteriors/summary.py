@@ -74,7 +74,7 @@ def power_sensitivities(
     posterior, prior : draws of every quantity.
     """
     z, prior_of = content.z.reshape(-1, content.target.dimension), content.target.prior
-    log_prior = log_standard_normal(z) + prior_of.log_correction(prior_of.to_parameters(z))
+    log_prior = log_standard_normal(z) + prior_of.log_correction(prior_of.to_parameters(z), z)
     log_likelihood = content.log_posterior.reshape(-1) - log_prior
     draws = {name: _scaled(posterior[name], prior[name])[0] for name in posterior}
     effective = content.diagnostics["ess_bulk"].clip(upper=log_prior.size).to_dict()

@@ -170,11 +170,18 @@ class Prior:
         default = np.sum(log_normal_density(own), axis=1)
         return default + self._over_inherited("log_density_ratio", theta, z)
 
-    def log_correction(self, theta: FloatArray) -> FloatArray:
-        """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0."""
+    def log_correction(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0.
+
+        Far out it is the difference of large numbers that theta, rounded, no longer tells.
+
+        Parameters
+        ----------
+        z : theta's, (W, d).
+        """
         if not any(block.learned for block in self.inherited):
             return np.zeros(len(theta))
-        total = self._over_inherited("log_correction", theta, self._to_default(theta))
+        total = self._over_inherited("log_correction", theta, self._mixed(z, "colour"))
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:

@@ -76,16 +76,16 @@ class UnitHop:
         usable = np.asarray(np.isfinite(moved).all(axis=1))
         moved = np.where(usable[:, None], moved, z)
         with np.errstate(invalid="ignore"):
-            factor = self._log_density(proposed) - self._log_density(theta)
+            factor = self._log_density(proposed, moved) - self._log_density(theta, z)
         factor += distribution.log_density(old) - distribution.log_density(new)
         if carried is not None:
             factor += np.log(np.abs(carried))
         factor -= 0.5 * ((z**2).sum(axis=1) - (moved**2).sum(axis=1))
         return moved, np.where(usable & np.isfinite(factor), factor, -np.inf)
 
-    def _log_density(self, theta: FloatArray) -> FloatArray:
+    def _log_density(self, theta: FloatArray, z: FloatArray) -> FloatArray:
         """Of the prior without what L has of it (`LogPosterior.log_likelihood_of_normal`)."""
-        return self.prior.log_density(theta) - self.prior.log_correction(theta)
+        return self.prior.log_density(theta) - self.prior.log_correction(theta, z)
 
     def _carried(self, units: Units, old: FloatArray, new: FloatArray) -> FloatArray | None:
         """What mu of a term is multiplied by, (W,); None for other units."""
