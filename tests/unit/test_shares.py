@@ -75,11 +75,9 @@ def test_the_spread_of_parts_is_the_standard_deviation_of_their_places(count: in
     there.straighten(u)
     below = np.cumsum(shares, axis=1)[:, :-1]
     odds = np.sqrt(below / (1.0 - below))
-    found = np.zeros(len(z))
-    for i in range(count - 1):
-        for k in range(count - 1):
-            low, high = min(i, k), max(i, k)
-            found += odds[:, low] / odds[:, high] * u[:, 1 + i] * u[:, 1 + k]
+    i, roots = np.arange(count - 1), u[:, 1:count]
+    correlation = odds[:, np.minimum.outer(i, i)] / odds[:, np.maximum.outer(i, i)]
+    found = np.einsum("wi,wik,wk->w", roots, correlation, roots)
     np.testing.assert_allclose(found, variance)
     np.testing.assert_allclose(u[:, 0], mean[:, 0])
 
