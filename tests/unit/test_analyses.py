@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 from tests.unit.contexts import context
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 
 from deabayes import analyses, figures
 from deabayes.analyses.base import Analysis

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from matplotlib.text import Text
 from tests.unit.contexts import CANDIDATES, context
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 
 from deabayes import analyses, figures
 from deabayes.figures import curves, style

@@ -11,7 +11,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from tests.unit import structure_contexts as made_up
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 
 from deabayes import analyses, figures
 from deabayes.analyses import genetic_algorithm

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.unit.contexts import CANDIDATES, context, experiment
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 from tests.unit.membranes import sine
 
 from deabayes import analyses, figures

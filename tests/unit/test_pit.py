@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 from matplotlib.lines import Line2D
 from scipy.special import ndtr
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 from tests.unit.test_noise_origin import NOISE_DRAWS, TIME, fitted, record
 
 from deabayes import figures

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from tests.unit.fake_results import Fake, write_study
+from tests.unit.fake_records import Fake
+from tests.unit.fake_results import write_study
 from tests.unit.populations import parameter
 
 from deabayes.distributions import LogNormal, Normal, Uniform
