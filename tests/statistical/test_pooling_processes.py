@@ -85,7 +85,7 @@ def test_steps_beyond_a_round_do_not_count_in_it(tmp_path):
     start = first.chain[-1], first.log_posterior[-1]
 
     def ensemble(run, limit):
-        run.advance(limit, stop_when_enough=False, progress=False)
+        run.advance(limit, may_stop=False, progress=False)
         return run.ensemble(0.1, 0, np.zeros(2, dtype=int), limit=limit)
 
     def run(settings):

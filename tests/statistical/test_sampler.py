@@ -10,7 +10,6 @@ from deabayes.comparison.left_out import ON_THE_WAY
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior.joint import Prior
-from deabayes.sampling.checkpoint import Store
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.diagnostics import assess
 from deabayes.sampling.first_pass import run_ensemble
@@ -20,13 +19,11 @@ from deabayes.sampling.moves import (
     HopMove,
     IndependenceMove,
     StraightenedMove,
-    build_sampler,
     initial_state,
     recipe,
 )
 from deabayes.sampling.pooling import pool
 from deabayes.sampling.proposal import Lines, Part, Proposal, fit
-from deabayes.sampling.run import Run, Target
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
 from deabayes.sampling.warp import fit_warp
@@ -228,22 +225,6 @@ def test_same_seed_same_draws_and_another_seed_others():
     assert first.tobytes() != other.tobytes()
 
 
-def test_chunks_are_one_chain():
-    """Sampling in chunks gives what emcee gives in one go: the random stream goes on."""
-    walkers = np.random.default_rng(0).standard_normal((32, 3))
-    start, seed = (walkers, log_standard_normal(walkers)), np.random.SeedSequence(4)
-    settings = Sampling(walkers=32, max_steps=8000)
-    target = Target(lambda z: np.zeros(len(z)))
-    run = Run(target, wide_proposal(3), start, seed, Store(None), settings)
-    run.advance(600, stop_when_enough=False, progress=False)
-    sampler = build_sampler(log_standard_normal, wide_proposal(3), (32, 3))
-    sampler.run_mcmc(initial_state(*start, seed), 300, thin_by=2)
-    chunks = run.store.chunks()
-    assert len(chunks) > 2
-    chain = np.concatenate([chunk["chain"] for chunk in chunks])
-    assert chain.tobytes() == sampler.get_chain().tobytes()
-
-
 def test_a_budget_too_small_is_said():
     result = sample(ridge, 2, max_steps=100)
     assert not result.convergence.converged
@@ -252,12 +233,12 @@ def test_a_budget_too_small_is_said():
 
 
 def test_no_refit_throws_away_what_the_budget_cannot_replace():
-    """16 000 steps: 4000 alone, and the rest in one piece with a proposal refitted once."""
+    """16 000 steps: 2120 alone, hopelessly, and the rest in one piece with a refitted proposal."""
     never = {"autocorrelation_times": 1e6, "max_steps": 16000, "ensembles": 2}
     result = sample(lambda z: -0.5 * (z**2).sum(1), 2, **never)
     for ensemble in result.ensembles:
         assert ensemble.steps == 16000
-        assert ensemble.steps - ensemble.burn_in == pytest.approx(0.9 * 12000, abs=10)
+        assert ensemble.steps - ensemble.burn_in == pytest.approx(0.9 * (16000 - 2120), abs=10)
 
 
 def test_one_shifted_ensemble_fails_the_gates():

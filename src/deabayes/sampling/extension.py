@@ -104,7 +104,7 @@ def _added(first: Ensemble, grown: float, settings: Sampling) -> int:
 
 
 def _gone_on(run: Run, first: Ensemble, added: int, progress: bool) -> Ensemble:
-    run.advance(added, stop_when_enough=False, progress=progress)
+    run.advance(added, may_stop=False, progress=progress)
     later = run.ensemble(
         dropped=0.0,
         replaced_walkers=first.replaced_walkers,

@@ -83,7 +83,7 @@ def run_ensemble(
         store.sub("chain"),
         settings,
     )
-    run.advance(int(limit), stop_when_enough=True, progress=progress)
+    run.advance(int(limit), may_stop=True, progress=progress)
     return run.ensemble(
         dropped=DROPPED_SHARE,
         replaced_walkers=int(start["replaced"]),

@@ -180,7 +180,7 @@ def _continue(
     limit = min(total, settings.max_steps - first.steps)
     if limit < run.thin:
         return first
-    run.advance(limit, stop_when_enough=False, progress=progress)
+    run.advance(limit, may_stop=False, progress=progress)
     return run.ensemble(
         dropped=DROPPED_AFTER_REFIT,
         replaced_walkers=first.replaced_walkers,

@@ -23,6 +23,9 @@ from deabayes.study import Sampling
 MOST_STORED_STEPS = 4000
 MINIMUM_STEPS = 1000
 """Just after the warm-up, effective sample sizes mostly count its independent particles."""
+PATIENCE, HOPELESS = 2000, 3.0
+"""A run that after so many steps would need that many times what it may do stops: proposals
+refitted to all runs take the steps from there that it would have spent alone."""
 DROPPED_SHARE = 0.2
 MARGIN = 1.05
 """A run goes on a little beyond the wanted length, so that thinning does not undo it."""
@@ -84,8 +87,8 @@ class Run:
         """Stored steps, each `thin` steps of the sampler."""
         return sum(len(chunk["chain"]) for chunk in self.store.chunks())
 
-    def advance(self, limit: int, stop_when_enough: bool, progress: bool) -> None:
-        """Sample to `limit` steps, or until the gates of a single run pass."""
+    def advance(self, limit: int, may_stop: bool, progress: bool) -> None:
+        """Sample to `limit` steps, or until a single run's gates pass or clearly never will."""
         from deabayes.sampling.moves import build_sampler
 
         sampler = build_sampler(
@@ -99,7 +102,7 @@ class Run:
             desc=self.label,
             unit="step",
         ) as bar:
-            while (done := self.stored) < goal and not (stop_when_enough and self._enough()):
+            while (done := self.stored) < goal and not (may_stop and self._decided()):
                 length = min(max(-(-100 // self.thin), int(0.15 * done)), goal - done)
                 chunk = self.target.counted(lambda n=length: self._chunk(sampler, n, bar))  # type: ignore[misc]
                 chunk |= self._check(chunk["chain"], goal)
@@ -108,9 +111,9 @@ class Run:
                 far = f"{times:.0f} autocorrelation times, R-hat {rank:.3f}"
                 bar.set_postfix_str(far, refresh=False)
 
-    def _enough(self) -> bool:
+    def _decided(self) -> bool:
         chunks = self.store.chunks()
-        return bool(chunks and chunks[-1]["enough"])
+        return bool(chunks and (chunks[-1]["enough"] or chunks[-1]["hopeless"]))
 
     def _chunk(self, sampler: Any, length: int, bar: Any) -> Arrays:
         from deabayes.sampling.moves import initial_state
@@ -148,7 +151,9 @@ class Run:
             before = float(chunks[-1]["tau"]) if chunks else np.nan
             span = (steps - int(DROPPED_SHARE * steps)) * self.thin
             result = self._gates(kept, span, before)
-        return {name: np.asarray(value) for name, value in result.items()}
+        needed = MARGIN * self.settings.autocorrelation_times * result["tau"]
+        hopeless = steps * self.thin >= PATIENCE and needed > HOPELESS * goal * self.thin
+        return {name: np.asarray(value) for name, value in {**result, "hopeless": hopeless}.items()}
 
     def _gates(self, kept: FloatArray, span: int, before: float) -> dict[str, float]:
         coordinates = np.moveaxis(kept, 2, 0)[:, None]
