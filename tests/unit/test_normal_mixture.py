@@ -45,8 +45,21 @@ def test_components_far_apart():
     assert np.all(np.abs(np.abs(x) - 1e3) < 0.01)
 
 
-def test_density_is_the_weighted_sum():
-    one = mixture(3, 4)
+@pytest.mark.parametrize("components", [1, 3])
+def test_a_draw_that_is_nowhere_spoils_no_other(components):
+    one = mixture(components, 4)
+    x = np.random.default_rng(3).normal(size=(5, 4))
+    white, density = one.whiten(x), one.log_density(x)
+    x[2] = np.inf
+    others = np.arange(5) != 2
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_array_equal(one.whiten(x)[others], white[others])
+        np.testing.assert_array_equal(one.log_density(x)[others], density[others])
+
+
+@pytest.mark.parametrize("components", [1, 3])
+def test_density_is_the_weighted_sum(components):
+    one = mixture(components, 4)
     x = np.random.default_rng(3).normal(size=(20, 4))
     normals = [
         stats.multivariate_normal(mean, factor @ factor.T).pdf(x)
