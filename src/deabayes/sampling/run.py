@@ -23,9 +23,11 @@ from deabayes.study import Sampling
 MOST_STORED_STEPS = 4000
 MINIMUM_STEPS = 1000
 """Just after the warm-up, effective sample sizes mostly count its independent particles."""
-PATIENCE, HOPELESS = 2000, 3.0
-"""A run that after so many steps would need that many times what it may do stops: proposals
-refitted to all runs take the steps from there that it would have spent alone."""
+PATIENCE = 2000
+"""Steps after which a run stops that is hopeless alone: proposals refitted to all runs make more
+of the steps it is spared."""
+HOPELESS = 2.0
+"""Times the steps it may do are needed, by its autocorrelation time."""
 DROPPED_SHARE = 0.2
 MARGIN = 1.05
 """A run goes on a little beyond the wanted length, so that thinning does not undo it."""
@@ -152,8 +154,9 @@ class Run:
             span = (steps - int(DROPPED_SHARE * steps)) * self.thin
             result = self._gates(kept, span, before)
         needed = MARGIN * self.settings.autocorrelation_times * result["tau"]
-        hopeless = steps * self.thin >= PATIENCE and needed > HOPELESS * goal * self.thin
-        return {name: np.asarray(value) for name, value in {**result, "hopeless": hopeless}.items()}
+        far_from_it = needed > HOPELESS * goal * self.thin
+        result["hopeless"] = far_from_it and steps * self.thin >= PATIENCE
+        return {name: np.asarray(value) for name, value in result.items()}
 
     def _gates(self, kept: FloatArray, span: int, before: float) -> dict[str, float]:
         coordinates = np.moveaxis(kept, 2, 0)[:, None]
