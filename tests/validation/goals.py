@@ -119,12 +119,14 @@ def robust(folder: Path) -> Iterator[Found]:
 def _membranes(folder: Path) -> Iterator[Checked]:
     table = _table(folder / "membrane_recovery.csv")
     for variant, order in membrane_summary.PLANNED:
-        meaning = membrane_summary.MEANING[variant]
-        row = None
-        if table is not None:
-            found = table[(table["data and fit"] == meaning) & (table["units"] == order)]
-            row = found.iloc[0] if len(found) else None
-        yield f"membrane, kv_gm_{order}: {meaning}", row, MUST_FAIL in meaning
+        endings = ("", membrane_summary.WHERE_CORRELATED)
+        for ending in endings[: 1 + ((variant, order) in membrane_summary.CORRELATED_TOO)]:
+            meaning = membrane_summary.MEANING[variant] + ending
+            row = None
+            if table is not None:
+                found = table[(table["data and fit"] == meaning) & (table["units"] == order)]
+                row = found.iloc[0] if len(found) else None
+            yield f"membrane, kv_gm_{order}: {meaning}", row, MUST_FAIL in meaning
 
 
 def _others(folder: Path) -> Iterator[Checked]:

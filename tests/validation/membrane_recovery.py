@@ -28,11 +28,12 @@ from typing import NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.posterior import LogPosterior
 from deabayes.prediction.bands import sample_response
 from deabayes.prediction.noise_origin import NoiseOrigin
 from tests.validation import rows
 from tests.validation.sampled import Sampled, sample
-from tests.validation.worlds import OU, Simulated, given, group_of, membrane, simulate
+from tests.validation.worlds import OU, Simulated, World, given, group_of, membrane, simulate
 
 OUTPUT = Path("docs/validation")
 SEED = 20261122
@@ -66,13 +67,21 @@ def path_of(order: int, variant: str = "ou", output: Path = OUTPUT) -> Path:
 def replicate(task: rows.Task) -> rows.Row:
     """Simulate a specimen, fit it, and compare."""
     order, variant = int(task["order"]), VARIANTS[str(task["variant"])]
-    stream = np.random.SeedSequence([SEED, order, int(task["replicate"])])
-    data_stream, fit_stream, pick_stream = stream.spawn(3)
     world = membrane(variant.refined)
-    data = simulate(world, world.target(order, variant.data), np.random.default_rng(data_stream))
+    target = world.target(order, variant.data)
+    data, fit_stream, pick_stream = specimen(world, target, order, int(task["replicate"]))
     # Noise priors of the median specimen, as the truth's: else ranks need not be uniform.
     fit = given(world.target(order, variant.fit), data.records)
     return compared(sample(fit, fit_stream), data, np.random.default_rng(pick_stream))
+
+
+def specimen(
+    world: World, target: LogPosterior, order: int, replicate: int
+) -> tuple[Simulated, np.random.SeedSequence, np.random.SeedSequence]:
+    """A replicate's specimen and records, and the random streams of its fit and of its ranks."""
+    stream = np.random.SeedSequence([SEED, order, replicate])
+    data_stream, fit_stream, pick_stream = stream.spawn(3)
+    return simulate(world, target, np.random.default_rng(data_stream)), fit_stream, pick_stream
 
 
 def compared(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> rows.Row:

@@ -10,6 +10,7 @@ import pandas as pd
 from tests.validation import membrane_recovery, nested, rank_figure
 from tests.validation.ecdf import inside
 from tests.validation.membrane_recovery import RANKS, VARIANTS
+from tests.validation.neighbours import CORRELATED, correlated
 from tests.validation.rows import read
 from tests.validation.tally import tally
 
@@ -24,6 +25,9 @@ MEANING = {
     "iid": "independent noise, fitted as OU + white",
     "iid_white": "independent noise, fitted as such",
 }
+CORRELATED_TOO = (("ou", 1), ("white", 1), ("dense_white", 1))
+"""Of which the specimens whose neighbouring points correlate have a row of their own, too."""
+WHERE_CORRELATED = f"; where neighbouring points correlate by {CORRELATED:g} or more"
 FEWEST_FOR_BAND = 20
 RECIPES = "membrane_recipes.csv"
 
@@ -77,27 +81,36 @@ def material(table: pd.DataFrame) -> list[str]:
 
 
 def recovery_table(stored: dict[tuple[str, int], pd.DataFrame]) -> pd.DataFrame:
-    """One row per variant and order: coverage of the material parameters and held-out records."""
+    """Rows per variant and order: coverage of the material parameters and held-out records."""
     rows = []
     for (variant, order), table in stored.items():
-        row: dict[str, object] = {
-            "data and fit": MEANING[variant],
-            "units": order,
-            "replicates": len(table),
-            "converged": int(table["converged"].sum()),
-        }
-        good = table[table["converged"] == 1]
-        for level in (90, 50):
-            row[f"coverage of {level} % intervals"] = coverage(table, level)
-            row[f"{level} %, converged only"] = coverage(good, level)
-            for name in ("step_3.5kV", "sine_2kV"):
-                mean = table[f"held{level}:{name}"].mean()
-                row[f"{level} % band covers {name}"] = f"{mean:.3f}"
-        row["width over the right model's"] = _widths(stored, variant, order)
-        row["median CPU s"] = f"{table['cpu_seconds'].median():.0f}"
-        row["seed"], row["deabayes"] = table["seed"].iloc[0], table["deabayes"].iloc[-1]
-        rows.append(row)
+        widths = _widths(stored, variant, order)
+        rows.append(recovery_row(MEANING[variant], order, table, widths))
+        if (variant, order) in CORRELATED_TOO:
+            some = table[correlated(order, table["replicate"])]
+            if len(some):
+                rows.append(recovery_row(MEANING[variant] + WHERE_CORRELATED, order, some, ""))
     return pd.DataFrame(rows)
+
+
+def recovery_row(meaning: str, order: int, table: pd.DataFrame, widths: str) -> dict[str, object]:
+    """What a row of the recovery table says of these replicates."""
+    good = table[table["converged"] == 1]
+    row: dict[str, object] = {
+        "data and fit": meaning,
+        "units": order,
+        "replicates": len(table),
+        "converged": len(good),
+    }
+    for level in (90, 50):
+        row[f"coverage of {level} % intervals"] = coverage(table, level)
+        row[f"{level} %, converged only"] = coverage(good, level)
+        for name in ("step_3.5kV", "sine_2kV"):
+            row[f"{level} % band covers {name}"] = f"{table[f'held{level}:{name}'].mean():.3f}"
+    row["width over the right model's"] = widths
+    row["median CPU s"] = f"{table['cpu_seconds'].median():.0f}"
+    row["seed"], row["deabayes"] = table["seed"].iloc[0], table["deabayes"].iloc[-1]
+    return row
 
 
 def coverage(table: pd.DataFrame, level: int) -> str:
