@@ -1,5 +1,7 @@
 """Canaries of the moves, and posteriors known in closed form or by quadrature."""
 
+from dataclasses import replace
+
 import emcee
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from deabayes.sampling.moves import (
     IndependenceMove,
     StraightenedMove,
     initial_state,
+    last_accepted,
     recipe,
 )
 from deabayes.sampling.pooling import pool
@@ -94,6 +97,7 @@ MOVES = {
     ),
     "along straightened ridges": (lambda d: StraightenedMove(curved_lines(d)), 500),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
+    "several in a row": (lambda d: IndependenceMove(replace(wide_proposal(d), tries=5)), 100),
     "along lines of other coordinates": (along_bent_lines, 500),
     "independence in other coordinates": (lambda d: IndependenceMove(bent_proposal(d)), 500),
     "recipe in other coordinates": (lambda d: recipe(bent_proposal(d, fine=True)), 500),
@@ -123,11 +127,19 @@ def test_the_canary_sees_that_the_snooker_move_is_wrong(dimension):
 
 def test_a_wrong_sign_of_the_factor_would_be_seen():
     class Wrong(IndependenceMove):
-        def _propose_independently(self, coordinates, random):
-            proposed, factors = super()._propose_independently(coordinates, random)
-            return proposed, -factors
+        def _log_weights(self, state, points, log_target):
+            here, there = super()._log_weights(state, points, log_target)
+            return 2 * state.log_prob - here, 2 * log_target - there
 
     assert variance_ratio(Wrong(wide_proposal(5)), 5, 200) != pytest.approx(1.0, abs=0.03)
+
+
+def test_the_last_of_several_accepted_in_a_row_counts():
+    here, there = np.zeros(3), np.array([[1.0, -9.0, 2.0], [-3.0, -9.0, 5.0], [0.5, -9.0, -1.0]])
+    chance = np.array([[-0.1, -0.1, -0.1], [-5.0, -0.1, -0.1], [-0.1, -0.1, -0.1]])
+    assert last_accepted(here, there, chance).tolist() == [2, -1, 1]
+    chance[2, 0] = 4.0  # 0.5 against the -3 that it is at: refused only above 3.5
+    assert last_accepted(here, there, chance).tolist() == [1, -1, 1]
 
 
 def test_straightened_moves_without_their_jacobian_would_be_seen():

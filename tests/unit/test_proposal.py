@@ -1,10 +1,19 @@
 """Proposals: straightened coordinates are exact, normalised, and follow curved ridges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.proposal import Part, Proposal, fit
+from deabayes.sampling.proposal import (
+    MOST_TRIES,
+    Part,
+    Proposal,
+    acceptance,
+    enough_tries,
+    fit,
+)
 from deabayes.sampling.warp import fit_warp
 
 
@@ -63,19 +72,36 @@ def test_density_and_samples_are_the_same_law(fine):
     assert ratio.mean() == pytest.approx(1.0, abs=4 * ratio.std() / np.sqrt(len(z)))
 
 
-def test_straightening_raises_the_acceptance_of_a_curved_ridge():
+def accepted(proposal):
+    """Share of independence proposals that is accepted on the ridge."""
     draws = ridge(seed=3)
-    rng = np.random.default_rng(4)
+    proposed = proposal.sample(np.random.default_rng(4), len(draws))
+    now = log_ridge(draws) - proposal.log_density(draws)
+    then = log_ridge(proposed) - proposal.log_density(proposed)
+    return np.exp(np.minimum(0, then - now)).mean()
 
-    def acceptance(proposal):
-        proposed = proposal.sample(rng, len(draws))
-        now = log_ridge(draws) - proposal.log_density(draws)
-        then = log_ridge(proposed) - proposal.log_density(proposed)
-        return np.exp(np.minimum(0, then - now)).mean()
 
+def test_straightening_raises_the_acceptance_of_a_curved_ridge():
     proposal = fit(ridge(), 4, np.random.default_rng(1))
     plain = Proposal((Part(1.0, proposal.parts[1].mixture),))
-    assert acceptance(proposal) > acceptance(plain) + 0.1
+    assert accepted(proposal) > accepted(plain) + 0.1
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_acceptance_is_told_from_draws_of_the_target_alone(part):
+    each = fit(ridge(), 4, np.random.default_rng(1)).parts[part]
+    alone, draws = Proposal((replace(each, weight=1.0),)), ridge(seed=9)
+    expected = acceptance(log_ridge(draws) - alone.log_density(draws) + 40.0)
+    assert expected == pytest.approx(accepted(alone), abs=0.03)
+
+
+def test_tries_are_as_many_as_one_accepted_takes():
+    assert enough_tries(np.zeros(50)) == 1
+    # Two halves of p with w = 9 and 1 are 0.1 and 0.9 of q: accepted are 0.1 + 0.9 / 9, and 1.
+    halves = np.repeat([0.0, np.log(9.0)], 50)
+    assert acceptance(halves) == pytest.approx(0.6)
+    assert enough_tries(halves) == 2
+    assert enough_tries(np.linspace(0.0, 40.0, 500)) == MOST_TRIES
 
 
 @pytest.mark.parametrize(
@@ -109,4 +135,5 @@ def test_same_seed_same_proposal_and_arrays_rebuild_it():
     rebuilt = Proposal.from_arrays(first.arrays(), Coordinates())
     z = first.sample(np.random.RandomState(1), 50)
     assert len(first.parts) == 3
+    assert Proposal.from_arrays(replace(first, tries=7).arrays(), Coordinates()).tries == 7
     assert rebuilt.log_density(z).tobytes() == second.log_density(z).tobytes()

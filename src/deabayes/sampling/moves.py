@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from emcee import EnsembleSampler
 from emcee.moves import DEMove, MHMove
+from emcee.moves.move import Move
 from emcee.state import State
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import SHORT_STEP, LogDensity
@@ -23,23 +25,54 @@ ALONG = 0.15
 """Share of steps along maps, of each length."""
 
 
-class IndependenceMove(MHMove):
-    """Metropolis-Hastings with proposals drawn from a frozen density g, whatever the state.
+class IndependenceMove(Move):
+    """Independence proposals from a frozen density g, several for each walker, one after another.
 
-    The acceptance probability is min(1, p(x') g(x) / (p(x) g(x'))) (Tierney 1994,
-    Annals of Statistics 22, 1701), with x' the proposed point.
+    Each is a Metropolis-Hastings step that leaves the target invariant, and so do several:
+    accepted with probability min(1, p(x') g(x) / (p(x) g(x'))) (Tierney 1994, Annals of
+    Statistics 22, 1701), with x' the proposed point. As x' depends on no walker, all of them are
+    drawn and the target computed at once, which on cheap models costs little more than for one.
     """
 
     def __init__(self, frozen: Proposal) -> None:
         self.frozen = frozen
-        super().__init__(self._propose_independently, ndim=frozen.dimension)
 
-    def _propose_independently(
-        self, coordinates: FloatArray, random: np.random.RandomState
+    def propose(self, model: Any, state: State) -> tuple[State, NDArray[np.bool_]]:
+        shape = self.frozen.tries, len(state.coords)
+        points = self.frozen.sample(model.random, shape[0] * shape[1])
+        log_target, _ = model.compute_log_prob_fn(points)
+        here, there = self._log_weights(state, points, log_target)
+        log_chance = np.log(model.random.rand(*shape))
+        chosen = last_accepted(here, there.reshape(shape), log_chance)
+        moved = np.flatnonzero(chosen >= 0)
+        picked = chosen[moved] * shape[1] + moved
+        coords, log_prob = state.coords.copy(), state.log_prob.copy()
+        coords[moved], log_prob[moved] = points[picked], log_target[picked]
+        return State(coords, log_prob=log_prob, random_state=state.random_state), chosen >= 0
+
+    def _log_weights(
+        self, state: State, points: FloatArray, log_target: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        proposed = self.frozen.sample(random, len(coordinates))
-        log_density = self.frozen.log_density(np.concatenate([coordinates, proposed]))
-        return proposed, log_density[: len(coordinates)] - log_density[len(coordinates) :]
+        """log of target over g, at the walkers and at the proposed points."""
+        log_density = self.frozen.log_density(np.concatenate([state.coords, points]))
+        walkers = len(state.coords)
+        return state.log_prob - log_density[:walkers], log_target - log_density[walkers:]
+
+
+def last_accepted(here: FloatArray, there: FloatArray, log_chance: FloatArray) -> NDArray[np.intp]:
+    """Which of several proposals in a row each walker ends at, (W,); -1 where it stays.
+
+    Parameters
+    ----------
+    here, there : log p/g at the walkers, (W,), and at their proposals, (tries, W).
+    log_chance : logarithms of uniform random numbers, (tries, W).
+    """
+    chosen = np.full(here.shape, -1)
+    for index, (proposed, limit) in enumerate(zip(there, log_chance, strict=True)):
+        accepted = proposed - here > limit
+        here = np.where(accepted, proposed, here)
+        chosen[accepted] = index
+    return chosen
 
 
 class DifferentialEvolutionMove(DEMove):

@@ -15,6 +15,7 @@ from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
+MOST_TRIES = 16
 SPARE = 8
 """Draws made beyond those wanted, as some may fall outside of the prior's support."""
 SPLIT_GAIN = 0.1
@@ -82,10 +83,15 @@ class Proposal:
 
     It is normalised where the prior's support has no bounds in u; otherwise `sample` draws from
     what is inside, of which the density is `log_density` but for a constant.
+
+    Attributes
+    ----------
+    tries : independence proposals that a walker is made in one step, see `enough_tries`.
     """
 
     parts: tuple[Part, ...]
     coordinates: Coordinates = field(default_factory=Coordinates)
+    tries: int = 1
 
     @property
     def dimension(self) -> int:
@@ -126,7 +132,10 @@ class Proposal:
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it with `from_arrays`, under flat names."""
-        result = {"proposal_weights": np.array([part.weight for part in self.parts])}
+        result = {
+            "proposal_weights": np.array([part.weight for part in self.parts]),
+            "proposal_tries": np.asarray(self.tries),
+        }
         for index, part in enumerate(self.parts):
             warp = {} if part.warp is None else part.warp.arrays()
             for kind, arrays in (("mixture", part.mixture.arrays()), ("warp", warp)):
@@ -150,7 +159,7 @@ class Proposal:
             warp = under(f"proposal_{index}_warp_")
             mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
             parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
-        return cls(tuple(parts), coordinates)
+        return cls(tuple(parts), coordinates, int(arrays["proposal_tries"]))
 
 
 def fit(
@@ -199,7 +208,31 @@ def fit(
         else:
             missed = [Part(share, fit_mixture(samples[chosen], half, rng))]
         parts = [*(replace(part, weight=(1 - share) * part.weight) for part in parts), *missed]
+        excess = log_density[finite][kept] - log_jacobian
+        excess -= Proposal(tuple(parts)).log_density(samples)
+        return Proposal(tuple(parts), coordinates, enough_tries(excess))
     return Proposal(tuple(parts), coordinates)
+
+
+def enough_tries(excess: FloatArray) -> int:
+    """How many independence proposals of which one is accepted on average, from log p/q.
+
+    Parameters
+    ----------
+    excess : log of target over proposal at draws of the target (n,), but for a constant.
+    """
+    return int(np.clip(np.ceil(1.0 / acceptance(excess)), 1, MOST_TRIES))
+
+
+def acceptance(excess: FloatArray) -> float:
+    r"""Expected share of independence proposals that are accepted, from log p/q at draws of p.
+
+    E_p(x) E_q(y) min(1, w(y) / w(x)) with w = p/q; as q = p / w, both averages are over draws of
+    p: sum_ij min(1/w_i, 1/w_j) / (n sum_j 1/w_j), of which a sort makes a single sum.
+    """
+    inverse = np.sort(np.exp(excess.min() - excess))
+    n = len(inverse)
+    return float(inverse @ (2.0 * np.arange(n, 0, -1) - 1.0) / (n * inverse.sum()))
 
 
 def _parts(
