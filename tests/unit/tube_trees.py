@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
@@ -36,6 +37,7 @@ def tree(
     spread: float = 0.1,
     converged: bool = True,
     of: Specimen | None = None,
+    centres: Mapping[str, float] = CENTRES,
 ) -> xr.DataTree:
     """`CHAINS` ensembles of `size` draws each, scattered about the centres."""
     given = of or specimen()
@@ -44,7 +46,7 @@ def tree(
 
     def drawn(name: str) -> FloatArray:
         stated = given.quantities[name].value if name in given.quantities else 1.0
-        centre = CENTRES.get(name, stated)
+        centre = centres.get(name, stated)
         return centre * np.exp(spread * rng.standard_normal((CHAINS, size)))
 
     draws = {

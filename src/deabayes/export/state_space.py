@@ -10,11 +10,10 @@ import xarray as xr
 
 from deabayes.experiment import FloatArray
 from deabayes.export.state_space_files import WRITERS
+from deabayes.export.taken import evenly, system_and_draws
 from deabayes.faults import UserError
 from deabayes.integrate.state_space import StateSpace
-from deabayes.own_models.loading import restore
-from deabayes.posteriors.storage import specimen_from_json, stacked
-from deabayes.systems import Draws, System, build
+from deabayes.systems import Draws, System
 from deabayes.systems.linear_model import LinearModel, Signal
 from deabayes.units import parse_quantity
 
@@ -55,22 +54,15 @@ def write(
             f"found {suffix or 'no ending'!r}"
         )
     hertz, volts = _positive(rate, "Hz", "--rate"), _positive(bias, "V", "--bias")
-    picked = evenly(tree["posterior"].sizes["chain"] * tree["posterior"].sizes["draw"], draws)
-    system, values = _system(tree, picked)
+    total = tree["posterior"].sizes["chain"] * tree["posterior"].sizes["draw"]
+    picked = evenly(total, min(DRAWS, total) if draws is None else draws)
+    system, values = system_and_draws(tree, picked)
     model = _linear_model(system, values, load_g, volts)
     content = _content(tree, system, model, GRAM * load_g)
     content |= {"draws": _draws(tree, system, values, picked), "continuous": _matrices(model.space)}
     if hertz is not None:
         content["discrete"] = _discrete(model.space, hertz)
     WRITERS[suffix](content, path)
-
-
-def evenly(total: int, size: int | None) -> np.ndarray:
-    """Indices of `size` of `total` draws in a row, each the middle of an equal part of it."""
-    if size is not None and not 1 <= size <= total:
-        raise UserError(f"--draws {size}: the posterior holds {total} draws; take 1 to {total}")
-    size = min(DRAWS, total) if size is None else size
-    return (2 * np.arange(size) + 1) * total // (2 * size)
 
 
 def _positive(given: str | float | None, unit: str, option: str) -> float | None:
@@ -80,15 +72,6 @@ def _positive(given: str | float | None, unit: str, option: str) -> float | None
     if not 0.0 < value < np.inf:
         raise UserError(f"{option} must be more than zero; found {given!r}")
     return value
-
-
-def _system(tree: xr.DataTree, picked: np.ndarray) -> tuple[System, Draws]:
-    """The candidate and the picked draws of its parameters."""
-    restore(tree.attrs)
-    specimen = specimen_from_json(tree.attrs["specimen"])
-    system = build(specimen.system, tree.attrs["candidate"], specimen)
-    names = [parameter.name for parameter in system.parameters()]
-    return system, {name: stacked(tree["posterior"], name)[picked] for name in names}
 
 
 def _linear_model(system: System, values: Draws, load_g: float, bias: float | None) -> LinearModel:

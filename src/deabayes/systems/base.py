@@ -25,6 +25,7 @@ from deabayes.systems.stretched_spring import StretchedSpring
 
 if TYPE_CHECKING:
     from deabayes.systems.linear_model import LinearModel
+    from deabayes.systems.solid import Solid
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]
@@ -154,6 +155,10 @@ class System(ABC):
         UserError
             If the candidate has no mass to which the load could be added.
         """
+        return None
+
+    def solid(self, draws: Draws) -> Solid | None:
+        """What the specimen is made of, of every draw, for finite elements; None if not told."""
         return None
 
     def response_to(self, excitation: str) -> str:

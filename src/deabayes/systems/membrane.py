@@ -32,7 +32,9 @@ from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
-from deabayes.systems.specimen_quantities import quantity, uncertain_quantities
+from deabayes.systems.membrane_solid import solid
+from deabayes.systems.solid import Solid
+from deabayes.systems.specimen_quantities import filled, quantity, uncertain_quantities
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
 
 DEFAULT_TOLERANCE = 1e-6
@@ -223,6 +225,13 @@ class Membrane(System):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
         return self._material(draws).derived(self.breakdown)
+
+    def solid(self, draws: Draws) -> Solid:
+        """A Gent solid that relaxes as the units do at the pre-stretch: see `membrane_solid`."""
+        material, density = self._material(draws), None
+        if "density" in self.specimen.quantities:
+            density = filled(self.specimen, "density", draws, material.modulus)
+        return solid(material, density)
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
         """Pull-in, the breakdown stretch, or a Gent limit below the pre-stretch, (W,)."""

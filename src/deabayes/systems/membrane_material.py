@@ -139,6 +139,11 @@ class Material:
             np.stack(np.broadcast_arrays(*parts), axis=2),
         )
 
+    @property
+    def fastest(self) -> FloatArray:
+        """Time of the fastest mode at the pre-stretch [s], (W,): zeta_alpha over the stiffness."""
+        return self._initial.fast
+
     def pull_in(self, breakdown: float, points: int = FOLD_POINTS_FINE) -> PullIn:
         """Where the near equilibrium ends; `breakdown` is the largest stretch looked at."""
         from deabayes.systems.membrane_static import end_of_branch

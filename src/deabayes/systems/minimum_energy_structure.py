@@ -31,10 +31,12 @@ from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
+from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.structure_candidates import StructureModel, examples
 from deabayes.systems.structure_hinge import FRAME, measured_hinge
 from deabayes.systems.structure_motion import Motion, follow
+from deabayes.systems.structure_solid import solid
 from deabayes.systems.structure_static import STEEPEST, Structure
 
 DEFAULT_TOLERANCE = 1e-6
@@ -275,6 +277,10 @@ class MinimumEnergyStructure(System):
             name: replace(one, values=np.concatenate([part[name].values for part in parts]))
             for name, one in parts[0].items()
         }
+
+    def solid(self, draws: Draws) -> Solid:
+        """The film; units and friction act along the slider: see `structure_solid`."""
+        return solid(self.structure(draws))
 
     def response_to(self, excitation: str) -> str:
         """A force over displacements, a displacement under a voltage."""

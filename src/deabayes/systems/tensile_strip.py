@@ -22,6 +22,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.base import DEFORMATIONS, column, principal_stretches
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
+from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.strip_candidates import StripModel, examples
 from deabayes.systems.strip_record import (
@@ -30,6 +31,7 @@ from deabayes.systems.strip_record import (
     record_in_time,
     record_without_time,
 )
+from deabayes.systems.strip_solid import solid
 
 LEFT = 1e-3
 """Of the largest stress of the history: a scale of what is left after it, at stretch 1."""
@@ -82,6 +84,10 @@ class TensileStrip(System):
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """Total and long-term modulus, relaxation times at stretch 2, viscosities, mu_0."""
         return self.model.derived(draws)
+
+    def solid(self, draws: Draws) -> Solid:
+        """The spring's law, relaxing as the units do at stretch 1: see `strip_solid`."""
+        return solid(self.model, draws)
 
     def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
         """Those of the record in which they differ most; None where nothing is stretched."""

@@ -19,6 +19,7 @@ from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.delayed import AtOnce, delayed
 from deabayes.systems.linear_model import LinearModel
+from deabayes.systems.solid import Solid
 from deabayes.systems.tubular_base import (
     CIRCUIT_SYMBOLS,
     INERTIA_SYMBOLS,
@@ -33,6 +34,7 @@ from deabayes.systems.tubular_base import (
 from deabayes.systems.tubular_circuit import TubularCircuit
 from deabayes.systems.tubular_linear import DrivenChain
 from deabayes.systems.tubular_sine import Harmonic, phase
+from deabayes.systems.tubular_solid import solid
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
@@ -238,6 +240,10 @@ class Tubular(TubularBase):
             self.circuit_of(draws) if self.circuit else None,
         )
         return driven.squared() if bias is None else driven.about(bias)
+
+    def solid(self, draws: Draws) -> Solid:
+        """A linear elastic solid that relaxes as the chain creeps: see `tubular_solid`."""
+        return solid(self._chain(draws), self.inertia, self.circuit)
 
     def _per_square(
         self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws

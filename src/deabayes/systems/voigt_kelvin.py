@@ -87,6 +87,25 @@ class Chain:
         grown = -np.expm1(-time / self.time_constants)
         return self.instantaneous + np.sum(self.compliances * grown, axis=1)
 
+    def relaxation(self) -> tuple[FloatArray, FloatArray]:
+        r"""Shares g_k of E_0 and times rho_k [s], ascending, each (W, K), of E(t).
+
+        E(t) = E_0 (1 - sum_k g_k (1 - exp(-t/rho_k))) is the relaxation modulus, E*(s) D*(s) = 1.
+        With u_n = sqrt(E_0/(E_n tau_n)), x_n' = -x_n/tau_n + (E_0/(E_n tau_n)) (S - sum_m x_m) is
+        symmetric but for a scale of x: the rates 1/rho_k are the eigenvalues of
+        diag(1/tau) + u u^T, and g_k = rho_k (u . q_k)^2 with its eigenvectors q_k. NaN where
+        a modulus or a time is not positive.
+        """
+        times = np.where(self.time_constants > 0.0, self.time_constants, np.nan)
+        u = np.sqrt(self.compliances / (self.instantaneous[:, None] * times))
+        matrix = np.eye(times.shape[1]) / times[:, None] + u[:, :, None] * u[:, None, :]
+        lost = ~np.all(np.isfinite(matrix), axis=(1, 2))
+        matrix[lost] = np.eye(times.shape[1])
+        rates, vectors = np.linalg.eigh(matrix)
+        shares = np.sum(u[:, :, None] * vectors, axis=1) ** 2 / rates
+        shares[lost], rates[lost] = np.nan, np.nan
+        return shares[:, ::-1], 1.0 / rates[:, ::-1]
+
     def state_space(self) -> StateSpace:
         """From pressure [Pa] to strain without mass; states x_1..K [1], tau x' = -x + sigma/E.
 

@@ -1,0 +1,106 @@
+"""The solid that a candidate describes, as programs of finite elements take one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.parameter import Parameter
+from deabayes.springs import REGISTRY as SPRINGS
+
+LINEAR = "linear_elastic"
+"""The law that is no spring: Young's modulus `E` and Poisson's ratio `nu`."""
+FINITE_STRAIN = (
+    "Finite-strain relaxation in programs of finite elements multiplies the stress of one law by a "
+    "function of time; in the model each unit's spring and dashpot multiply their stretches. The "
+    "two agree for small strains of the undeformed solid, not away from it"
+)
+
+
+@dataclass(frozen=True)
+class Note:
+    """A sentence on the solid; one with `values`, (W,), in its braces is of each draw."""
+
+    text: str
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def of(self, k: int) -> str:
+        """The sentence on draw k."""
+        return self.text.format(**{name: float(values[k]) for name, values in self.values.items()})
+
+
+@dataclass(frozen=True)
+class Solid:
+    """An isotropic, (nearly) incompressible solid of every draw, SI.
+
+    G(t) = G_0 (1 - sum_i g_i (1 - exp(-t/tau_i))), G_0 the instantaneous shear modulus.
+
+    Attributes
+    ----------
+    law : a spring of `springs.REGISTRY`, or `linear_elastic`.
+    moduli, others : the law's coefficients, those in Pa and the others, name -> (W,).
+    instantaneous : whether the moduli are those before relaxation, or those after it.
+    shares, times : g_i and tau_i [s] of the shear modulus, (W, n); n is 0 without relaxation.
+    density : [kg/m^3] (W,), if it is known.
+    invariant : I_1 - 3 of the state in which the specimen works (W,), if that is known.
+    notes : what the card does not hold, or holds in part only.
+    """
+
+    law: str
+    moduli: Mapping[str, FloatArray]
+    others: Mapping[str, FloatArray]
+    instantaneous: bool
+    shares: FloatArray
+    times: FloatArray
+    density: FloatArray | None = None
+    invariant: FloatArray | None = None
+    notes: tuple[Note, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.law == LINEAR and not self.instantaneous:
+            # Its bulk modulus does not relax, so E after relaxation is no multiple of E before.
+            raise ValueError(f"moduli of {LINEAR} must be instantaneous")
+
+    @property
+    def relaxed(self) -> FloatArray:
+        """Long-term over instantaneous shear modulus, 1 - sum g_i, (W,)."""
+        return np.asarray(1.0 - self.shares.sum(axis=1))
+
+    @property
+    def shear_moduli(self) -> tuple[FloatArray, FloatArray]:
+        """Instantaneous and long-term small-strain shear modulus [Pa], each (W,)."""
+        known = {**self.moduli, **self.others}
+        if self.law == LINEAR:
+            given = known["E"] / (2.0 * (1.0 + known["nu"]))
+        else:
+            given = np.asarray(SPRINGS[self.law].shear_modulus(known), dtype=float)
+        if self.instantaneous:
+            return given, given * self.relaxed
+        return given / self.relaxed, given
+
+    @property
+    def instantaneous_moduli(self) -> Mapping[str, FloatArray]:
+        """The law's coefficients in Pa before relaxation, name -> (W,)."""
+        if self.instantaneous:
+            return self.moduli
+        return {name: values / self.relaxed for name, values in self.moduli.items()}
+
+
+def coefficients(
+    parameters: Sequence[Parameter], draws: Mapping[str, FloatArray]
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """A spring's coefficients among the draws: those in Pa, and the others."""
+    units = {parameter.name: parameter.unit for parameter in parameters}
+    found = {name: np.asarray(draws[name], dtype=float) for name in units}
+    return (
+        {name: values for name, values in found.items() if units[name] == "Pa"},
+        {name: values for name, values in found.items() if units[name] != "Pa"},
+    )
+
+
+def no_relaxation(like: FloatArray) -> FloatArray:
+    """Shares, or times, of a solid that does not relax, (W, 0)."""
+    return np.empty((like.size, 0))
