@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 import scipy.io
 import xarray as xr
@@ -52,6 +53,23 @@ def test_csv_says_the_unit_of_every_column(tmp_path):
     table = pd.read_csv(tmp_path / "draws.csv")
     assert list(table.columns)[:3] == ["ensemble", "mu_alpha [Pa]", "quasi_static.sigma_ou [N]"]
     assert table["mu_alpha [Pa]"].tolist() == FIRST
+
+
+def test_parquet_keeps_plain_names_and_says_units_in_its_metadata(tmp_path):
+    export(tree(), "parquet", tmp_path / "draws.parquet")
+    table = pd.read_parquet(tmp_path / "draws.parquet")
+    assert list(table.columns) == ["ensemble", *NAMES]
+    assert table["ensemble"].tolist() == ENSEMBLE and table["mu_alpha"].tolist() == FIRST
+    schema = pq.read_schema(tmp_path / "draws.parquet")
+    assert schema.field("ensemble").metadata is None
+    for q, (name, (unit, _)) in enumerate(NAMES.items()):
+        told = schema.field(name).metadata
+        assert (told[b"unit"], told[b"symbol"]) == (unit.encode(), f"s_{q}".encode())
+    told = {key: schema.metadata[key].decode() for key in schema.metadata if key != b"pandas"}
+    assert told == {
+        b"candidate": "kv_gm_1", b"system": "membrane", b"provenance": "simulated",
+        b"converged": "false", b"deabayes_version": "1",
+    }  # fmt: skip
 
 
 def test_json_says_what_the_draws_are_of(tmp_path):

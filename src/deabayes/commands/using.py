@@ -10,6 +10,11 @@ import click
 from deabayes.commands.options import CONDITIONS, CONFIG, EXISTING, TARGET
 from deabayes.commands.output import keep_inputs
 
+FORMATS = (
+    "csv", "parquet", "json", "mat", "state-space", "abaqus", "ansys", "pymc", "numpyro",
+)  # fmt: skip
+"""Those of `deabayes.export.REGISTRY`, told without importing it."""
+
 
 @click.command()
 @click.argument("system")
@@ -44,19 +49,42 @@ def simulate(
         click.echo(f"{output}: cells are empty: {failure}", err=True)
 
 
+def complete_format(_context: object, _parameter: object, incomplete: str) -> list[str]:
+    """Formats that begin so, for a shell."""
+    return [form for form in FORMATS if form.startswith(incomplete)]
+
+
 @click.command()
 @click.argument("posterior", type=EXISTING)
-@click.option("--to", required=True, help="csv, json, mat, state-space")
+@click.option(
+    "--to",
+    required=True,
+    metavar="FORMAT",
+    help=f"One of {', '.join(FORMATS)}.",
+    shell_complete=complete_format,
+)
 @click.option("-o", "--output", type=TARGET, required=True)
 @click.option("--rate", help="state-space: also discrete, at this sample rate ('10 kHz').")
-@click.option("--draws", type=click.IntRange(min=1), help="state-space: how many  [default: 200]")
+@click.option(
+    "--draws",
+    type=click.IntRange(min=1),
+    help="state-space, abaqus, ansys: how many draws  [default: 200; of cards, the medians]",
+)
 @click.option("--load-g", type=float, help="state-space: hung mass in g  [default: 0]")
 @click.option("--bias", help="state-space: linearise about this voltage ('2 kV').")
 def export(posterior: Path, to: str, output: Path, **options: object) -> None:
-    """Write the draws of POSTERIOR in another program's format.
+    """Write POSTERIOR in another program's format.
+
+    csv, parquet, json, mat: every draw of every quantity, SI.
 
     state-space: A, B, C, D of every draw of a linear model, as .json or .mat by
     OUTPUT's ending. The input is the squared voltage, with --bias the voltage.
+
+    abaqus (.inp), ansys (.mac or .inp): a material card of the medians, or with
+    --draws numbered cards of as many draws.
+
+    pymc, numpyro (.py): a Python function that defines the posterior's material
+    and specimen parameters as a prior.
     """
     from deabayes.pipeline import export_posterior
 

@@ -1,4 +1,4 @@
-"""Posterior draws in the formats other programs read: one file and one line here per format."""
+"""Posteriors in the formats other programs read: one file and one line here per format."""
 
 from __future__ import annotations
 
@@ -17,16 +17,31 @@ REGISTRY: dict[str, Callable[..., None]] = load(
     __name__,
     {
         "csv": "write",
+        "parquet": "write",
         "json": "write",
         "mat": "write",
         "state-space": "write",
+        "abaqus": "write",
+        "ansys": "write",
+        "pymc": "write",
+        "numpyro": "write",
     },
 )
 """Format -> its function in the module of the same name: (tree, path, *, its options).
 
 One that takes `suffix` is told the ending of the file asked for: it writes to another path.
 """
-ENDINGS = {".csv", ".json", ".mat"}
+ENDINGS: dict[str, tuple[str, ...]] = {
+    "csv": (".csv",),
+    "parquet": (".parquet",),
+    "json": (".json",),
+    "mat": (".mat",),
+    "abaqus": (".inp",),
+    "ansys": (".mac", ".inp"),
+    "pymc": (".py",),
+    "numpyro": (".py",),
+}
+"""Format -> its usual endings, which other formats' files may not have."""
 
 
 def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
@@ -52,8 +67,10 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
                 f"{option} belongs to --to {' or '.join(takers) or '(no format)'}; "
                 f"--to {to} takes no such option"
             )
-    if output.suffix in ENDINGS - {f".{to}"} and "suffix" not in _options(to):
-        raise UserError(f"-o {output}: --to {to} writes .{to}; correct the one or the other")
+    foreign = {ending for endings in ENDINGS.values() for ending in endings}
+    if "suffix" not in _options(to) and output.suffix in foreign.difference(ENDINGS[to]):
+        usual = " or ".join(ENDINGS[to])
+        raise UserError(f"-o {output}: --to {to} writes {usual}; correct the one or the other")
     if "suffix" in _options(to):
         given["suffix"] = output.suffix
     write_atomically(lambda path: REGISTRY[to](tree, path, **given), output)

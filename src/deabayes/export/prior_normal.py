@@ -1,0 +1,190 @@
+"""A posterior as one multivariate normal, and what a file that defines it as a prior says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import FloatArray
+from deabayes.export.taken import candidate_of
+from deabayes.faults import UserError
+from deabayes.parameter import Parameter
+from deabayes.posteriors.inheritance import handed_on
+from deabayes.prior.distances import distance_from_normal
+from deabayes.prior.from_posterior import FEWEST_DRAWS_PER_PARAMETER, LARGEST_MISFIT
+
+LEAST_SPREAD = 1e-6
+"""What others may leave of a parameter's spread; below it is rounding."""
+TRIED = 20_000
+"""Draws of the normal in which the order of ordered parameters is looked at."""
+
+
+@dataclass(frozen=True)
+class PriorNormal:
+    """N(mean, factor factor^T) of the transformed parameters: logarithms where `logarithm`.
+
+    Attributes
+    ----------
+    misfit : largest distance of distribution functions of the draws from it
+        (`prior.distances.distance_from_normal` of the whitened draws).
+    out_of_order : the share of its draws in which ordered parameters do not ascend, by group of
+        names.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    logarithm: tuple[bool, ...]
+    mean: FloatArray
+    factor: FloatArray
+    misfit: float
+    out_of_order: tuple[tuple[tuple[str, ...], float], ...]
+
+
+def prior_normal(tree: xr.DataTree) -> PriorNormal:
+    """Fit it to the draws of the material and specimen parameters.
+
+    A parameter that is positive (its prior's support, and its draws) counts by its logarithm.
+
+    Raises
+    ------
+    UserError : too few draws, or draws without spread.
+    """
+    names, draws = handed_on(tree)
+    parameters = {p.name: p for p in candidate_of(tree).parameters()}
+    logarithm = tuple(
+        bool(np.all(drawn > 0.0)) and (name not in parameters or _positive(parameters[name]))
+        for name, drawn in zip(names, draws.T, strict=True)
+    )
+    if len(draws) < FEWEST_DRAWS_PER_PARAMETER * len(names):
+        raise UserError(
+            f"{len(draws)} draws cannot carry the correlations of {len(names)} parameters; a "
+            f"posterior needs at least {FEWEST_DRAWS_PER_PARAMETER * len(names)} to become a prior"
+        )
+    values = np.where(logarithm, np.log(np.where(logarithm, draws, 1.0)), draws)
+    mean, factor = values.mean(axis=0), _factor(names, values)
+    white = np.linalg.solve(factor, (values - mean).T).T
+    groups = _ordered(names, parameters)
+    return PriorNormal(
+        names,
+        tuple(str(tree["posterior"][name].attrs.get("unit", "1")) for name in names),
+        logarithm,
+        mean,
+        factor,
+        distance_from_normal(white),
+        _out_of_order(names, groups, mean, factor),
+    )
+
+
+def _positive(parameter: Parameter) -> bool:
+    return parameter.prior.support[0] >= 0.0
+
+
+def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
+    """Cholesky factor of the draws' covariance, by way of their correlation.
+
+    Raises
+    ------
+    UserError : draws that are all alike, or one of which follows from others.
+    """
+    fixed = [name for name, drawn in zip(names, values.T, strict=True) if np.ptp(drawn) == 0.0]
+    if fixed:
+        raise UserError(
+            f"all draws of {', '.join(fixed)} are alike, so they make no normal prior; fit again "
+            "with more draws, or export to csv"
+        )
+    spread = values.std(axis=0, ddof=1)
+    correlation = np.atleast_2d(np.cov(values / spread, rowvar=False))
+    try:
+        factor = np.asarray(np.linalg.cholesky(correlation), dtype=float)
+    except np.linalg.LinAlgError:
+        factor = np.zeros_like(correlation)
+    if np.diag(factor).min() < LEAST_SPREAD:
+        raise UserError(
+            f"draws of {', '.join(names)} do not vary in every direction: one follows from the "
+            "others, so they make no normal prior; export to csv"
+        )
+    return spread[:, None] * factor
+
+
+def _ordered(names: Sequence[str], parameters: dict[str, Parameter]) -> tuple[tuple[str, ...], ...]:
+    """Names of parameters that ascend, group by group."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        if name in parameters and parameters[name].ordered is not None:
+            groups.setdefault(str(parameters[name].ordered), []).append(name)
+    return tuple(tuple(group) for group in groups.values() if len(group) > 1)
+
+
+def _out_of_order(
+    names: Sequence[str],
+    groups: Sequence[tuple[str, ...]],
+    mean: FloatArray,
+    factor: FloatArray,
+) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """The share of the normal's draws in which a group does not ascend (logarithms ascend too)."""
+    drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
+    columns = {name: drawn[:, k] for k, name in enumerate(names)}
+    found = []
+    for group in groups:
+        wrong = [columns[one] >= columns[next_one] for one, next_one in pairwise(group)]
+        found.append((group, float(np.mean(np.any(wrong, axis=0)))))
+    return tuple(found)
+
+
+def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
+    """What the prior is of, how well it fits, and what it does not keep."""
+    attrs = tree.attrs
+    simulated = attrs["provenance"] == "simulated"
+    said = [
+        f"{attrs['candidate']} of system {attrs['system']}, by deabayes "
+        f"{attrs['deabayes_version']}.",
+        "From SIMULATED records, not measurements."
+        if simulated
+        else f"Provenance: {attrs['provenance']}.",
+    ]
+    if not json.loads(attrs["convergence"])["converged"]:
+        said.append("The posterior has NOT CONVERGED: do not use it.")
+    rough = normal.misfit > LARGEST_MISFIT
+    said.append(
+        f"Misfit {normal.misfit:.3f}, the largest distance of distribution functions between draws "
+        f"and normal: {'above' if rough else 'up to'} {LARGEST_MISFIT:g}, the normal "
+        f"{'only approximates' if rough else 'describes'} the posterior."
+    )
+    said += [
+        f"In {100.0 * share:.2g} % of its draws {' < '.join(group)} does not hold, which it does "
+        "in the posterior: constrain it, or sort them with what belongs to them."
+        for group, share in normal.out_of_order
+        if share > 0.0
+    ]
+    return said
+
+
+def write_python(tree: xr.DataTree, path: Path, program: str, imports: str, prior: str) -> None:
+    """Write a module with the normal's numbers, then `prior`, a function in `program`."""
+    normal = prior_normal(tree)
+    said = "\n".join(in_words(tree, normal))
+    names = "".join(f"    {name!r}: {unit!r},\n" for name, unit in _units(normal))
+    rows = "".join(f"    {row},\n" for row in normal.factor.tolist())
+    text = (
+        f'"""Prior for {program}: a posterior as a multivariate normal.\n\n{said}\n"""\n\n'
+        f"{imports}\n\n"
+        f"UNITS = {{\n{names}}}\n"
+        "LOGARITHM = "
+        f"{[name for name, of in zip(normal.names, normal.logarithm, strict=True) if of]!r}\n"
+        "# Of the logarithms of those in LOGARITHM and of the others' values, in the order of "
+        "UNITS, SI.\n"
+        f"MEAN = np.array({normal.mean.tolist()!r})\n"
+        f"CHOLESKY = np.array([\n{rows}])\n"
+        f"MISFIT = {normal.misfit:.4g}\n\n\n{prior}"
+    )
+    path.write_text(text, encoding="utf-8")
+
+
+def _units(normal: PriorNormal) -> list[tuple[str, str]]:
+    return list(zip(normal.names, normal.units, strict=True))
