@@ -190,7 +190,7 @@ def test_shear_moduli_stand_beside_the_posteriors(tmp_path):
     assert not any("instantaneous" in each or "*VISCO" in each for each in elastic)
 
 
-@pytest.mark.parametrize("draws", [None, 4])
+@pytest.mark.parametrize("draws", [None, 7])
 def test_medians_that_are_no_typical_draw_are_told(draws, tmp_path):
     """Half mu alpha is 1 of four draws in five and 4.5 of the fifth; of the medians it is 2."""
     tree = posterior("tensile_strip", "ogden_1")

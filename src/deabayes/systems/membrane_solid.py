@@ -6,7 +6,9 @@ small change of stretch changes the true stress lambda P by
 (lambda P_alpha)' + sum_i 6 mu_beta_i/lambda   per stretch,
 
 of which unit i bears 6 mu_beta_i/lambda: the linearised (12) of Nguyen et al. (2021). Programs
-whose history integral is of true stress give it the share g_i there as everywhere.
+whose history integral is of true stress give it the share g_i there as everywhere: Abaqus, whose
+stress of the past is turned by F^-1 tau F, which changes nothing where axes stay (Materials
+Guide, time-domain viscoelasticity, finite strain).
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ TIMES = (
 SHARES = (
     "NOTE: shares are ratios of small-strain moduli, together {small:.4g}. Of a sudden small "
     "change of true stress at the pre-stretch the model's units bear {own:.4g} ({each}): for "
-    "motions about the pre-stretch take these instead, the long-term law as it is"
+    "motions about the pre-stretch take these, with the long-term law as it is, in a program whose "
+    "relaxation multiplies true stress, as that of Abaqus does"
 )
 DASHPOT = (
     "Dashpot alpha, zeta_alpha = {zeta:.5g} Pa s beside all springs, has no counterpart in a Prony "
