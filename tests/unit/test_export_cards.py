@@ -11,7 +11,8 @@ from tests.unit.cards import READ, SPECIMENS, energy, nominal, posterior, senten
 
 from deabayes.cli import cli
 from deabayes.experiment import Quantity, Specimen
-from deabayes.export import export
+from deabayes.export import abaqus, ansys, export
+from deabayes.export.cards import _name
 from deabayes.export.taken import evenly, system_and_draws
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import write_tree
@@ -245,6 +246,21 @@ def test_what_cannot_be_is_said(program, name, draws, words, tmp_path):
         export(posterior("membrane", "kv_gm_1"), program, tmp_path / name, draws=draws)
     assert words.format(to=program, ending=ending) in str(caught.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("program", [abaqus, ansys])
+def test_a_law_that_a_program_has_no_card_for_is_told(program, monkeypatch, tmp_path):
+    """As a spring that is added to the registry only, or a law of one's own."""
+    monkeypatch.delitem(program.LAWS, "gent")
+    words = "no card of .* is known for the law 'gent', only for linear_elastic, neo_hookean, ogden"
+    with pytest.raises(UserError, match=words):
+        program.write(posterior("membrane", "kv_gm_1"), tmp_path / "x.inp")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_are_ones_that_programs_take():
+    assert _name("2.own model", "0001") == "M2_OWN_MODEL_0001"
+    assert len(_name("x" * 200, "MEDIANS")) <= 80
 
 
 def test_cards_of_no_numbers_are_refused(tmp_path):

@@ -146,10 +146,8 @@ def _header(tree: xr.DataTree, every: Solid, picked: NDArray[np.intp] | None) ->
 def _card(
     tree: xr.DataTree, solid: Solid, every: Solid, k: int, picked: NDArray[np.intp] | None
 ) -> Card:
-    medians = picked is None
-    draw = "" if picked is None else _which(tree, int(picked[k]))
-    name = re.sub(r"\W", "_", tree.attrs["candidate"], flags=re.ASCII)[:LONGEST_NAME].upper()
-    name = name if name[0].isalpha() else f"M{name}"
+    which = [] if picked is None else [_which(tree, int(picked[k]))]
+    shear = _shear(solid, every, k, picked is None)
     own = [note.of(k) for note in solid.notes if note.values]
 
     def of(values: Mapping[str, FloatArray]) -> dict[str, float]:
@@ -157,7 +155,7 @@ def _card(
 
     return Card(
         k + 1,
-        f"{name}_MEDIANS" if medians else f"{name}_{k + 1:04d}",
+        _name(tree.attrs["candidate"], "MEDIANS" if picked is None else f"{k + 1:04d}"),
         solid.law,
         of(solid.moduli),
         of(solid.instantaneous_moduli),
@@ -167,8 +165,14 @@ def _card(
         solid.times[k].tolist(),
         None if solid.density is None else float(solid.density[k]),
         None if solid.invariant is None else float(solid.invariant[k]),
-        (*([draw] if draw else []), *_shear(solid, every, k, medians), *own, *_density(solid)),
+        (*which, *shear, *own, *_density(solid)),
     )
+
+
+def _name(candidate: str, ending: str) -> str:
+    """A name that programs take: letters, digits and `_`, a letter first."""
+    name = re.sub(r"\W", "_", candidate, flags=re.ASCII)[:LONGEST_NAME].upper()
+    return f"{name if name[0].isalpha() else f'M{name}'}_{ending}"
 
 
 def _which(tree: xr.DataTree, row: int) -> str:

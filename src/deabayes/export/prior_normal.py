@@ -56,29 +56,22 @@ def prior_normal(tree: xr.DataTree) -> PriorNormal:
     UserError : too few draws, or draws without spread.
     """
     names, draws = handed_on(tree)
-    parameters = {p.name: p for p in candidate_of(tree).parameters()}
-    logarithm = tuple(
-        bool(np.all(drawn > 0.0)) and (name not in parameters or _positive(parameters[name]))
-        for name, drawn in zip(names, draws.T, strict=True)
-    )
     if len(draws) < FEWEST_DRAWS_PER_PARAMETER * len(names):
         raise UserError(
             f"{len(draws)} draws cannot carry the correlations of {len(names)} parameters; a "
             f"posterior needs at least {FEWEST_DRAWS_PER_PARAMETER * len(names)} to become a prior"
         )
+    parameters = {p.name: p for p in candidate_of(tree).parameters()}
+    logarithm = tuple(
+        bool(np.all(drawn > 0.0) and (name not in parameters or _positive(parameters[name])))
+        for name, drawn in zip(names, draws.T, strict=True)
+    )
     values = np.where(logarithm, np.log(np.where(logarithm, draws, 1.0)), draws)
     mean, factor = values.mean(axis=0), _factor(names, values)
     white = np.linalg.solve(factor, (values - mean).T).T
-    groups = _ordered(names, parameters)
-    return PriorNormal(
-        names,
-        tuple(str(tree["posterior"][name].attrs.get("unit", "1")) for name in names),
-        logarithm,
-        mean,
-        factor,
-        distance_from_normal(white),
-        _out_of_order(names, groups, mean, factor),
-    )
+    units = tuple(str(tree["posterior"][name].attrs.get("unit", "1")) for name in names)
+    disorder = _out_of_order(names, _ordered(names, parameters), mean, factor)
+    return PriorNormal(names, units, logarithm, mean, factor, distance_from_normal(white), disorder)
 
 
 def _positive(parameter: Parameter) -> bool:
