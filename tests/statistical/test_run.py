@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.statistical.test_sampler import wide_proposal
 
 from deabayes.sampling.checkpoint import Store
+from deabayes.sampling.guide import NO_GUIDE
 from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.moves import build_sampler, initial_state
 from deabayes.sampling.proposal import Part, Proposal
@@ -29,6 +32,22 @@ def test_chunks_are_one_chain():
     assert len(chunks) > 2
     chain = np.concatenate([chunk["chain"] for chunk in chunks])
     assert chain.tobytes() == sampler.get_chain().tobytes()
+
+
+def test_a_costly_target_is_asked_for_one_proposal_of_each_walker_at_a_time():
+    asked = []
+
+    def target(z):
+        asked.append(len(z))
+        return log_standard_normal(z)
+
+    walkers = np.random.default_rng(0).standard_normal((32, 3))
+    for several, largest in ((True, 5 * 32), (False, 32)):
+        proposal, guide = replace(wide_proposal(3), tries=5), replace(NO_GUIDE, several=several)
+        sampler = build_sampler(target, proposal, (32, 3), guide)
+        asked.clear()
+        sampler.run_mcmc(initial_state(walkers, target(walkers), np.random.SeedSequence(4)), 50)
+        assert max(asked) == largest
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def _start(
     allowed = max(SETTLING_SHARE * settings.max_steps, LEAST_SETTLING)
     while spent < allowed and not (rounds and rounds[-1].settled):
         thin = steps // STORED_PER_ROUND
-        sampler = build_sampler(target, proposal, walkers.shape, target.guide.hop)
+        sampler = build_sampler(target, proposal, walkers.shape, target.guide)
         state = initial_state(walkers, log_posterior, stage_seed(seed, START, 2 + len(rounds)))
         state = sampler.run_mcmc(
             state, STORED_PER_ROUND, thin_by=thin, skip_initial_state_check=True
@@ -232,7 +232,7 @@ def _first_walkers(
     lost = ~np.isfinite(target(walkers))
     walkers[lost] = warm["particles"][order[: settings.walkers]][lost]
     proposal = _of_particles(target, warm, rng)
-    sampler = build_sampler(target, proposal, walkers.shape, target.guide.hop)
+    sampler = build_sampler(target, proposal, walkers.shape, target.guide)
     state = initial_state(walkers, target(walkers), stage_seed(seed, START, 1))
     settled = sampler.run_mcmc(state, SETTLING_STEPS, store=False, skip_initial_state_check=True)
     low, middle = np.quantile(warm["log_posterior"], [0.01, 0.5])

@@ -20,22 +20,26 @@ Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
 class Guide:
     """A proposal between modes, and coordinates in which a ridge is straight. Both may be missing.
 
-    Neither changes what is sampled, only how fast.
+    Nothing here changes what is sampled, only how fast.
 
     Attributes
     ----------
     hop : see `unit_hop`; None where there is nothing to number anew.
     coordinates : in which maps begin.
+    several : whether a step may make several independence proposals, which is worth it where many
+        draws are solved for hardly more than a few.
     """
 
     hop: Hop | None = None
     coordinates: Coordinates = field(default_factory=Coordinates)
+    several: bool = True
 
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         stretches = target.system.largest_stretches([r.experiment for r in target.records])
-        return cls(UnitHop.of(target.prior, stretches), Coordinates.of(target))
+        hop, several = UnitHop.of(target.prior, stretches), not target.system.costly
+        return cls(hop, Coordinates.of(target), several)
 
 
 NO_GUIDE = Guide()

@@ -7,6 +7,7 @@ it as the negative control of the check that every move here passes.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import SHORT_STEP, LogDensity
-from deabayes.sampling.guide import Hop
+from deabayes.sampling.guide import NO_GUIDE, Guide, Hop
 from deabayes.sampling.proposal import Lines, Proposal
 
 ALONG = 0.15
@@ -152,10 +153,11 @@ def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
 
 
 def build_sampler(
-    target: LogDensity, frozen: Proposal, shape: tuple[int, ...], hop: Hop | None = None
+    target: LogDensity, frozen: Proposal, shape: tuple[int, ...], guide: Guide = NO_GUIDE
 ) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
-    return EnsembleSampler(*shape, target, moves=recipe(frozen, hop), vectorize=True)
+    proposal = frozen if guide.several else replace(frozen, tries=1)
+    return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hop), vectorize=True)
 
 
 def initial_state(

@@ -93,9 +93,7 @@ class Run:
         """Sample to `limit` steps, or until a single run's gates pass or clearly never will."""
         from deabayes.sampling.moves import build_sampler
 
-        sampler = build_sampler(
-            self.target, self.proposal, self.start[0].shape, self.target.guide.hop
-        )
+        sampler = build_sampler(self.target, self.proposal, self.start[0].shape, self.target.guide)
         goal = self._goal(limit)
         with progress_bar(
             progress,

@@ -122,6 +122,11 @@ class System(ABC):
         changes another's row.
         """
 
+    @property
+    def costly(self) -> bool:
+        """Whether solving a draw takes much longer than the sampler's own work for it."""
+        return False
+
     def for_likelihood(self, rough: bool = False) -> System:
         """The same model, solved only as accurately as a likelihood needs; itself unless slow.
 
