@@ -46,8 +46,9 @@ $(READY): requirements.lock pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input --no-deps --no-build-isolation -e .
 	@touch $@
 
+# A file of tests stays on one core: its fixtures are made once.
 test: $(READY)  ## the whole test suite
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile
 
 quick: $(READY)  ## a preview run of the tubular study, about two minutes, not converged on purpose
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
