@@ -15,7 +15,7 @@ from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
-MOST_TRIES = 16
+MOST_TRIES, ENOUGH = 16, 2.0
 SPARE = 8
 """Draws made beyond those wanted, as some may fall outside of the prior's support."""
 SPLIT_GAIN = 0.1
@@ -215,13 +215,15 @@ def fit(
 
 
 def enough_tries(excess: FloatArray) -> int:
-    """How many independence proposals of which one is accepted on average, from log p/q.
+    """How many independence proposals of which `ENOUGH` are accepted on average, from log p/q.
+
+    Draws that the proposal was fitted to make acceptance look better than it is.
 
     Parameters
     ----------
     excess : log of target over proposal at draws of the target (n,), but for a constant.
     """
-    return int(np.clip(np.ceil(1.0 / acceptance(excess)), 1, MOST_TRIES))
+    return int(np.clip(np.ceil(ENOUGH / acceptance(excess)), 1, MOST_TRIES))
 
 
 def acceptance(excess: FloatArray) -> float:
