@@ -34,7 +34,7 @@ def test_chunks_are_one_chain():
     assert chain.tobytes() == sampler.get_chain().tobytes()
 
 
-def test_a_costly_target_is_asked_for_one_proposal_of_each_walker_at_a_time():
+def test_only_a_cheap_target_is_asked_for_several_proposals_of_each_walker_at_once():
     asked = []
 
     def target(z):

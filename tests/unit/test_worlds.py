@@ -18,6 +18,8 @@ from tests.validation.worlds import (
     tubular,
 )
 
+from deabayes.sampling.guide import Guide
+
 
 def test_grid_is_that_of_the_joint_fit():
     grid = doubling_grid()
@@ -37,6 +39,11 @@ def test_most_draws_of_the_membrane_prior_survive_the_highest_voltage(order):
     theta = target.prior.sample(np.random.default_rng(1), 400)
     responses = target.responses(theta)["step_4kV"]
     assert 0.9 < np.isfinite(responses).all(axis=1).mean() <= 1.0
+
+
+def test_only_what_is_cheap_to_solve_is_asked_for_several_proposals():
+    cheap = [Guide.of(world.target(1)).several for world in (at_rest(), in_motion(), membrane())]
+    assert cheap == [True, False, False]
 
 
 def test_innovations_of_simulated_records_at_the_truth_are_standard_normal():

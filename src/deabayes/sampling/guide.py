@@ -26,20 +26,20 @@ class Guide:
     ----------
     hop : see `unit_hop`; None where there is nothing to number anew.
     coordinates : in which maps begin.
-    several : whether a step may make several independence proposals, which is worth it where many
-        draws are solved for hardly more than a few.
+    several : whether a step makes several independence proposals, which is worth it where many
+        draws are solved for in hardly more time than a few.
     """
 
     hop: Hop | None = None
     coordinates: Coordinates = field(default_factory=Coordinates)
-    several: bool = True
+    several: bool = False
 
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         stretches = target.system.largest_stretches([r.experiment for r in target.records])
-        hop, several = UnitHop.of(target.prior, stretches), not target.system.costly
-        return cls(hop, Coordinates.of(target), several)
+        hop = UnitHop.of(target.prior, stretches)
+        return cls(hop, Coordinates.of(target), target.system.cheap)
 
 
 NO_GUIDE = Guide()

@@ -123,8 +123,8 @@ class System(ABC):
         """
 
     @property
-    def costly(self) -> bool:
-        """Whether solving a draw takes much longer than the sampler's own work for it."""
+    def cheap(self) -> bool:
+        """Whether it is solved for many draws in hardly more time than for a few."""
         return False
 
     def for_likelihood(self, rough: bool = False) -> System:

@@ -237,8 +237,9 @@ class MinimumEnergyStructure(System):
         return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
 
     @property
-    def costly(self) -> bool:
-        return self.model.units > 0
+    def cheap(self) -> bool:
+        """At rest."""
+        return self.model.units == 0
 
     def for_likelihood(self, rough: bool = False) -> System:
         """Itself, less accurately solved, unless built for more or less than the usual accuracy."""
