@@ -27,8 +27,12 @@ def excitation_of(
     ------
     UserError
         Unknown or more than one channel, a drive in time without time, values that are no
-        finite numbers, a coordinate that does not ascend, unknown conditions.
+        finite numbers, a coordinate that does not ascend or is empty, a frequency that is not
+        positive, unknown conditions.
     """
+    if not isinstance(conditions, Mapping):
+        found = repr(conditions)
+        raise UserError(f"conditions: give names with values, as {{'load_g': 300}}; found {found}")
     system.check_conditions(conditions)
     known = system.excitations
     for name in channels:
@@ -48,10 +52,18 @@ def excitation_of(
     values = np.full(coordinate.shape, values) if values.ndim == 0 else values
     if coordinate.ndim != 1 or coordinate.shape != values.shape:
         raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
+    _check_coordinate(coordinate, label)
+    return Excitation(name, known[name], coordinate, values, conditions), label
+
+
+def _check_coordinate(coordinate: FloatArray, label: str) -> None:
+    if coordinate.size == 0:
+        raise UserError(f"{label} holds no values; give one at least")
     back = np.flatnonzero(np.diff(coordinate) <= 0.0)
     if back.size:
         raise UserError(f"{label} must ascend; it does not at index {back[0] + 1}")
-    return Excitation(name, known[name], coordinate, values, conditions), label
+    if label == "frequency" and coordinate[0] <= 0.0:
+        raise UserError(f"frequency must be positive, found {coordinate[0]:g} Hz at index 0")
 
 
 def _finite(given: ArrayLike, unit: str, name: str) -> FloatArray:

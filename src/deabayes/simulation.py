@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,8 @@ def simulate(
     system : e.g. ``"tubular"``.
     candidate : e.g. ``"voigt_kelvin_2"``.
     parameters : SI, or with a unit (``"1.5 MPa"``); one value, or an array of draws (W,),
-        per parameter. A quantity of the specimen that carries an sd may be given too,
-        else its value is taken.
+        per parameter; a mapping, a DataFrame of draws or a row of it. A quantity of the
+        specimen that carries an sd may be given too, else its value is taken.
     specimen : a study folder, or a mapping of its quantities
         (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
     time : (N,) [s] or time spans, ascending; without it the excitation is quasi-static.
@@ -80,7 +81,7 @@ def simulate(
     driven, coordinate_name = excitation_of(model, time, excitation, conditions or {})
     coordinate = driven.coordinate
     response = response or model.response_to(driven.name)
-    draws, scalar = _draws(model, parameters)
+    draws, scalar = _draws(model, _by_name(parameters))
     values = model.predict(driven, coordinate, response, draws)
     failed = ~np.all(np.isfinite(values), axis=1)
     if failed.any():
@@ -98,12 +99,25 @@ def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
 
     if isinstance(given, Mapping):
         return specimen_from_quantities(system, given)
+    if not isinstance(given, str | PathLike):
+        raise UserError(
+            f"specimen: give a study folder or a mapping of quantities; found {given!r}"
+        )
+    if Path(given).is_file():
+        raise UserError(f"{given}: is a file; name its folder {Path(given).parent}")
     specimen = read_specimen(Path(given))
     if specimen.system != system:
         raise UserError(
             f"{given} describes a specimen of system {specimen.system!r}, not {system!r}"
         )
     return specimen
+
+
+def _by_name(given: Mapping[str, ArrayLike]) -> Mapping[str, ArrayLike]:
+    """Parameters by name; a pandas Series too, which is walked through by its values."""
+    if not hasattr(given, "items"):
+        raise UserError(f"parameters: give names with values, as {{'E_0': 1.5e6}}; found {given!r}")
+    return dict(given.items())
 
 
 def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:

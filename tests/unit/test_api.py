@@ -76,6 +76,18 @@ def test_a_number_of_draws_that_cannot_be_is_named(post, size):
             ask(size)
 
 
+@pytest.mark.parametrize("seed", [-1, "one", 1.5])
+def test_a_seed_that_cannot_be_is_named(post, seed):
+    for ask in (post.draws, lambda size, seed: post.predict(time=TIME, voltage=VOLTS, seed=seed)):
+        with pytest.raises(UserError, match=f"seed must be a whole number, 0 or more; .*{seed}"):
+            ask(5, seed=seed)
+
+
+def test_a_frequency_that_is_not_positive_is_named(post):
+    with pytest.raises(UserError, match="frequency must be positive, found -1 Hz"):
+        post.predict(frequency=[-1.0, 1.0], response="gain", conditions={"bias_kV": 2})
+
+
 def test_what_did_not_converge_says_so_when_printed(post):
     tree = file(None)
     tree["summary"] = xr.DataTree(tree["summary"].to_dataset().assign(converged=("quantity", [

@@ -44,6 +44,12 @@ def test_draws_broadcast_and_failures_are_counted():
     assert dataset.tau_2.values.tolist() == [0.12] * 3
 
 
+def test_a_row_of_a_table_of_draws_is_taken_by_its_names():
+    table = pd.DataFrame([VALUES, VALUES | {"E_0": 3e6}])
+    np.testing.assert_array_equal(run(table.iloc[0]).strain, run().strain)
+    assert run(table).strain.shape == (2, TIME.size)
+
+
 def test_a_folder_as_specimen_and_its_uncertain_quantities():
     folder = REPOSITORY / "data" / "tubular"
     np.testing.assert_allclose(run(specimen=folder).strain, run().strain, rtol=1e-12)
@@ -87,6 +93,11 @@ def test_missing_and_unknown_parameters_are_all_listed():
         ({"specimen": QUANTITIES | {"thickness": {"value": 8e-5}}}, "thickness: 'unit' is missing"),
         ({"specimen": QUANTITIES | {"thickness": {"unit": "m"}}}, "thickness: 'value' is missing"),
         ({"response": "strian"}, "did you mean 'strain'"),
+        ({"conditions": [300]}, r"conditions: give names with values.*found \[300\]"),
+        ({"parameters": [1.5e6, 12e6]}, r"parameters: give names with values.*found \[1500000"),
+        ({"time": [], "voltage": []}, "time holds no values"),
+        ({"specimen": None}, "specimen: give a study folder or a mapping .* found None"),
+        ({"specimen": __file__}, r"test_simulation.py: is a file; name its folder .*unit$"),
         ({"specimen": {"thickness": "80 um"}}, "relative_permittivity"),
         ({"specimen": QUANTITIES | {"thickness": "80 V"}}, "thickness"),
     ],

@@ -60,14 +60,18 @@ def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
 
     Raises
     ------
-    UserError : a size that is no whole number above 0.
+    UserError : a size that is no whole number above 0, a seed that is none.
     """
+    try:
+        rng = np.random.default_rng(seed)
+    except (TypeError, ValueError):
+        raise UserError(f"seed must be a whole number, 0 or more; found {seed!r}") from None
     if size is None:
         return np.arange(total)
     if not isinstance(size, Integral) or size < 1:
         raise UserError(f"size must be a whole number above 0, found {size!r}")
     size = int(size)
-    return np.random.default_rng(seed).choice(total, size, replace=size > total)
+    return rng.choice(total, size, replace=size > total)
 
 
 def stacked(group: xr.DataTree, name: str) -> FloatArray:

@@ -148,7 +148,7 @@ class Chain:
         )
         for n, viscosity in enumerate((self.time_constants / self.compliances).T, start=1):
             result[f"eta_{n}"] = Derived(
-                rf"\eta_{{{n}}}", "Pa*s", f"viscosity of Kelvin unit {n}", viscosity
+                rf"\eta_{{{n}}}", "Pa s", f"viscosity of Kelvin unit {n}", viscosity
             )
         return result
 
