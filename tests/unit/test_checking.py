@@ -110,6 +110,14 @@ PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
         ({"priors": {"mu_beta_9": PRIOR}}, ["study s, priors.mu_beta_9", "no parameter"]),
         ({"priors": {"J_alpha": {"distribution": "lognrmal"}}}, ["'lognrmal'", "'lognormal'?"]),
         ({"preparation": {"relaxation": [{"averag": {}}]}}, ["unknown step 'averag'", "'average'"]),
+        (
+            {"preparation": {"creep": [{"decimate": {"every": 2}}]}},
+            ["study s, preparation: ", "no model of protocol 'creep'", "it has relaxation"],
+        ),
+        (
+            {"preparation": {"relaxation": [{"average": {"grid": "uniform", "points": 5}}]}},
+            ["study s, kv_gm_1: 5 points cannot determine 7 parameters"],
+        ),
         ({"candidates": ("kv_gn_1",)}, ["candidates", "kv_gn_1"]),
         ({"calibrate": ("relx",)}, ["calibrate", "no experiment 'relx'", "'relax'?"]),
         ({"calibrate": ("relax",), "validate": ("pul",)}, ["validate", "'pull'?"]),
@@ -134,10 +142,18 @@ def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: l
 
 def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
-    write_lines(folder / "records" / "relax.csv", record_lines(1, rows=8))
+    write_lines(folder / "records" / "relax.csv", record_lines(1, rows=11))
     faults, _ = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4")))
     assert len(faults) == 1
-    assert "study s, kv_gm_4: 8 points cannot determine" in faults[0]
+    assert "study s, kv_gm_4: 9 points cannot determine" in faults[0]  # 2 at the ramp's end masked
+
+
+def test_steps_that_no_record_takes_are_a_warning(tmp_path: Path) -> None:
+    steps = {"sine": [{"decimate": {"every": 2}}]}
+    study = Study("s", make_folder(tmp_path), ("kv_gm_1",), preparation=steps)
+    faults, warnings = check_study(study)
+    assert not faults
+    assert "preparation.sine: no record of the study is of this protocol" in warnings[0]
 
 
 def test_too_few_walkers_for_a_candidate(tmp_path: Path) -> None:

@@ -52,6 +52,13 @@ def test_missing_data_is_one_sentence_with_the_remedy(folder: Path) -> None:
     assert list(caught.value.faults) == [sentence]
 
 
+def test_a_variable_that_names_no_copy_is_said(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DEABAYES_DATA", "/typo")
+    assert "holds set/ (now it is /typo, which does not)" in (missing_data(folder) or "")
+
+
 @pytest.mark.parametrize("how", ["variable", "data_root", "study folder", "cache"])
 def test_places_where_records_are_found(
     folder: Path, how: str, monkeypatch: pytest.MonkeyPatch

@@ -107,7 +107,8 @@ def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path
         (b"time [s],force [N]\n0,1\n1,ERR\n2,3\n", ["column force, data row 2", "'ERR'"]),
         (b"time [s],force [N],force [N]\n0,1,1\n1,2,2\n", ["'force' occurs twice"]),
         (b"time [s],Kraft \xfc [N]\n0,1\n1,2\n", ["line 1", "not UTF-8", "0xfc", "save the file"]),
-        (b"\xff\xfet\x00i\x00m\x00e\x00\n\x00", ["not UTF-8"]),
+        (b"\xff\xfet\x00i\x00m\x00e\x00\n\x00", ["is UTF-16", "{encoding: utf-16}"]),
+        (b"PK\x03\x04\xff\xfe\n0,1\n", ["is not a text file", "right ending"]),
         (b"PK\x03\x04" + bytes(40), ["not a text file"]),
     ],
 )

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.checks.amounts import few_points, unused_steps
 from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
-from deabayes.reading.checks import too_few_points, too_short_for
+from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import repeated_records
+from deabayes.reading.specimen import system_class
 from deabayes.reading.table import selected
 
 if TYPE_CHECKING:
@@ -45,11 +47,12 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
     warnings: list[str] = []
     systems = _systems(study, read.specimen, faults)
-    for candidate, system in systems.items():
-        where = f"study {study.name}, {candidate}"
-        points = sum(raw.columns[row.response].size for row, raw in records)
-        faults += too_few_points(points, len(system.parameters()), where) if records else []
-    experiments = _prepared(study, read, rows, faults)
+    unused = unused_steps(
+        study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
+    )
+    faults, warnings = [*faults, *unused[0]], [*warnings, *unused[1]]
+    experiments, unprepared = _prepared(study, read, rows)
+    faults += unprepared or few_points(study, systems, experiments)
     if not faults:
         faults += _without_model(study, systems, experiments)
         each = [caution for s in systems.values() for e in experiments for caution in s.cautions(e)]
@@ -102,9 +105,9 @@ def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, S
 
 
 def _prepared(
-    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow], faults: list[str]
-) -> list[Experiment]:
-    """The records as the likelihood will see them; each fault of a step is said once."""
+    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow]
+) -> tuple[list[Experiment], list[str]]:
+    """The records as the likelihood will see them; each fault of a step, said once."""
     from deabayes.preparation import measured_rows, prepare
 
     experiments, found = [], {}
@@ -115,8 +118,7 @@ def _prepared(
                 experiments.append(prepare(each, raw, read.specimen, steps))
         except UserError as error:
             found[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
-    faults += found.values()
-    return experiments
+    return experiments, list(found.values())
 
 
 def _without_model(

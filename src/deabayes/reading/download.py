@@ -88,10 +88,13 @@ def missing_sentence(
 ) -> str:
     """What `missing_data` says about these records."""
     missing = list(missing)
+    stated = os.environ.get(VARIABLE)
+    wrong = stated and not (Path(stated) / download["folder"]).is_dir()
+    found = f" (now it is {stated}, which does not)" if wrong else ""
     return (
         f"{folder}: {len(missing)} of {total} public records are not on this machine (first: "
         f"{missing[0]}); run `make data` to fetch them, or set {VARIABLE} to the folder that "
-        f"holds {download['folder']}/"
+        f"holds {download['folder']}/{found}"
     )
 
 

@@ -217,7 +217,11 @@ def _instruments(content: Mapping[str, Any], where: str, faults: list[str]) -> d
 
 
 def _possible(quantity: Quantity, entry: Mapping[str, Any], prop: str, where: str) -> Quantity:
-    """An instrument's property as it can be: finite, and positive or, for some, zero."""
+    """An instrument's property as it can be: exact, finite, and positive or, for some, zero."""
+    if quantity.sd is not None:
+        other = ", or state a tube's as quantities.sensor_delay" if prop == "delay" else ""
+        raise UserError(f"{where}: instruments are taken for exact, found sd {entry['sd']:g}; "
+                        f"remove it{other}")  # fmt: skip
     zero = prop in MAY_BE_ZERO and quantity.value == 0.0
     if not zero and not 0.0 < quantity.value < float("inf"):
         wanted = "zero or positive" if prop in MAY_BE_ZERO else "positive"

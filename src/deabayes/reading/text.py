@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import re
@@ -30,6 +31,7 @@ MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
 """Cells without a value."""
 ONE_COLUMN = re.compile(r"\w+ *\[[^\[\]]*\]")
 SNIFFED_LINES = 50
+NO_TEXT = "{path}: is not a text file; give it its right ending or export as csv"
 
 
 def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Table:
@@ -133,6 +135,13 @@ def _named_delimiter(name: str | None) -> str | None:
 
 def _header_line(stream: io.BytesIO, path: Path) -> str:
     for number, line in lines(stream):
+        if line.startswith(b"PK\x03\x04"):
+            raise UserError(NO_TEXT.format(path=path))
+        if line.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise UserError(
+                f"{path}: is UTF-16; save the file as UTF-8, or state it in specimen.yaml: "
+                "record_format: {encoding: utf-16}"
+            )
         try:
             text = line.decode("utf-8")
         except UnicodeDecodeError as error:
@@ -141,10 +150,8 @@ def _header_line(stream: io.BytesIO, path: Path) -> str:
                 "save the file as UTF-8, or give its encoding in specimen.yaml, such as "
                 "record_format: {encoding: latin-1}"
             ) from None
-        if "\x00" in text or line.startswith(b"PK\x03\x04"):
-            raise UserError(
-                f"{path}: is not a text file; give it its right ending or export as csv"
-            )
+        if "\x00" in text:
+            raise UserError(NO_TEXT.format(path=path))
         return text
     raise UserError(f"{path}: holds nothing but empty lines and comments; copy the record again")
 
