@@ -102,7 +102,7 @@ def recorded(
     """Creep under a command of 2 kV at 10 ms, sampled at 10 kHz."""
     time = np.arange(1001) * 1e-4
     command = np.where(time < 0.01, 0.0, 2000.0)
-    unit = "V" if excitation == "voltage" else "Hz"
+    unit = "Hz" if excitation == "frequency" else "V"
     raw = RawRecord(
         {"time": time, excitation: command, "strain": 1e-5 * time},
         {"time": "s", excitation: unit, "strain": "1"},
@@ -123,6 +123,15 @@ def test_the_step_puts_the_output_in_place_of_the_command() -> None:
     half = recorded({"limit_current": {"limit": "60 mA", "capacitance": "90 nF"}}).excitation
     rise = half.at(np.array([0.0115])) - half.at(np.array([0.0105]))
     assert rise == pytest.approx(1e-3 * 0.06 / 90e-9, rel=1e-3)
+
+
+def test_a_control_voltage_is_the_command() -> None:
+    expected = recorded({"limit_current": {}}).excitation
+    given = recorded({"limit_current": {}}, excitation="control_voltage")
+    assert given.excitation.name == "voltage"
+    assert given.excitation.conditions == expected.conditions
+    assert np.array_equal(given.excitation.values, expected.values)
+    assert "control_voltage is what was asked of the amplifier" in given.warnings[0]
 
 
 def test_mistakes_are_named() -> None:

@@ -56,6 +56,8 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
     (lambda: checks.too_few_points(5, 7, "study a, kv_gm_3"), ["5 points", "7 parameters", "give"]),
     (lambda: checks.too_few_points(7, 7, "a"), ["7 points"]),
     (lambda: checks.not_positive(np.array([1.0, 0.0]), "stretch", "a"), ["data row 2", "offset"]),
+    (lambda: checks.not_positive(np.array([1.0, -40.0]), "gain", "a"), ["is -40", "no decibels"]),
+    (lambda: checks.not_positive(np.array([0.0, 1.0]), "frequency", "a"), ["remove the row"]),
     (
         lambda: checks.not_finite(np.array([1.0, np.nan, np.inf, 1.0, np.nan]), "force", "a.csv"),
         ["infinite: 3", "data row 2", "a run of 2"],

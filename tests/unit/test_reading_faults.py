@@ -154,6 +154,10 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         [RELAX, "column displacement", "'kV' is a voltage", "a length"],
     ),
     "no unit": (header("time [s],displacement,force [N]"), ["'displacement [m]'"]),
+    "bracket without end": (
+        header("time [s],displacement [mm,force [N]"),
+        [RELAX, "the unit of column 'displacement [mm' has no end", "'displacement [mm]'"],
+    ),
     "time goes back": (row(20, "0.5,60,0.9"), ["column time", "data row 20", "goes back"]),
     "time repeats": (row(20, "1.8,60,0.9"), ["column time", "data row 20 repeats", "remove"]),
     "NaN": (row(20, "1.9,60,NaN"), ["column force", "data row 20", "repair"]),

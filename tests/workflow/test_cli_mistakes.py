@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from deabayes.cli import main
+from deabayes.preparation.prepared import read_overview, read_prepared
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = """\
@@ -147,6 +148,15 @@ def test_an_unknown_study(
 ) -> None:
     said = message(capsys, arguments[0], "tubulr", *arguments[1:])
     assert said == "deabayes: config.yaml: has no study 'tubulr'; did you mean 'tubular'?\n"
+
+
+def test_a_control_voltage_is_prepared_as_the_voltage_it_asks_for(place: Path) -> None:
+    replace(RECORD, "voltage [kV]", "control_voltage [kV]")()
+    replace(TABLE, "creep_1500V.csv,validate,voltage", "creep_1500V.csv,validate,control_voltage")()
+    main(["prepare", "tubular", "-o", "prepared"])
+    path = place / "prepared" / "creep_1500V.nc"
+    assert read_prepared(path).excitation.name == "voltage"
+    assert read_overview(path).excitation.max() == pytest.approx(1500.0, rel=1e-2)
 
 
 def test_faults_of_one_folder_come_together(

@@ -9,10 +9,12 @@ import numpy as np
 from deabayes.experiment import PHASE, FloatArray, Specimen
 from deabayes.faults import Faults
 from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import record_faults, record_warnings
 
-NOT_CONDITIONS = ("note",)
+EXCITATION_COLUMN = "excitation_column"
+NOT_CONDITIONS = ("note", EXCITATION_COLUMN)
 
 
 def coordinate_name(row: ExperimentRow) -> str:
@@ -22,6 +24,8 @@ def coordinate_name(row: ExperimentRow) -> str:
 
 def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
     """The channels that the row names, checked; nothing else is changed.
+
+    A command (`control_voltage`) is taken for the excitation that it asks for.
 
     A record without time is put in ascending order of its coordinate, and a phase, which is
     known but for whole turns, is made continuous (see `continuous_phase`).
@@ -37,7 +41,7 @@ def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> Worki
     name = coordinate_name(row)
     coordinate = np.asarray(raw.columns[name], dtype=float)
     record = WorkingRecord(
-        row=row,
+        row=_as_excitation(row),
         specimen=specimen,
         coordinate_name=name,
         coordinate_unit=raw.units[name],
@@ -57,6 +61,14 @@ def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> Worki
     if row.response != "phase":
         return record
     return replace(record, response=continuous_phase(record.response))
+
+
+def _as_excitation(row: ExperimentRow) -> ExperimentRow:
+    """The row with what its command asks for in the command's place, and a note of the column."""
+    if row.excitation not in COMMANDS:
+        return row
+    metadata = {**row.metadata, EXCITATION_COLUMN: row.excitation}
+    return replace(row, excitation=COMMANDS[row.excitation], metadata=metadata)
 
 
 def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:

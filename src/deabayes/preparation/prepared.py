@@ -13,6 +13,7 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.files import write_atomically
+from deabayes.preparation.opening import EXCITATION_COLUMN
 from deabayes.preparation.overview import thinned
 from deabayes.preparation.working import BoolArray
 from deabayes.reading.raw import RawRecord
@@ -83,7 +84,8 @@ def overview_of(experiment: Experiment, raw: RawRecord) -> RawOverview:
     order = np.argsort(coordinate, kind="stable")
     coordinate = coordinate[order]
     response = raw.columns[experiment.response_name][order]
-    excitation = raw.columns[experiment.excitation.name][order]
+    driven = str(experiment.metadata.get(EXCITATION_COLUMN, experiment.excitation.name))
+    excitation = raw.columns[driven][order]
     masked = np.zeros(coordinate.size, dtype=bool)
     for first, last in masked_intervals(experiment):
         masked |= (coordinate >= first) & (coordinate <= last)

@@ -128,14 +128,20 @@ def less_than_noise(
     ]
 
 
+REMEDIES = {
+    "stretch": "a strain becomes a stretch with `offset: 1` in record_format",
+    "gain": "it is a ratio of amplitudes, no decibels, and its sign belongs to the phase",
+}
+
+
 def not_positive(values: FloatArray, channel: str, where: str) -> list[str]:
-    """A stretch, area or frequency that is zero or negative."""
+    """A stretch, area, frequency or gain that is zero or negative."""
     wrong = np.flatnonzero(values <= 0.0)
     if wrong.size == 0:
         return []
     return [
         f"{where}, column {channel}: is {values[wrong[0]]:g} in data row {wrong[0] + 1}, must be "
-        "positive; a strain becomes a stretch with `offset: 1` in record_format"
+        f"positive; {REMEDIES.get(channel, 'correct or remove the row')}"
     ]
 
 

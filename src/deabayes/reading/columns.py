@@ -31,6 +31,8 @@ CHANNELS: Mapping[str, str] = {
     "phase": "rad",
 }
 """Record columns with a meaning (data.md) and their SI units."""
+COMMANDS: Mapping[str, str] = {"control_voltage": "voltage"}
+"""Columns that say what was asked of an instrument -> the excitation that they stand for."""
 
 HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
@@ -111,6 +113,9 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     units: dict[str, str] = {}
     for column, array in zip(table.columns, table.arrays, strict=True):
         name = column.name
+        if column.unit is None and _broken_off(name) in channels:
+            faults.append(f"{where}: the unit of column {name!r} has no end; write '{name}]'")
+            continue
         if name in (None, "-") or (column.unit is None and name not in channels):
             continue
         if name in values:
@@ -124,6 +129,12 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     if faults:
         raise Faults(faults)
     return RawRecord(values, units, sha256)
+
+
+def _broken_off(name: str | None) -> str | None:
+    """What stands before a bracket that is not closed; None where there is none."""
+    before, bracket, _ = (name or "").partition("[")
+    return before.strip() if bracket else None
 
 
 def _convert(

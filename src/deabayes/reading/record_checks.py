@@ -10,10 +10,11 @@ import numpy as np
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
 from deabayes.reading import checks, voltage_checks
+from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
-POSITIVE = ("stretch", "area", "frequency")
+POSITIVE = ("stretch", "area", "frequency", "gain")
 STEPS = ("creep", "step")
 BEYOND_SENSOR = 0.05
 """How far beyond its stated range a clipped sensor may read; more is another unit."""
@@ -80,6 +81,11 @@ def record_warnings(
     if _is_step_from_the_start(row, raw, row.excitation):
         found.append(f"{where}: {row.excitation} is constant, so the step is taken to happen at "
                      "the first sample")  # fmt: skip
+    if row.excitation in COMMANDS:
+        found.append(
+            f"{where}: {row.excitation} is what was asked of the amplifier and is taken for its "
+            "output; where it could not follow, begin the preparation with limit_current"
+        )
     limit = instrument(specimen, "current_limit", "current", "A")
     if limit is not None and "current" in raw.columns:
         found += checks.current_at_limit(raw.columns["current"], limit.value, row.protocol, where)

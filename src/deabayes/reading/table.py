@@ -13,6 +13,7 @@ from typing import Any
 
 from deabayes.experiment import FREQUENCY_RESPONSE
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.schema import schema, violations
 from deabayes.reading.specimen import system_class
@@ -229,12 +230,16 @@ def _row(content: Mapping[str, Any]) -> ExperimentRow:
 
 
 def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Excitation and response channels of a system -> SI units, for one protocol."""
+    """Excitation and response channels of a system -> SI units, for one protocol.
+
+    A command stands for the excitation that it asks for, where that drives the system in time.
+    """
     kind = system_class(system)
+    commands = {name: kind.excitations[of] for name, of in COMMANDS.items() if of in kind.in_time}
     harmonic = protocol == "frequency_response"
     excitations, responses = (
         {name: unit for name, unit in known.items() if (name in FREQUENCY_RESPONSE) == harmonic}
-        for known in (kind.excitations, kind.responses)
+        for known in ({**kind.excitations, **commands}, kind.responses)
     )
     return excitations, responses
 
