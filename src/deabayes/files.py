@@ -18,6 +18,8 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
     ------
     IsADirectoryError
         There is a folder of that name.
+    OSError
+        It cannot be written there; the file named is `path`.
     """
     path = Path(path)
     if path.is_dir():
@@ -29,8 +31,18 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
         with temporary.open("rb") as file:
             os.fsync(file.fileno())  # a name that survives a power cut names what was written
         temporary.replace(path)
+    except OSError as error:
+        if str(temporary) not in f"{error.filename} {error}":
+            raise
+        raise OSError(error.errno, _reason(error), str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _reason(error: OSError) -> str:
+    """What the system says; HDF5 gives the number of its error, and no text of it alone."""
+    told = os.strerror(error.errno) if error.errno else str(error)
+    return f"cannot be written ({told}); name another place"
 
 
 def write_text_atomically(text: str, path: Path) -> None:

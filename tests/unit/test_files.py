@@ -30,6 +30,23 @@ def test_a_folder_in_its_place_is_named_as_the_user_did(tmp_path: Path) -> None:
     assert not list(tmp_path.parent.glob(".*.tmp"))
 
 
+@pytest.mark.parametrize("filename", ["of the temporary file", None], ids=["named", "in text"])
+def test_where_nothing_can_be_written_the_file_is_named_as_the_user_did(
+    tmp_path: Path, filename: str | None
+) -> None:
+    def refuse(place: Path) -> None:
+        raise PermissionError(13, f"name = '{place}'", filename and str(place))
+
+    with pytest.raises(PermissionError, match=r"cannot be written \(Permission denied") as caught:
+        write_atomically(refuse, tmp_path / "table.csv")
+    assert caught.value.filename == str(tmp_path / "table.csv")
+
+
+def test_another_file_that_fails_meanwhile_keeps_its_name(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="not_there"):
+        write_atomically(lambda _: (tmp_path / "not_there").read_text(), tmp_path / "table.csv")
+
+
 def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "new" / "folder" / "table.csv"
 

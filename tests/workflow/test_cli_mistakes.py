@@ -150,6 +150,12 @@ def test_an_unknown_study(
     assert said == "deabayes: config.yaml: has no study 'tubulr'; did you mean 'tubular'?\n"
 
 
+def test_a_report_of_a_study_that_is_none(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = message(capsys, "report", "tubulr")
+    assert "'tubulr' is neither a results folder nor a fitted study under results" in said
+    assert not (place / "results").exists()
+
+
 def test_a_control_voltage_is_prepared_as_the_voltage_it_asks_for(place: Path) -> None:
     replace(RECORD, "voltage [kV]", "control_voltage [kV]")()
     replace(TABLE, "creep_1500V.csv,validate,voltage", "creep_1500V.csv,validate,control_voltage")()

@@ -150,6 +150,15 @@ def predict_posteriors(
     return "\n".join(lines)
 
 
+def study_folders(names: Sequence[str], results: Path) -> list[Path]:
+    """Results folders given as such, or as those of studies under `results`, which come first."""
+    folders = [each if (each := results / name).exists() else Path(name) for name in names]
+    for name, folder in zip(names, folders, strict=True):
+        if not folder.exists():
+            raise _unknown(name, "results folder", results)
+    return folders
+
+
 def simulate_record(
     system: str,
     candidate: str,
@@ -216,12 +225,15 @@ def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
         raise UserError(f"{missing[0]}: no such posterior file")
     found = sorted((results / sources[0]).glob("*/posterior.nc"))
     if not found:
-        fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
-        raise UserError(
-            f"{sources[0]!r} is neither a posterior file nor a fitted study under {results}"
-            + (nearest(sources[0], fitted) if fitted else "; run `deabayes fit` first")
-        )
+        raise _unknown(sources[0], "posterior file", results)
     return found
+
+
+def _unknown(name: str, kind: str, results: Path) -> UserError:
+    """That a name is of nothing, and of which fitted study it may be meant."""
+    fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
+    hint = nearest(name, fitted) if fitted else "; run `deabayes fit` first"
+    return UserError(f"{name!r} is neither a {kind} nor a fitted study under {results}{hint}")
 
 
 def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
