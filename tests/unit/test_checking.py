@@ -148,14 +148,6 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     assert "study s, kv_gm_4: 9 points cannot determine" in faults[0]  # 2 at the ramp's end masked
 
 
-def test_steps_that_no_record_takes_are_a_warning(tmp_path: Path) -> None:
-    steps = {"sine": [{"decimate": {"every": 2}}]}
-    study = Study("s", make_folder(tmp_path), ("kv_gm_1",), preparation=steps)
-    faults, warnings = check_study(study)
-    assert not faults
-    assert "preparation.sine: no record of the study is of this protocol" in warnings[0]
-
-
 def test_too_few_walkers_for_a_candidate(tmp_path: Path) -> None:
     sampling = Sampling(walkers=22)
     study = Study("s", make_folder(tmp_path), ("kv_gm_1", "kv_gm_2"), sampling=sampling)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deabayes.checks.predictable import without_candidate
 from deabayes.faults import Faults, UserError
 from deabayes.quantities import display_unit, short, with_unit
 from deabayes.reading.folder import StudyFolder, scan_folder
@@ -59,6 +60,8 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
     read, faults = scan_folder(Path(folder), data_root)
     if read is None:
         return CheckReport(Path(folder), (), tuple(faults), ())
+    if not faults:
+        faults = without_candidate(read)
     understood = _specimen_lines(read)
     warnings = _wide(read)
     for row in read.table:
