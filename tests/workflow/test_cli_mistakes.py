@@ -156,6 +156,13 @@ def test_a_report_of_a_study_that_is_none(place: Path, capsys: pytest.CaptureFix
     assert not (place / "results").exists()
 
 
+def test_figures_of_what_is_not_fitted_leave_no_folder(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "holds no fitted candidate" in message(capsys, "figures", "data", "-o", "drawn")
+    assert not (place / "drawn").exists()
+
+
 def test_a_control_voltage_is_prepared_as_the_voltage_it_asks_for(place: Path) -> None:
     replace(RECORD, "voltage [kV]", "control_voltage [kV]")()
     replace(TABLE, "creep_1500V.csv,validate,voltage", "creep_1500V.csv,validate,control_voltage")()

@@ -134,10 +134,11 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     from deabayes.figures.population_results import PopulationResults, results_of
 
     whole, out = results_of(Path(study_folder)), Path(out)
-    out.mkdir(parents=True, exist_ok=True)
     scope = "population" if isinstance(whole, PopulationResults) else "study"
+    candidates = () if isinstance(whole, PopulationResults) else whole.candidates  # or a fault
+    out.mkdir(parents=True, exist_ok=True)
     saved = [figure for name in names(scope) for figure in _save(name, whole, out)]
-    for candidate in () if isinstance(whole, PopulationResults) else whole.candidates:
+    for candidate in candidates:
         for name in names("candidate"):
             saved += _save(name, candidate, out)
     entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
