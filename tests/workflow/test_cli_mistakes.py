@@ -163,6 +163,15 @@ def test_figures_of_what_is_not_fitted_leave_no_folder(
     assert not (place / "drawn").exists()
 
 
+def test_a_damaged_result_is_named(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = place / "results" / "s" / "voigt_kelvin_1"
+    folder.mkdir(parents=True)
+    (folder / "posterior.nc").write_bytes(b"half a file")
+    said = message(capsys, "report", "s")
+    assert "posterior.nc: not a readable netCDF file" in said
+    assert not (place / "results" / "report" / "index.html").exists()
+
+
 def test_a_control_voltage_is_prepared_as_the_voltage_it_asks_for(place: Path) -> None:
     replace(RECORD, "voltage [kV]", "control_voltage [kV]")()
     replace(TABLE, "creep_1500V.csv,validate,voltage", "creep_1500V.csv,validate,control_voltage")()

@@ -127,10 +127,14 @@ class CandidateResults:
         """A group of the posterior file in memory; empty where the file has none."""
         import xarray as xr
 
-        with xr.open_datatree(self.folder / "posterior.nc", engine="h5netcdf") as tree:
-            if name is None:
-                return tree.to_dataset().load()
-            return tree[name].to_dataset().load() if name in tree.children else xr.Dataset()
+        path = self.folder / "posterior.nc"
+        try:
+            with xr.open_datatree(path, engine="h5netcdf") as tree:
+                if name is None:
+                    return tree.to_dataset().load()
+                return tree[name].to_dataset().load() if name in tree.children else xr.Dataset()
+        except (OSError, ValueError) as error:
+            raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
 
     @cached_property
     def posterior(self) -> xr.Dataset:
@@ -240,7 +244,10 @@ class CandidateResults:
 def _table(path: Path) -> pd.DataFrame | None:
     import pandas as pd
 
-    return pd.read_csv(path) if path.is_file() else None
+    try:
+        return pd.read_csv(path) if path.is_file() else None
+    except (ValueError, pd.errors.ParserError) as error:  # an empty file among them
+        raise UserError(f"{path}: is no table ({error}); remove it and make it again") from None
 
 
 def _decoded(value: object) -> Any:

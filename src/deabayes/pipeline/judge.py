@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from deabayes.faults import UserError
 from deabayes.files import write_atomically, write_text_atomically
 from deabayes.pipeline.identify import seed_of, stored_target
 from deabayes.pipeline.prepare import read_experiments
@@ -111,10 +113,19 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
     for posterior in posteriors:
         tree = read_tree(posterior)
         study, target = stored_target(tree, prepared)
-        scores = json.loads(posterior.with_name("scores.json").read_text())
-        ranked.append(Ranked(tree, target, scores | _nested_of(posterior)))
+        ranked.append(Ranked(tree, target, _scores_of(posterior) | _nested_of(posterior)))
     table = comparison_table(ranked, seed_of(study, "all candidates", "left-out blocks"))
     write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def _scores_of(posterior: Path) -> dict[str, Any]:
+    """What stands in scores.json beside a posterior."""
+    path = posterior.with_name("scores.json")
+    try:
+        content: dict[str, Any] = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise UserError(f"{path}: is no JSON ({error}); remove it and compare again") from None
+    return content
 
 
 def _nested_of(posterior: Path) -> dict[str, float]:
