@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.unit.golden import golden_table, load_golden
-from tests.unit.tubes import QUANTITIES, golden_inputs
+from tests.unit.tubes import QUANTITIES, STAND_INS
 
 from deabayes.comparison.left_out import leave_one_experiment_out
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
@@ -24,9 +24,9 @@ from deabayes.units import to_si
 
 DELAY = 4e-4
 CIRCUIT = {
-    "series_resistance": Quantity(golden_inputs()["series_resistance_ohm"], "ohm"),
-    "leakage_resistance": Quantity(golden_inputs()["leakage_resistance_ohm"], "ohm"),
-    "capacitance": Quantity(golden_inputs()["capacitance_F"], "F"),
+    "series_resistance": Quantity(STAND_INS["series_resistance_ohm"], "ohm"),
+    "leakage_resistance": Quantity(STAND_INS["leakage_resistance_ohm"], "ohm"),
+    "capacitance": Quantity(STAND_INS["capacitance_F"], "F"),
 }
 SPECIMEN = Specimen(
     "tube", "tubular", {"kind": "simulated"}, QUANTITIES | CIRCUIT,
@@ -36,8 +36,8 @@ WHOLE = "voigt_kelvin_2_inertia_circuit"
 
 
 def draws(units=2):
-    elements = golden_inputs()["Kelvin_elements"][str(units)]
-    found = {"E_0": golden_inputs()["E0_Pa"]}
+    elements = STAND_INS["Kelvin_elements"][str(units)]
+    found = {"E_0": STAND_INS["E0_Pa"]}
     found |= {f"E_{n}": e for n, e in enumerate(elements["E_Pa"], start=1)}
     found |= {f"tau_{n}": t for n, t in enumerate(elements["tau_s"], start=1)}
     return {name: np.array([value]) for name, value in found.items()}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
-from tests.unit.tubes import QUANTITIES, golden_inputs, inertia, moving_chain
+from tests.unit.tubes import QUANTITIES, STAND_INS, inertia, moving_chain
 
 from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation, Quantity, Specimen
@@ -46,9 +46,17 @@ def test_golden_step_with_mass(units, load):
     np.testing.assert_allclose(strain, table["strain"], rtol=0.0, atol=1e-11 * peak)
 
 
+def test_stand_ins_are_those_of_the_golden_tables():
+    inputs = load_golden("tubular_frf")["inputs"]
+    for name, value in STAND_INS.items():
+        known = inputs[name]
+        assert known == (value if isinstance(value, dict) else pytest.approx(value, rel=1e-14))
+
+
 @pytest.mark.parametrize("load", [0, 100, 300, 500])
 def test_golden_inertial_parameter(load):
-    assert inertia(load)[0] == pytest.approx(golden_inputs()["M_kg_per_m"][f"{load} g"], rel=1e-14)
+    expected = load_golden("tubular_frf")["inputs"]["M_kg_per_m"][f"{load} g"]
+    assert inertia(load)[0] == pytest.approx(expected, rel=1e-14)
 
 
 def paper_coefficients():
