@@ -102,6 +102,8 @@ def test_tries_are_as_many_as_two_accepted_take():
     assert acceptance(halves) == pytest.approx(0.6)
     assert enough_tries(halves) == 4
     assert enough_tries(np.linspace(0.0, 40.0, 500)) == MOST_TRIES
+    assert enough_tries(np.concatenate([halves, [-np.inf, np.inf, np.nan]])) == 4
+    assert enough_tries(np.full(3, -np.inf)) == 1
 
 
 @pytest.mark.parametrize(

@@ -221,9 +221,13 @@ def enough_tries(excess: FloatArray) -> int:
 
     Parameters
     ----------
-    excess : log of target over proposal at draws of the target (n,), but for a constant.
+    excess : log of target over proposal at draws of the target (n,), but for a constant; those at
+        which either vanishes tell nothing.
     """
-    return int(np.clip(np.ceil(ENOUGH / acceptance(excess)), 1, MOST_TRIES))
+    known = excess[np.isfinite(excess)]
+    if len(known) == 0:
+        return 1
+    return int(np.clip(np.ceil(ENOUGH / acceptance(known)), 1, MOST_TRIES))
 
 
 def acceptance(excess: FloatArray) -> float:
