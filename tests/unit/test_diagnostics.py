@@ -172,6 +172,13 @@ def test_a_tau_that_changes_is_said():
     assert asked[50.0][0] == []
 
 
+@pytest.mark.parametrize("steps", [400, 450, 501, 900])
+def test_independent_draws_have_one_tau_however_many(steps):
+    """Thinned to 400 at most: all of 450 steps by two, their first 360 not at all."""
+    draws = np.random.default_rng(steps).standard_normal((4, steps, 16))
+    assert tau_reasons({"mu": draws})[0] == []
+
+
 def test_however_long_the_runs_a_tau_must_not_change_by_more():
     (reason,), _ = tau_reasons(drifting(300, late=8.0), autocorrelation_times=1.0)
     assert "16%" in reason and "more than 15%" in reason

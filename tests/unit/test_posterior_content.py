@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from deabayes.distributions import LogUniform
+from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.posteriors.content import convergence_summary, shortness
-from deabayes.posteriors.summary import contraction
+from deabayes.posteriors.summary import contraction, contractions
+from deabayes.prior.joint import Prior
 from deabayes.sampling.pooling import PooledResult
 
 
@@ -27,11 +28,21 @@ def test_thinned_draws_keep_their_density_and_span_the_runs():
     pooled = PooledResult((run(), run(11)), None)
     z, log_posterior = pooled.thinned(4)
     assert z.shape == (2, 4, 2)
-    np.testing.assert_array_equal(z[0, :, 0], [0.0, 11.0, 31.0, 51.0])
-    np.testing.assert_array_equal(z[1, :, 0], [0.0, 21.0, 61.0, 101.0])
+    np.testing.assert_array_equal(z[0, :, 0] // 10.0, [0.0, 1.0, 3.0, 5.0])
+    np.testing.assert_array_equal(z[1, :, 0] // 10.0, [0.0, 2.0, 6.0, 10.0])
     np.testing.assert_array_equal(z[..., 1], -z[..., 0])
     np.testing.assert_array_equal(log_posterior, -0.5 * z[..., 0])
-    assert pooled.thinned(2000)[0].shape == (2, 12, 2)
+    every = pooled.thinned(2000)[0]
+    assert every.shape == (2, 12, 2) and np.unique(every[0, :, 0]).size == 12
+
+
+@pytest.mark.parametrize("steps", [999, 1000, 1001, 1998, 4000])
+def test_thinned_draws_are_of_all_walkers(steps):
+    """Of 64; even distances of 1000 among 999 or 1000 steps were of one or two."""
+    walkers = np.broadcast_to(np.arange(64.0), (steps, 64))
+    each = SimpleNamespace(chain=walkers[..., None], log_posterior=walkers)
+    counts = np.bincount(PooledResult((each,), None).thinned(1000)[1][0].astype(int), minlength=64)
+    assert counts.min() >= 3 and counts.max() <= 40
 
 
 def test_the_worst_number_of_all_runs_and_quantities_is_kept():
@@ -91,3 +102,38 @@ def test_half_the_spread_is_three_quarters_of_the_variance_gone(posterior, prior
 
 def test_what_has_become_wider_has_a_negative_contraction():
     assert contraction(2.0 * NORMAL, NORMAL) == pytest.approx(-3.0)
+
+
+def told(prior: Prior, theta: np.ndarray) -> list[float]:
+    """Contraction of each of the prior's parameters for draws theta."""
+    before = prior.sample(np.random.default_rng(2), 20000)
+    after, given = (dict(zip(prior.names, each.T, strict=True)) for each in (theta, before))
+    return list(contractions(prior, prior.to_normal(theta), after, given).values())
+
+
+def test_one_of_two_ordered_times_is_known_whatever_the_other_is():
+    """Either is log-uniform from 1 ms to 1000 s; one is found at 1 s, the other's bound is that."""
+    times = [
+        Parameter(f"tau_{i}", "", "s", "", LogUniform(1e-3, 1e3), "", ordered="tau") for i in (1, 2)
+    ]
+    prior, rng = Prior(times, minimum_ratio=1.0), np.random.default_rng(3)
+    found, open_end = np.exp(1e-3 * NORMAL), rng.uniform(0.0, np.log(1e3), NORMAL.size)
+    larger = np.stack([np.exp(-open_end), found], axis=1)
+    # Halves the width of the larger of two uniforms: of quantiles 0.16 and 0.84, 0.517 of it.
+    left = 1.0 - (0.68 * 0.5 / (np.sqrt(0.84) - np.sqrt(0.16))) ** 2
+    assert told(prior, larger) == pytest.approx([left, 1.0], abs=0.03)
+    smaller = np.stack([found, np.exp(open_end)], axis=1)
+    assert told(prior, smaller) == pytest.approx([1.0, left], abs=0.03)
+
+
+def test_of_two_that_another_posterior_ties_each_is_told_by_itself():
+    pair = [Parameter(name, "", "1", "", LogNormal(1.0, 1.0), "") for name in "ab"]
+    rng = np.random.default_rng(4)
+    tie = np.array([[1.0, 0.0], [0.95, np.sqrt(1.0 - 0.95**2)]])
+    prior = Prior(pair).inherit(("a", "b"), np.exp(rng.standard_normal((20000, 2)) @ tie.T))
+    z = rng.standard_normal((20000, 2))
+    known_a = np.exp(np.stack([0.01 * z[:, 0], 0.95 * 0.01 * z[:, 0] + tie[1, 1] * z[:, 1]], 1))
+    assert told(prior, known_a) == pytest.approx([1.0, 0.95**2], abs=0.02)
+    # Only the ratio that a and b leave open is found: neither is known better for it.
+    ratio = np.exp(np.stack([z[:, 0], 0.95 * z[:, 0] + 0.01 * tie[1, 1] * z[:, 1]], axis=1))
+    assert told(prior, ratio) == pytest.approx([0.0, 1.0 - 0.95**2], abs=0.05)

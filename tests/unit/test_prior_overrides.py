@@ -1,9 +1,11 @@
 """Priors that a config puts in the place of the default ones."""
 
+from dataclasses import replace
+
 import pytest
 from tests.unit.test_prior import ALPHA, EVERYTHING, MU, TAU, parameter
 
-from deabayes.distributions import LogNormal, LogUniform
+from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.faults import Faults, UserError
 from deabayes.prior.joint import Prior
 
@@ -24,6 +26,16 @@ class TestOverrides:
         assert (
             Prior.from_parameters(TAU, {"tau": {"minimum_ratio": 4}}).minimum_ratios["tau"] == 4.0
         )
+
+    def test_a_ratio_that_the_law_cannot_keep_is_refused(self):
+        settings = {"distribution": "uniform", "lower": 0.1, "upper": 100}
+        with pytest.raises(UserError, match=r"priors\.tau: values a factor 5 apart"):
+            Prior.from_parameters(TAU, {"tau": {**settings, "minimum_ratio": 5}})
+        flat = [replace(p, prior=Uniform(0.1, 100.0)) for p in TAU]
+        with pytest.raises(UserError, match="or remove minimum_ratio"):
+            Prior.from_parameters(flat, {"tau": {"minimum_ratio": 5}})
+        prior = Prior.from_parameters(TAU, {"tau": {**settings, "minimum_ratio": 1}})
+        assert prior.minimum_ratios == {"tau": 1.0}
 
     def test_noise_in_all_groups(self):
         noise = [parameter(f"{g}.sigma_ou", LogNormal(1.0, 1.0), "V") for g in ("creep", "sine")]

@@ -118,7 +118,7 @@ def determined_rows(
     context: StudyContext, name: str, derived: dict[str, FloatArray]
 ) -> Iterator[dict[str, object]]:
     """Contraction and relative half width of every film parameter and of the whole film's."""
-    from deabayes.posteriors.summary import contraction
+    from deabayes.posteriors.summary import contractions
 
     fitted, prior = context.candidates[name], context.prior_of(name)
     own = [n for n in prior.names if n.startswith(("mu_", "alpha_")) or n in paper.FILM]
@@ -126,14 +126,10 @@ def determined_rows(
     before = prior.sample(context.rng("structure_film"), PRIOR_DRAWS)
     prior_draws = dict(zip(prior.names, before.T, strict=True))
     of_prior = of_film(fitted.system, {n: prior_draws[n] for n in prior.names if "." not in n})
-    for each in own:
-        gained = 1.0 - float(np.var(scores[:, prior.names.index(each)]))
-        if each in prior.parts:
-            gained = contraction(fitted.draws[each], prior_draws[each])
-        yield _determined(each, fitted.draws[each], gained, whole=False)
-    for each in WHOLE:
-        gained = contraction(derived[each], of_prior[each])
-        yield _determined(each, derived[each], gained, whole=True)
+    after = {**{n: fitted.draws[n] for n in own}, **{n: derived[n] for n in WHOLE}}
+    gained = contractions(prior, scores, after, {**prior_draws, **of_prior})
+    for each, draws in after.items():
+        yield _determined(each, draws, gained[each], whole=each in WHOLE)
 
 
 def _determined(

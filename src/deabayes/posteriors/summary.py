@@ -11,6 +11,7 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior, log_standard_normal
 from deabayes.posteriors.content import PosteriorContent
 from deabayes.posteriors.power_scaling import sensitivities
+from deabayes.prior.joint import Prior
 
 SUMMARY_COLUMNS = (
     "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction "
@@ -30,9 +31,7 @@ def summary_table(
 ) -> pd.DataFrame:
     """The table of summary.csv, indexed by quantity.
 
-    contraction = 1 - var_posterior / var_prior, on the scale of the prior's
-    normal coordinate for sampled parameters, on the logarithm (or the value,
-    where it changes sign) for derived quantities and parts of a total.
+    contraction: see `contractions`.
     prior_sensitivity and likelihood_sensitivity: see `power_sensitivities`.
     """
     target = content.target
@@ -41,16 +40,10 @@ def summary_table(
     table["converged"] = bool(content.convergence["converged"])
     table["symbol"] = [attributes[name]["symbol"] for name in table.index]
     table["unit"] = [attributes[name]["unit"] for name in table.index]
-    z_variance = dict(
-        zip(target.names, content.z.reshape(-1, target.dimension).var(0), strict=True)
-    )
-    for name in target.prior.parts:
-        z_variance.pop(name)
     posterior, prior = quantities(target, theta), quantities(target, prior_theta)
-    table["contraction"] = [
-        1.0 - z_variance[name] if name in z_variance else contraction(posterior[name], prior[name])
-        for name in table.index
-    ]
+    z = content.z.reshape(-1, target.dimension)
+    gained = contractions(target.prior, z, posterior, prior)
+    table["contraction"] = [gained[name] for name in table.index]
     for column, values in power_sensitivities(content, posterior, prior).items():
         table[column] = [values[name] for name in table.index]
     return table[list(SUMMARY_COLUMNS)]
@@ -82,6 +75,31 @@ def power_sensitivities(
         "prior_sensitivity": sensitivities(log_prior, draws, effective),
         "likelihood_sensitivity": sensitivities(log_likelihood, draws, effective),
     }
+
+
+def contractions(
+    prior: Prior,
+    z: FloatArray,
+    posterior: Mapping[str, FloatArray],
+    before: Mapping[str, FloatArray],
+) -> dict[str, float]:
+    """1 - var_posterior / var_prior of every quantity.
+
+    On the scale on which the prior is normal for parameters that have one of their own
+    (`Prior.scored_alone`). All others, derived ones too, are taken by themselves, on their
+    logarithm or, where they change sign, their value: the z of one that goes with others tells
+    what is known of it *given* those.
+
+    Parameters
+    ----------
+    z : (S, d), of the posterior's draws.
+    posterior, before : draws of every quantity, after and before the data.
+    """
+    gained = {name: contraction(posterior[name], before[name]) for name in posterior}
+    for name, variance in zip(prior.names, z.var(axis=0), strict=True):
+        if name in prior.scored_alone and name in gained:
+            gained[name] = 1.0 - float(variance)
+    return gained
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:

@@ -203,9 +203,19 @@ class Prior:
         return total
 
     @property
-    def parts(self) -> frozenset[str]:
-        """Parameters that are parts of a total, whose scores are not their own."""
-        return frozenset(p.name for p in self.parameters if p.part_of is not None)
+    def scored_alone(self) -> frozenset[str]:
+        """Parameters whose z is theirs alone, whatever the others are.
+
+        Not those of a total, of an ordered group, of a product or of another posterior: their z
+        tells of them only what the others leave open.
+        """
+        together = {n for block in self.inherited for n in block.names}
+        for group in self._members.values():
+            together.update(self.names[k] for k in group if len(group) > 1)
+        for parameter in self.parameters:
+            if parameter.part_of is not None or parameter.half_product_with is not None:
+                together.add(parameter.name)
+        return frozenset(self.names) - together
 
     def describe(self, name: str) -> str:
         """The prior of one parameter in words, for tables."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
-from deabayes.distributions import Distribution, Uniform
+from deabayes.distributions import Distribution, LogNormal, LogUniform, Uniform
 from deabayes.distributions.settings import from_settings
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
@@ -41,6 +41,8 @@ def overridden(
                 prior = from_settings(settings, target.unit, f"priors.{key}")
                 _check_support(prior, target, f"priors.{key}")
                 replaced[target.name] = replace(target, prior=prior, source="config")
+            if ratio is not None and targets:
+                _check_ratio(ratio, replaced[targets[0].name].prior, key)
         except UserError as fault:
             faults.append(str(fault))
     if faults:
@@ -139,3 +141,13 @@ def _stem(name: str) -> str | None:
     """``mu_beta_`` of ``mu_beta_3``; None for a name without a number."""
     match = NUMBERED.fullmatch(name)
     return match.group(1) if match else None
+
+
+def _check_ratio(ratio: float, prior: Distribution, key: str) -> None:
+    """Only log-uniform and log-normal order statistics stay what they are a factor apart."""
+    if ratio > 1.0 and not isinstance(prior, LogUniform | LogNormal):
+        raise UserError(
+            f"priors.{key}: values a factor {ratio:g} apart (minimum_ratio) need a loguniform or "
+            f"lognormal prior, but it is {prior.describe()}; change the distribution, or remove "
+            "minimum_ratio"
+        )

@@ -165,11 +165,13 @@ def _tau_reasons(
     """Compare tau of all runs with tau of their first four fifths."""
     ample = bool(np.all(times >= LONG_ENOUGH * settings.autocorrelation_times))
     tolerance = LOOSE_TAU_TOLERANCE if ample else TAU_TOLERANCE
-    steps = next(iter(quantities.values())).shape[1]
-    early = {name: values[:, : steps * 4 // 5] for name, values in quantities.items()}
-    slowest = min(quantities, key=lambda name: _pooled_ess(quantities[name]))
-    tau = steps / _pooled_ess(quantities[slowest])
-    before = (steps * 4 // 5) / _pooled_ess(early[slowest])
+    # Thinned before it is cut: another stride would be another autocorrelation time.
+    kept = chains.thin_evenly(next(iter(quantities.values())).shape[1], GATE_STEPS)
+    early = kept[: kept.size * 4 // 5]
+    sizes = {name: chains.ess_bulk(values[:, kept]) for name, values in quantities.items()}
+    slowest = min(sizes, key=lambda name: sizes[name])
+    tau = kept.size / sizes[slowest]
+    before = early.size / chains.ess_bulk(quantities[slowest][:, early])
     change = abs(tau / before - 1)
     if change <= tolerance:
         return []
@@ -178,10 +180,6 @@ def _tau_reasons(
         f"of the runs, more than {tolerance:.0%}; sample longer"
     )
     return [reason]
-
-
-def _pooled_ess(values: FloatArray) -> float:
-    return chains.ess_bulk(values[:, chains.thin_evenly(values.shape[1], GATE_STEPS)])
 
 
 def _burn_in_reasons(times: FloatArray) -> list[str]:

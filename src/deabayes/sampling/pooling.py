@@ -47,12 +47,18 @@ class PooledResult:
         return align(self.ensembles)[0]
 
     def thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
-        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble, spread over time."""
+        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble.
+
+        They are spread evenly over time and by chance over the walkers: at even distances, where
+        steps are about as many as picks, they would be of a few walkers.
+        """
         chain, log_posterior = align(self.ensembles)
-        ensembles, steps, walkers, dimension = chain.shape
+        _, steps, walkers, _ = chain.shape
         picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers)).astype(int)
-        z = chain.reshape(ensembles, -1, dimension)[:, picked]
-        return z, log_posterior.reshape(ensembles, -1)[:, picked]
+        step = picked // walkers
+        shifts = np.random.default_rng(0).integers(walkers, size=steps)
+        walker = (picked + shifts[step]) % walkers
+        return chain[:, step, walker], log_posterior[:, step, walker]
 
 
 def pool(
