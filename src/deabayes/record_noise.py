@@ -45,26 +45,26 @@ def record_scale(study: Study, system: System, experiment: Experiment) -> Residu
 
     Those of frequency responses are relative in themselves, whatever the study's `noise_scale`.
     """
-    if is_ratio(system, experiment):
+    if is_ratio(system, experiment.response_name):
         return ResidualScale(1.0, experiment.response_name in system.proportional)
     return ResidualScale(experiment.response_range if study.noise_scale == "range" else 1.0)
 
 
 def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
     """Unit of a record's residuals."""
-    relative = is_ratio(system, experiment) or study.noise_scale == "range"
+    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
     return "1" if relative else experiment.response_unit
 
 
 def typical_size(study: Study, system: System, experiment: Experiment) -> float:
     """The range of a record's residuals were the model to explain nothing of it."""
-    relative = is_ratio(system, experiment) or study.noise_scale == "range"
+    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
     return 1.0 if relative else experiment.response_range
 
 
-def is_ratio(system: System, experiment: Experiment) -> bool:
+def is_ratio(system: System, response: str) -> bool:
     """Whether residuals are plain numbers whatever the study says: of a gain, or of an angle."""
-    return experiment.response_name in system.proportional or experiment.response_unit == ANGLE
+    return response in system.proportional or system.responses[response] == ANGLE
 
 
 def noise_parameters(

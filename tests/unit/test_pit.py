@@ -42,20 +42,37 @@ def test_it_is_that_of_the_innovations():
     np.testing.assert_allclose(sampled(what).pit, ndtr(scores[0]), rtol=1e-6)
 
 
-def test_it_is_averaged_over_the_draws():
-    found, what = fitted(), noisy(1)
+def two_sizes(what):
+    """PIT of draws of which half have three times the noise, and of either half."""
+    found = fitted()
     sigma = found.draws["step.sigma_ou"] * np.where(np.arange(400) < 200, 1.0, 3.0)
     both = replace(found, draws={**found.draws, "step.sigma_ou": sigma})
-    parts = [
-        replace(found, draws={n: v[half] for n, v in both.draws.items()}).sample(
-            what, np.random.default_rng(1)
-        ).pit
+    halves = [
+        replace(found, draws={n: v[half] for n, v in both.draws.items()})
         for half in (slice(200), slice(200, None))
-    ]  # fmt: skip
-    np.testing.assert_allclose(
-        both.sample(what, np.random.default_rng(1)).pit, np.mean(parts, axis=0), rtol=1e-12
-    )
-    assert not np.allclose(*parts)
+    ]
+    return both, halves, [each.sample(what, np.random.default_rng(1)) for each in (both, *halves)]
+
+
+def test_it_is_averaged_over_draws_that_have_seen_the_record():
+    _, _, (both, *parts) = two_sizes(replace(noisy(1), role="calibrate"))
+    np.testing.assert_allclose(both.pit, np.mean([p.pit for p in parts], axis=0), rtol=1e-12)
+    assert not np.allclose(parts[0].pit, parts[1].pit)
+
+
+def test_a_held_out_record_tells_of_the_draws_as_it_goes():
+    """Each half weighs what the points before gave it: equal at first, all for the right one."""
+    both, halves, (mixed, right, wrong) = two_sizes(what := noisy(1))
+    assert mixed.pit[0] == pytest.approx(0.5 * (right.pit[0] + wrong.pit[0]), rel=1e-9)
+    residuals = (what.response - record(2e3).response)[None]
+    total = np.zeros(1)
+    for half, sign in zip(halves, (1.0, -1.0), strict=True):
+        noise = {n.split(".")[1]: half.draws[n][:1] for n in NOISE_DRAWS}
+        each = half.noise.pointwise_log_prob(residuals, TIME, np.ones(TIME.size), noise)
+        total = total + sign * (np.cumsum(each[0]) - each[0])
+    share = 1.0 / (1.0 + np.exp(-total))
+    assert share[0] == 0.5 and share[-1] > 1.0 - 1e-6
+    np.testing.assert_allclose(mixed.pit, share * right.pit + (1 - share) * wrong.pit, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 0.01, 1.0), (2.0, 0.0, 1e-3),

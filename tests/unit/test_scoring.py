@@ -60,3 +60,14 @@ def test_the_priors_bounds_stay():
         log_likelihood=lambda z: -((z[:, 0] - 9.0) ** 2),
     )
     assert maximum_log_likelihood(target, np.zeros((1, 1))) == pytest.approx(-9.0)
+
+
+@pytest.mark.parametrize(("start", "highest"), [(19.0, 0.0), (15.0, -(2.0**2))])
+def test_a_posterior_far_out_in_the_prior_has_its_own_maximum(start, highest):
+    """At z = 20; the bounds are three beyond where the draws are."""
+    target = SimpleNamespace(
+        prior=SimpleNamespace(to_parameters=lambda z: z),
+        log_likelihood=lambda z: -((z[:, 0] - 20.0) ** 2),
+    )
+    found = maximum_log_likelihood(target, np.array([[start]]))
+    assert found == pytest.approx(highest, abs=1e-6)

@@ -11,6 +11,9 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 
 LogDensity = Callable[[FloatArray], FloatArray]
+REACH, BEYOND = 6.0, 3.0
+"""Prior standard deviations within which the likelihood's maximum is looked for, and how far beyond
+a posterior that lies further out."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +120,8 @@ def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
 
     best = -np.inf
     for start in starts:
-        bounds = [(-6.0, 6.0)] * start.size
-        found = minimize(
-            objective, np.clip(start, -6, 6), jac=True, method="L-BFGS-B", bounds=bounds
-        )
-        best = max(best, -float(found.fun))
+        reach = np.maximum(REACH, np.abs(start) + BEYOND)
+        bounds = list(zip(-reach, reach, strict=True))
+        found = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        best = max(best, -objective(start)[0], -float(found.fun))
     return best

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
 from deabayes.prediction.noise_origin import NoiseOrigin
+from deabayes.prediction.transforms import transforms
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
 
@@ -25,8 +26,7 @@ class Samples:
     `failed` counts the draws without a finite response, which are left out, and
     `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
     where the response was observed, of all draws: -inf of those that failed.
-    `pit` (N,) are Phi of the noise's innovations, averaged over draws: the probability integral
-    transform of each point given those before it, uniform if the model holds; NaN where unknown.
+    `pit` (N,) are probability integral transforms (see `transforms`), NaN where unknown.
     `noise_note` says what a reader must know of the noise (see `NoiseOrigin.note_on`).
     """
 
@@ -103,18 +103,15 @@ def _judged(
     along: FloatArray,
     noise_draws: Draws,
 ) -> tuple[FloatArray, FloatArray]:
-    """log p(y | theta_s) of what was read, (W,), and its PIT, (N,), the mean over draws."""
-    from scipy.special import ndtr
-
+    """log p(y | theta_s) of what was read, (W,), and its PIT, (N,)."""
     weights = 1.0 / experiment.samples_averaged
     residuals = scale.residuals(experiment.response, mean)
-    log_density = noise.log_prob(residuals, along, weights, noise_draws)
-    log_density = log_density + scale.log_derivative(experiment.response).sum(axis=1)
-    transforms = ndtr(noise.innovations(residuals, along, weights, noise_draws))
-    finite = np.all(np.isfinite(transforms), axis=1)
-    if not finite.any():
-        return log_density, np.full(residuals.shape[1], np.nan)
-    return log_density, transforms[finite].mean(axis=0)
+    each = noise.pointwise_log_prob(residuals, along, weights, noise_draws)
+    each = each + scale.log_derivative(experiment.response)
+    total = each.sum(axis=1)
+    scores = noise.innovations(residuals, along, weights, noise_draws)
+    pit = transforms(scores, each if experiment.role == "validate" else None)
+    return np.where(np.isfinite(total), total, -np.inf), pit
 
 
 def _why_failed(

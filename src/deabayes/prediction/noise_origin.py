@@ -165,12 +165,13 @@ def find_noise(
     first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
     stretch = 1.0 if along == "grid" else _stretch(experiment, first)
     if alike:
-        if not relative or is_ratio(system, experiment):
+        if not relative or is_ratio(system, experiment.response_name):
             return NoiseOrigin(first.group, proportional=proportional, stretch=stretch)
         smallest = min(r.scale for r in alike if r.group == first.group)
         return NoiseOrigin(first.group, None, smallest, stretch=stretch)
     group = [r for r in records if r.group == first.group]
-    calibrated = 1.0 if relative else float(np.mean([r.response_range for r in group]))
+    plain = relative or is_ratio(system, first.response_name)
+    calibrated = 1.0 if plain else float(np.mean([r.response_range for r in group]))
     return replace(_carried_over(experiment, first, calibrated, system), stretch=stretch)
 
 
@@ -186,7 +187,7 @@ def _carried_over(
             "by; fit again"
         )
     note = f"no calibrated record measured {name}: its noise is that of {source.response_name}"
-    if is_ratio(system, experiment):
+    if is_ratio(system, experiment.response_name):
         proportional = name in system.proportional
         return NoiseOrigin(
             source.group,
