@@ -151,7 +151,7 @@ def test_silent_records_and_skewed_posteriors_are_named(known: World) -> None:
     members[0] = replace(members[0], likelihood=likelihood)
     fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
     words = warnings_of(replace(known.model, members=tuple(members)), [fine] * 6, 0.2)
-    assert sum("say nothing of a" in word for word in words) == 6
+    assert sum("say nothing of a, and its prior" in word for word in words) == 6
     assert any("not well described" in word and "strip_0" in word for word in words)
     assert any("drawn again" in word for word in words)
 

@@ -109,7 +109,15 @@ def _without(target: LogPosterior, members: list[str]) -> tuple[LogDensity, LogD
 def leave_block_out(
     target: LogPosterior, experiment: str, block: slice, z: FloatArray, rng: np.random.Generator
 ) -> float:
-    """log p(block | all other points) of a record, z (S, d) being draws of the posterior."""
+    """log p(block | points before it, parameters as all other terms have them) of a record.
+
+    The density is a product of terms log p(y_k | y_1..k-1, theta). Those of the block are left
+    out of the posterior; its points remain what later terms are conditional on.
+
+    Parameters
+    ----------
+    z : (S, d) draws of the posterior.
+    """
 
     def log_left(z: FloatArray) -> FloatArray:
         theta = target.prior.to_parameters(z)
