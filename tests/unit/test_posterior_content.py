@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.special import ndtri
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
@@ -119,8 +120,10 @@ def test_one_of_two_ordered_times_is_known_whatever_the_other_is():
     prior, rng = Prior(times, minimum_ratio=1.0), np.random.default_rng(3)
     found, open_end = np.exp(1e-3 * NORMAL), rng.uniform(0.0, np.log(1e3), NORMAL.size)
     larger = np.stack([np.exp(-open_end), found], axis=1)
-    # Halves the width of the larger of two uniforms: of quantiles 0.16 and 0.84, 0.517 of it.
-    left = 1.0 - (0.68 * 0.5 / (np.sqrt(0.84) - np.sqrt(0.16))) ** 2
+    # As normal scores: of a uniform's lower half, and of the smaller of two uniforms.
+    quantiles = np.array([0.16, 0.84])
+    after, before = (np.ptp(ndtri(u)) for u in (0.5 * quantiles, 1.0 - np.sqrt(1.0 - quantiles)))
+    left = 1.0 - (after / before) ** 2
     assert told(prior, larger) == pytest.approx([left, 1.0], abs=0.03)
     smaller = np.stack([found, np.exp(open_end)], axis=1)
     assert told(prior, smaller) == pytest.approx([1.0, left], abs=0.03)

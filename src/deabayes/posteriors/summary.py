@@ -85,10 +85,9 @@ def contractions(
 ) -> dict[str, float]:
     """1 - var_posterior / var_prior of every quantity.
 
-    On the scale on which the prior is normal for parameters that have one of their own
-    (`Prior.scored_alone`). All others, derived ones too, are taken by themselves, on their
-    logarithm or, where they change sign, their value: the z of one that goes with others tells
-    what is known of it *given* those.
+    On the scale on which its law is normal for a sampled parameter: by z, or, where z tells of it
+    only what others leave open (`Prior.scored_alone`), by its own draws. Parts, products and
+    derived quantities are taken on their logarithm or, where they change sign, their value.
 
     Parameters
     ----------
@@ -96,21 +95,25 @@ def contractions(
     posterior, before : draws of every quantity, after and before the data.
     """
     gained = {name: contraction(posterior[name], before[name]) for name in posterior}
-    for name, variance in zip(prior.names, z.var(axis=0), strict=True):
-        if name in prior.scored_alone and name in gained:
+    for parameter, variance in zip(prior.parameters, z.var(axis=0), strict=True):
+        name = parameter.name
+        if name in prior.scored_alone:
             gained[name] = 1.0 - float(variance)
-    return gained
+        elif name in posterior and not (parameter.part_of or parameter.half_product_with):
+            scores = (parameter.prior.to_normal(draws[name]) for draws in (posterior, before))
+            gained[name] = _narrower(*scores)
+    return {name: gained[name] for name in posterior}
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:
-    """That of draws, on their logarithm where they are positive; tails do not count.
+    """That of draws, on their logarithm where they are positive."""
+    return _narrower(*_scaled(posterior, prior))
 
-    The spread of either is half the distance of its 16 and 84 % quantiles.
-    """
-    after, before = (
-        np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in _scaled(posterior, prior)
-    )
-    return float(1.0 - (after / max(before, 1e-300)) ** 2)
+
+def _narrower(after: FloatArray, before: FloatArray) -> float:
+    """By half the distance of the 16 and 84 % quantiles: tails do not count."""
+    new, old = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (after, before))
+    return float(1.0 - (new / max(old, 1e-300)) ** 2)
 
 
 def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
