@@ -43,7 +43,7 @@ def test_it_is_that_of_the_innovations():
 
 
 def two_sizes(what):
-    """PIT of draws of which half have three times the noise, and of either half."""
+    """Halves of draws, the second with three times the noise; samples of all and of each."""
     found = fitted()
     sigma = found.draws["step.sigma_ou"] * np.where(np.arange(400) < 200, 1.0, 3.0)
     both = replace(found, draws={**found.draws, "step.sigma_ou": sigma})
@@ -51,18 +51,18 @@ def two_sizes(what):
         replace(found, draws={n: v[half] for n, v in both.draws.items()})
         for half in (slice(200), slice(200, None))
     ]
-    return both, halves, [each.sample(what, np.random.default_rng(1)) for each in (both, *halves)]
+    return halves, [each.sample(what, np.random.default_rng(1)) for each in (both, *halves)]
 
 
 def test_it_is_averaged_over_draws_that_have_seen_the_record():
-    _, _, (both, *parts) = two_sizes(replace(noisy(1), role="calibrate"))
+    _, (both, *parts) = two_sizes(replace(noisy(1), role="calibrate"))
     np.testing.assert_allclose(both.pit, np.mean([p.pit for p in parts], axis=0), rtol=1e-12)
     assert not np.allclose(parts[0].pit, parts[1].pit)
 
 
 def test_a_held_out_record_tells_of_the_draws_as_it_goes():
     """Each half weighs what the points before gave it: equal at first, all for the right one."""
-    both, halves, (mixed, right, wrong) = two_sizes(what := noisy(1))
+    halves, (mixed, right, wrong) = two_sizes(what := noisy(1))
     assert mixed.pit[0] == pytest.approx(0.5 * (right.pit[0] + wrong.pit[0]), rel=1e-9)
     residuals = (what.response - record(2e3).response)[None]
     total = np.zeros(1)

@@ -1,4 +1,4 @@
-"""PIT of a record that the fit has not seen: uniform where the model is right, however long it is."""
+"""PIT of a record that the fit has not seen: uniform, however long, if the model is right."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 
 ENOUGH_DRAWS = 20.0
-"""Effective draws below which what the record itself has told of the parameters is kept as it is."""
+"""Effective draws below which weights stay as they are."""
 
 
 def transforms(

@@ -54,9 +54,9 @@ class PooledResult:
         """
         chain, log_posterior = align(self.ensembles)
         _, steps, walkers, _ = chain.shape
-        picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers)).astype(int)
+        picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers), dtype=np.intp)
         step = picked // walkers
-        shifts = np.random.default_rng(0).integers(walkers, size=steps)
+        shifts = np.random.default_rng(0).integers(walkers, size=(steps,))
         walker = (picked + shifts[step]) % walkers
         return chain[:, step, walker], log_posterior[:, step, walker]
 
