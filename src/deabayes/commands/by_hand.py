@@ -12,7 +12,7 @@ from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
-from deabayes.study import Study
+from deabayes.study import Study, write_study
 from deabayes.units import NUMBER_AND_UNIT
 
 OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
@@ -68,7 +68,10 @@ def pool_by_name(
 
 
 def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
-    """Prepare, run every ensemble in turn and pool; a sentence on convergence."""
+    """Prepare, run every ensemble in turn and pool; a sentence on convergence.
+
+    The study's settings are written beside, for `deabayes analyse`.
+    """
     from deabayes.api import open_posterior
     from deabayes.pipeline import fit_ensemble, pool_candidate, prepare_study
 
@@ -76,6 +79,7 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
     _known(found, candidate)
     checked(found)
     prepared, folder = results / found.name / "prepared", results / found.name / candidate
+    write_study(found, results / found.name / "study.yaml")
     prepare_study(found, prepared)
     count = found.sampling.ensembles
     outputs = [folder / "ensembles" / f"{index}.nc" for index in range(1, count + 1)]
