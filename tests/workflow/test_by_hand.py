@@ -67,8 +67,14 @@ def test_a_fit_by_hand_writes_the_settings_that_analyse_reads(
         monkeypatch.setattr(pipeline, stage, lambda *_, **__: None)
     monkeypatch.setattr(api, "open_posterior", lambda _: SimpleNamespace(converged=True))
     fit_by_name("vhb", "kv_gm_1", Path("config.yaml"), Path("results"))
-    written = load_study(Path("results/vhb/study.yaml"))
-    assert written == load_studies(Path("config.yaml"))[0]
+    path = Path("results/vhb/study.yaml")
+    assert load_study(path) == load_studies(Path("config.yaml"))[0]
+    path.write_text(f"{path.read_text()}\n")  # as the workflow writes it
+    fit_by_name("vhb", "kv_gm_2", Path("config.yaml"), Path("results"))
+    assert path.read_text().endswith("\n\n")
+    replace_in(Path("config.yaml"), "ensembles: 2", "ensembles: 3")
+    fit_by_name("vhb", "kv_gm_2", Path("config.yaml"), Path("results"))
+    assert load_study(path).sampling.ensembles == 3
 
 
 @pytest.mark.parametrize(("given", "tables"), [((), "page/tables"), (("--tables", "t"), "t")])
