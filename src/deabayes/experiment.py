@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -67,6 +67,7 @@ class Excitation:
         record, which has no time, the knots are the excitation itself.
     values : (K,) the channel at the knots, SI.
     conditions : what was held during the record (`load_g`, `deformation`, ...).
+    in_time : whether the knots are times; without them they are the excitation itself.
     """
 
     name: str
@@ -74,10 +75,16 @@ class Excitation:
     coordinate: FloatArray
     values: FloatArray
     conditions: Mapping[str, float | str] = field(default_factory=dict)
+    in_time: bool = True
 
     def at(self, coordinate: FloatArray) -> FloatArray:
         """The channel at `coordinate`, by linear interpolation."""
         return np.interp(coordinate, self.coordinate, self.values)
+
+    @property
+    def without_time(self) -> bool:
+        """Whether the knots are the excitation itself: a quasi-static record."""
+        return not self.in_time or self.conditions.get("protocol") == "quasi_static"
 
     @property
     def onset(self) -> float:
@@ -102,6 +109,8 @@ class Experiment:
     metadata : further columns of experiments.csv.
     steps : the preparation steps with their settings, in order.
     warnings : what a user must know before trusting the record.
+
+    Its excitation is in time where its coordinate is.
     """
 
     name: str
@@ -120,6 +129,10 @@ class Experiment:
     record_sha256: str = ""
     steps: tuple[Mapping[str, object], ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        driven = replace(self.excitation, in_time=self.coordinate_name == "time")
+        object.__setattr__(self, "excitation", driven)
 
     @property
     def row(self) -> str:

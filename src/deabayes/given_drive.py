@@ -53,7 +53,8 @@ def excitation_of(
     if coordinate.ndim != 1 or coordinate.shape != values.shape:
         raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
     _check_coordinate(coordinate, label)
-    return Excitation(name, known[name], coordinate, values, conditions), label
+    driven = Excitation(name, known[name], coordinate, values, conditions, time is not None)
+    return driven, label
 
 
 def _check_coordinate(coordinate: FloatArray, label: str) -> None:

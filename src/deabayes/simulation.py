@@ -124,16 +124,7 @@ def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, Flo
     """Every parameter as (W,), and whether each was given as a single value."""
     needed = {p.name: p for p in model.parameters()}
     quantities = {n: q.value for n, q in model.stated().items() if n in needed}
-    faults = [
-        f"{model.candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
-        for name, parameter in needed.items()
-        if name not in given and name not in quantities
-    ]
-    faults += [
-        f"{model.candidate} has no parameter {name!r}{nearest(name, needed)}"
-        for name in given
-        if name not in needed
-    ]
+    faults = _name_faults(model.candidate, needed, given, quantities)
     arrays = {name: np.asarray(value) for name, value in quantities.items()}
     for name, value in given.items():
         try:
@@ -146,11 +137,32 @@ def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, Flo
     if len(sizes) > 1 or any(array.ndim > 1 for array in arrays.values()):
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         faults.append(f"parameters must be single values or arrays of one length; found {shapes}")
+    else:
+        faults += _opposed(needed.values(), arrays)
     if faults:
         raise Faults(faults)
     size = sizes.pop() if sizes else 1
     scalar = all(array.ndim == 0 for array in arrays.values())
     return {name: np.full(size, arrays[name]) for name in needed}, scalar
+
+
+def _name_faults(
+    candidate: str,
+    needed: Mapping[str, Parameter],
+    given: Mapping[str, ArrayLike],
+    quantities: Mapping[str, float],
+) -> list[str]:
+    """Parameters that are missing, and names that none has."""
+    lacking = [
+        f"{candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
+        for name, parameter in needed.items()
+        if name not in given and name not in quantities
+    ]
+    return lacking + [
+        f"{candidate} has no parameter {name!r}{nearest(name, needed)}"
+        for name in given
+        if name not in needed
+    ]
 
 
 def _impossible(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
@@ -164,7 +176,24 @@ def _impossible(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray
 
 
 def _signed(parameter: Parameter) -> bool:
-    return parameter.prior.support[0] < 0.0
+    return parameter.prior.support[0] < 0.0 or parameter.half_product_with is not None
+
+
+def _opposed(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Terms whose product is negative; they have a response, so that no draw would fail."""
+    for parameter in parameters:
+        name, other = parameter.name, parameter.half_product_with
+        if other is None or name not in arrays or other not in arrays:
+            continue
+        first, second = np.broadcast_arrays(arrays[name], arrays[other])
+        wrong = np.argwhere(first * second < 0.0)
+        if len(wrong):
+            at = tuple(wrong[0])
+            where = f" in draw {at[0]}" if at else ""
+            yield (
+                f"parameter {name} is {first[at]:g} {parameter.unit} and {other} is "
+                f"{second[at]:g}{where}; both must have the same sign"
+            )
 
 
 def _dataset(

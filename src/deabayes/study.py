@@ -15,6 +15,8 @@ from deabayes.files import write_text_atomically
 Settings = Mapping[str, object]
 AFTER_THE_FIT = ("further_experiments", "evidence_check")
 """Settings that no fit depends on: editing one samples nothing again."""
+SNAKEMAKE_KEYS = {"pathvars"}
+"""Keys of a config that speak to Snakemake alone."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
 
     content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
     place = where or ("config" if isinstance(config, Mapping) else str(config))
+    content = {key: value for key, value in content.items() if key not in SNAKEMAKE_KEYS}
     faults = violations(content, "config", place)
     if faults:
         raise Faults(faults)

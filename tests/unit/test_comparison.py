@@ -140,7 +140,7 @@ def test_an_unknown_evidence_decides_nothing():
 
 def test_the_verdict_says_what_was_compared():
     alone = decide([score("a", 3, 0.0, ONES)])
-    assert alone.verdicts["a"] == "chosen: the only candidate of the study"
+    assert alone.verdicts["a"] == "chosen: the only candidate that was compared"
     scores = [
         score("n1", 3, 0.0, ONES, converged=False),
         score("n2", 5, 9.0, 1.5 * ONES),

@@ -160,3 +160,51 @@ def test_a_quasi_static_excitation_is_its_own_coordinate():
     expected = 3e4 * (stretch - stretch**-2)
     np.testing.assert_allclose(dataset.nominal_stress, expected, rtol=1e-12, atol=1e-9)
     assert dataset.stretch.attrs["units"] == "1"
+
+
+@pytest.mark.parametrize("voltage", [[0.0], [0.0, 1.0, 2.0]])
+def test_a_voltage_of_one_volt_per_second_is_in_time(voltage):
+    quantities = {"thickness": "1 mm", "permittivity": 4e-11, "prestretch": 1.2}
+    draws = {"mu_alpha": 4e4, "zeta_alpha": 1e3, "J_alpha": 100.0, "mu_beta_1": 2e4,
+             "tau_beta_1": 10.0, "J_beta": 100.0}  # fmt: skip
+    found = deabayes.simulate(
+        "membrane", "kv_gm_1", draws, quantities, time=voltage, voltage=voltage
+    )
+    np.testing.assert_allclose(found.stretch, 1.2, rtol=1e-6)
+
+
+def test_a_strip_pulled_at_one_per_second_relaxes():
+    draws = {"mu": 3e4, "mu_beta_1": 2e4, "tau_1": 1.0}
+    pulled = np.array([1.0, 2.0, 3.0])
+    run = ("tensile_strip", "neo_hookean_units_1", draws, {})
+    found = deabayes.simulate(*run, time=pulled, stretch=pulled)
+    later = deabayes.simulate(*run, time=pulled + 5.0, stretch=pulled)
+    np.testing.assert_allclose(found.nominal_stress, later.nominal_stress, rtol=1e-12)
+    with pytest.raises(UserError, match="needs time"):
+        deabayes.simulate(*run, stretch=pulled)
+
+
+TERMS = {"mu_1": 0.63e6, "alpha_1": 1.3, "mu_2": -9.8e3, "alpha_2": -2.0}
+PULL = {"specimen": {}, "stretch": [1.0, 1.5, 2.0]}
+
+
+def test_a_term_of_negative_coefficient_and_exponent_is_taken():
+    single = deabayes.simulate("tensile_strip", "ogden_2", TERMS, **PULL)
+    drawn = {name: [value] for name, value in TERMS.items()}
+    array = deabayes.simulate("tensile_strip", "ogden_2", drawn, **PULL)
+    np.testing.assert_array_equal(single.nominal_stress, array.nominal_stress[0])
+    assert single.nominal_stress[1] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"alpha_2": 2.0}, "mu_2 is -9800 Pa and alpha_2 is 2; both must have the same sign"),
+        ({"mu_1": [-1e6]}, r"mu_1 is -1e\+06 Pa and alpha_1 is 1.3 in draw 0; both must"),
+        ({"alpha_2": [-2.0, 3.0]}, "mu_2 is -9800 Pa and alpha_2 is 3 in draw 1"),
+        ({"mu_2": np.nan}, "mu_2 is nan Pa; it must be finite"),
+    ],
+)
+def test_a_term_of_opposed_signs_is_refused(changed, said):
+    with pytest.raises(UserError, match=said):
+        deabayes.simulate("tensile_strip", "ogden_2", TERMS | changed, **PULL)

@@ -185,7 +185,8 @@ def test_uncertain_quantities_are_parameters_that_act():
 def test_quasi_static_record_is_the_spring_alone(deformation):
     stretch = np.array([1.0, 1.5, 3.0, 2.0, 1.1])
     draws = {"mu": np.array([1e5, 2e5]), "J": np.array([80.0, 90.0])}
-    history = excitation(stretch, stretch, deformation=deformation)
+    held = {"protocol": "quasi_static", "deformation": deformation}
+    history = excitation(stretch, stretch, **held)
     found = strip("gent").predict(history, stretch, "nominal_stress", draws)
     expected = SPRINGS["gent"].nominal_stress(stretch, draws, deformation)
     np.testing.assert_array_equal(found, expected)
@@ -239,7 +240,8 @@ def test_a_wrong_candidate_is_named(candidate, message):
     [
         ("kv_gm_1", excitation([0, 1], [1, 2]), "force", "lacks cross_section, which a force"),
         ("kv_gm_1", excitation([0, 1], [0, 1], "displacement"), "nominal_stress", "gauge_length"),
-        ("kv_gm_1", excitation([1, 2], [1, 2]), "nominal_stress", "needs time"),
+        ("kv_gm_1", excitation([1, 2], [1, 2], protocol="quasi_static"), "nominal_stress",
+         "needs time"),
         ("kv_gm_1", excitation([0, 1], [1, 2], deformation="pure_shear"), "nominal_stress",
          "uniaxial"),
         ("gent", excitation([0, 1], [1, 2], deformation="shear"), "nominal_stress", "did you mean"),

@@ -22,8 +22,7 @@ WITH_STUDIES = sorted(path.parent.name for path in PROFILES.glob("*/studies.yaml
 def test_their_studies_have_no_faults(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     path = PROFILES / name / "studies.yaml"
-    ours = {key: value for key, value in read_yaml(path).items() if key != "pathvars"}
-    studies = load_studies(ours, str(path))
+    studies = load_studies(read_yaml(path), str(path))
     assert studies
     for study in studies:
         assert check_study(study)[0] == []

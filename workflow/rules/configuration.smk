@@ -8,8 +8,6 @@ from deabayes.faults import UserError
 from deabayes.reading.yaml_file import read_yaml
 from snakemake.utils import update_config
 
-SNAKEMAKE_KEYS = {"pathvars"}
-
 
 def end(error):
     """End with a user's mistake alone; where in our files it was found is no help."""
@@ -37,9 +35,9 @@ def config_files():
 
 
 def settings_given():
-    """What the files and `--config key=value` say, without what they say to Snakemake."""
+    """What the files and `--config key=value` say."""
     given = {}
     for path in config_files():
         update_config(given, read_yaml(Path(path)))
     update_config(given, workflow.config_settings.config)
-    return {key: value for key, value in given.items() if key not in SNAKEMAKE_KEYS}
+    return given

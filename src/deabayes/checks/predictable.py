@@ -54,6 +54,7 @@ def _reason(read: StudyFolder, row: ExperimentRow, raw: RawRecord) -> str | None
         coordinate,
         record.excitation[:SAMPLES],
         conditions(record.row, raw),
+        record.in_time,
     )
     reasons = []
     for candidate in candidates(read.specimen.system):

@@ -12,7 +12,7 @@ from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
-from deabayes.study import Study
+from deabayes.study import Study, fit_settings, load_study, write_study
 from deabayes.units import NUMBER_AND_UNIT
 
 OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
@@ -68,7 +68,10 @@ def pool_by_name(
 
 
 def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
-    """Prepare, run every ensemble in turn and pool; a sentence on convergence."""
+    """Prepare, run every ensemble in turn and pool; a sentence on convergence.
+
+    The study's settings are written beside, for `deabayes analyse`.
+    """
     from deabayes.api import open_posterior
     from deabayes.pipeline import fit_ensemble, pool_candidate, prepare_study
 
@@ -76,6 +79,7 @@ def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
     _known(found, candidate)
     checked(found)
     prepared, folder = results / found.name / "prepared", results / found.name / candidate
+    _keep_settings(found, results / found.name / "study.yaml")
     prepare_study(found, prepared)
     count = found.sampling.ensembles
     outputs = [folder / "ensembles" / f"{index}.nc" for index in range(1, count + 1)]
@@ -205,6 +209,12 @@ def download(studies: Sequence[str], config: Path) -> Iterator[str]:
         place = fetch(folder, root, progress=True)
         if place != folder:
             yield f"{folder}: records are in {place}"
+
+
+def _keep_settings(study: Study, path: Path) -> None:
+    """Write study.yaml, unless the workflow's says the same: a newer one makes it fit again."""
+    if not path.is_file() or fit_settings(load_study(path)) != fit_settings(study):
+        write_study(study, path)
 
 
 def _known(study: Study, candidate: str) -> str:

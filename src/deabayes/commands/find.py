@@ -14,14 +14,18 @@ if TYPE_CHECKING:
 
 def find_study(study: str, config: Path) -> Study:
     """A study by its settings file (`results/NAME/study.yaml`) or by its name in `config`."""
+    from deabayes.reading.yaml_file import read_yaml
     from deabayes.study import load_studies, load_study
 
     if Path(study).suffix in (".yaml", ".yml"):
         return load_study(Path(study))
     studies = {each.name: each for each in load_studies(config)}
-    if study not in studies:
-        raise UserError(f"{config}: has no study {study!r}{nearest(study, studies)}")
-    return studies[study]
+    if study in studies:
+        return studies[study]
+    if study in read_yaml(config)["studies"]:
+        parts = [n for n, each in studies.items() if each.select and n.startswith(f"{study}_")]
+        raise UserError(f"{config}: {study} is split into {', '.join(parts)}; name one of them")
+    raise UserError(f"{config}: has no study {study!r}{nearest(study, studies)}")
 
 
 def find_population(name: str, config: Path) -> Population:

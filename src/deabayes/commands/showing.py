@@ -80,15 +80,20 @@ def figures(results: Path, output: Path) -> None:
 @click.argument("folders", nargs=-1, required=True)
 @RESULTS
 @click.option("-o", "--output", type=TARGET, default=Path("results/report/index.html"))
-@click.option("--tables", type=TARGET, default=Path("results/report/tables"))
+@click.option("--tables", type=TARGET, help="Folder; default: tables/ beside the page.")
 @click.option("--left-out", multiple=True, help="A line on a study that could not be run.")
 def report(
-    folders: Sequence[str], results: Path, output: Path, tables: Path, left_out: Sequence[str]
+    folders: Sequence[str],
+    results: Path,
+    output: Path,
+    tables: Path | None,
+    left_out: Sequence[str],
 ) -> None:
     """Build the report page from results folders (results/NAME ...), or of studies by name."""
     from deabayes.commands.by_hand import study_folders
     from deabayes.pipeline import build_report
 
+    tables = tables or output.parent / "tables"
     build_report(study_folders(folders, results), output, tables, left_out)
     click.echo(f"Report: {output.resolve()}")
 

@@ -197,7 +197,7 @@ def _favoured(chosen: Score, other: Score) -> bool:
 
 def _chosen(chosen: Score, scores: Sequence[Score]) -> str:
     if len(scores) == 1:
-        return "chosen: the only candidate of the study"
+        return "chosen: the only candidate that was compared"
     words = "chosen: the smallest order the data cannot do without"
     smaller = [
         s.candidate for s in scores if s.loo is None and s.n_parameters < chosen.n_parameters

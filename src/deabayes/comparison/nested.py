@@ -41,7 +41,7 @@ def nested(
         from dynesty import NestedSampler
     except ImportError:
         raise UserError(
-            "evidence_check: nested needs the package dynesty; `pip install 'deabayes[nested]'`, "
+            "evidence_check: nested needs the package dynesty; `pip install '.[nested]'`, "
             "or leave the check out"
         ) from None
     began = time.process_time()

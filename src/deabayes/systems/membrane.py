@@ -273,7 +273,7 @@ class Membrane(System):
     def _drive(self, excitation: Excitation, times: FloatArray) -> Drive:
         knots = np.asarray(excitation.coordinate, dtype=float)
         volts = np.asarray(excitation.values, dtype=float)
-        if excitation.conditions.get("protocol") == "quasi_static" or np.array_equal(knots, volts):
+        if excitation.without_time:
             raise UserError("a membrane needs the voltage in time; a quasi-static record has none")
         if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(volts))):
             raise UserError("excitation 'voltage': times and voltages must be finite")

@@ -151,8 +151,8 @@ class MinimumEnergyStructure(System):
         constant `voltage` [V] of the record's conditions. In motion: the displacement under a
         voltage that is linear between its knots (a smooth curve where they are samples of one,
         see `integrate.drive`) and zero before the first. The structure starts at rest without
-        voltage, or, with the condition `prehistory: equilibrium`, where its first voltage has
-        held it for ever.
+        voltage, or, with the condition `prehistory: equilibrium`, where its first voltage was on
+        until it had settled.
 
         A row is NaN where a draw leaves the bent branch or fails.
 

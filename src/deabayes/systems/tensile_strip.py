@@ -203,7 +203,7 @@ class TensileStrip(System):
     def _record(self, excitation: Excitation, coordinate: FloatArray) -> StripRecord:
         """Stretch and rate at the outputs, and the steps of the integration."""
         knots, values = self._history(excitation)
-        if not _without_time(excitation):
+        if not excitation.without_time:
             return record_in_time(knots, values, coordinate, self.tolerance)
         if self.model.units > 0:
             raise UserError(
@@ -221,7 +221,7 @@ class TensileStrip(System):
                 f"excitation {excitation.name!r}: stretch must be finite and positive, found "
                 f"{np.min(values):g}; check the unit and the gauge length"
             )
-        if not _without_time(excitation) and not np.all(np.diff(knots) > 0.0):
+        if not excitation.without_time and not np.all(np.diff(knots) > 0.0):
             raise UserError(
                 f"excitation {excitation.name!r}: times must ascend; a jump of stretch needs a "
                 "duration, and a repeated time must be removed"
@@ -259,10 +259,3 @@ class TensileStrip(System):
     def _gauge(self, draws: Draws) -> FloatArray:
         """Nominal gauge length over each draw's, (W,)."""
         return self.specimen.quantities["gauge_length"].value / draws["gauge_length"]
-
-
-def _without_time(excitation: Excitation) -> bool:
-    """Whether the knots are the excitation itself: a quasi-static record."""
-    if excitation.conditions.get("protocol") == "quasi_static":
-        return True
-    return bool(np.array_equal(excitation.coordinate, excitation.values))
