@@ -174,6 +174,15 @@ def test_polyline_keeps_its_promise() -> None:
     assert polyline(time, walk, 3.0).size < 0.3 * time.size
 
 
+def test_polyline_follows_a_curve_that_jumps() -> None:
+    """Knots of one coordinate, as `limit_current` leaves them at clock times."""
+    time = np.array([0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
+    values = np.array([0.0, 5.0, 5.0, 5.0, 5.01, 9.0, 8.0, 7.0, 7.05, 6.0])
+    with np.errstate(all="raise"):
+        assert polyline(time, values, 0.1).tolist() == [0, 1, 4, 5, 9]
+    assert polyline(time, values, 0.0).tolist() == [0, 1, 3, 4, 5, 7, 8, 9]
+
+
 def test_polyline_of_a_ramp_and_hold_has_few_knots() -> None:
     record = relaxation()
     assert polyline(record.columns["time"], record.columns["displacement"], 1e-6).size <= 7
