@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -137,6 +139,22 @@ def test_baseline_is_the_mean_before_the_step() -> None:
 def test_baseline_needs_samples_before_the_step() -> None:
     with pytest.raises(UserError, match=r"where the excitation starts; give `until`"):
         prepared(triangle(), {"baseline": {}}, protocol="load_unload")
+
+
+def test_the_delay_of_a_motions_sensor_is_not_the_currents() -> None:
+    """A laser lags; the amplifier's monitor of its current does not."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    columns = {"time": time, "voltage": 1e3 * np.minimum(time, 1.0), "current": 1e-3 * time}
+    record = RawRecord(columns, {"time": "s", "voltage": "V", "current": "A"}, "ab" * 32)
+    row = ExperimentRow("a", "step", "a.csv", "calibrate", "voltage", "current", {})
+    laser = {"delay": Quantity(0.5, "s")}
+    tube = Specimen("tube", "tubular", {"kind": "simulated"}, {}, laser)
+    assert "delay" not in [step["step"] for step in prepare(row, record, tube).steps]
+    with pytest.raises(UserError, match="`instruments: current: delay:` in specimen.yaml, zero if"):
+        prepare(row, record, tube, [{"delay": {}}])
+    own = replace(tube, instruments=laser | {"current.delay": Quantity(0.1, "s")})
+    for steps in (None, [{"delay": {}}]):
+        assert "0.1 s earlier" in str(prepare(row, record, own, steps).steps[0]["effect"])
 
 
 @pytest.mark.parametrize(("step", "specimen"), [({"time": "0.5 s"}, STRIP), ({}, LAGGING)])
