@@ -108,7 +108,7 @@ def ringing_step(
 
 
 @pytest.mark.parametrize("protocol", ["creep", "step"])
-@pytest.mark.parametrize("noise", [0.0, 2e-3])
+@pytest.mark.parametrize("noise", [0.0, 2e-3, 2e-2])
 def test_a_ringing_response_keeps_its_ringing(protocol: str, noise: float) -> None:
     time, volts, moved, clean = ringing_step(0.5, 0.016, 0.05, noise)
     experiment = recorded(time, volts, moved, protocol=protocol)
