@@ -11,6 +11,8 @@ from tests.unit.contexts import experiment
 from tests.unit.membranes import sine, step, voltage
 
 from deabayes.analyses.drive import Cycles, amplitude, resampled, since_step
+from deabayes.passes import upward_crossings
+from deabayes.systems.steady_sine import drive_of
 
 
 def test_a_step_starts_where_the_voltage_leaves_its_first_value():
@@ -46,6 +48,46 @@ def test_noise_on_the_voltage_makes_no_cycles():
     noisy = voltage(record.excitation.coordinate, values)
     record = experiment("sine", "sine", noisy, record.coordinate, "displacement")
     np.testing.assert_allclose(Cycles.of(record).starts, [5.0, 25.0, 45.0, 65.0], atol=0.01)
+
+
+@pytest.mark.parametrize("share", [0.002, 0.02])
+@pytest.mark.parametrize("volts", [(-2000.0, 2000.0), (500.0, 5000.0), (-5000.0, -500.0)])
+def test_a_noisy_monitor_makes_no_cycles_of_a_densely_sampled_sine(share, volts):
+    """50 cycles of 1 Hz at 1 kHz, of which noise alone crossed any level hundreds of times."""
+    low, high = volts
+    time = np.arange(0.0, 50.0, 1e-3)
+    wave = np.sin(2.0 * np.pi * (time - (0.0 if low == -high else np.sign(high + low) * 0.25)))
+    clean = 0.5 * (high + low) + 0.5 * (high - low) * wave
+    noise = share * (high - low) * np.random.default_rng(2).standard_normal(time.size)
+    found = Cycles.driven(voltage(time, clean + noise))
+    assert found.starts.size == 50
+    assert found.frequency == pytest.approx(1.0, rel=1e-4)
+    np.testing.assert_allclose(found.starts, np.arange(50.0), atol=0.02)
+    record = experiment("sine", "sine", voltage(time, clean + noise), time, "displacement")
+    assert drive_of(record)[1] == pytest.approx(1.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.25, 0.4])
+def test_crossings_without_noise_are_those_of_the_lines(turns):
+    time = np.linspace(0.0, 9.0, 181)
+    drive = np.sin(2.0 * np.pi * (time - turns))
+    found = upward_crossings(time, drive, 0.5)
+    np.testing.assert_allclose(np.interp(found, time, drive), 0.5, atol=1e-12)
+    assert found.size == 9
+
+
+def test_a_negative_sine_starts_at_its_lowest_magnitude():
+    record = structure_contexts.sine(5.0, 2.0)
+    drive = record.excitation
+    turned = voltage(drive.coordinate, -drive.values)
+    np.testing.assert_array_equal(Cycles.driven(turned).starts, Cycles.driven(drive).starts)
+
+
+def test_a_small_sine_about_a_large_bias_has_cycles():
+    time = np.arange(0.0, 10.0, 1e-2)
+    for bias in (4000.0, -4000.0):
+        drive = voltage(time, bias - np.sign(bias) * 500.0 * np.cos(2.0 * np.pi * time))
+        np.testing.assert_allclose(Cycles.driven(drive).starts, np.arange(10.0), atol=1e-3)
 
 
 def test_a_record_without_two_periods_has_no_cycles():

@@ -179,6 +179,20 @@ def test_amplitudes_over_the_grid_agree_with_the_records():
         )
 
 
+def test_bands_are_of_as_many_cycles_as_the_voltage_had(monkeypatch):
+    """Not as many as the step `cycles` leaves groups of."""
+    groups = {"step": "cycles", "period_s": 20.0, "first_cycle_s": 0.0, "group_sizes": [1, 1, 3]}
+    made = context()
+    records = [replace(each, steps=(groups,)) for each in made.records("displacement", "sine")]
+    asked = []
+    monkeypatch.setattr(
+        amplitude_frequency, "predicted_amplitude", lambda *given: asked.append(given[3]) or FLAT
+    )
+    found = amplitude_frequency.bands(made, records, 2e3)
+    assert list(Cycles.of(records[0]).numbers) == [1, 2, 4]
+    assert found.attrs["cycles"] == 4 and set(asked) == {4}
+
+
 def test_pull_in_and_steady_stretch_are_the_models_own():
     found = pull_in.compute(context())
     table = found.tables["steady_stretch"].set_index(["candidate", "voltage_kV"])

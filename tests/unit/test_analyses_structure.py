@@ -182,6 +182,28 @@ def test_the_phase_is_counted_from_the_lowest_voltage():
     assert np.argmin(lowest) in (0, 19) and np.argmax(lowest) in (9, 10)
 
 
+def test_a_negative_voltage_is_read_like_a_positive_one():
+    """It makes the same motion; after the step `cycles` it ended in an IndexError."""
+    record = made_up.sine(5.0, 5.0)
+    turned = replace(record.excitation, values=-record.excitation.values)
+    negative = replace(record, excitation=turned)
+    np.testing.assert_array_equal(
+        error_against_phase.phase(negative), error_against_phase.phase(record)
+    )
+    assert structure_amplitude.levels(negative) == structure_amplitude.levels(record)
+    assert structure_amplitude.levels(negative)[0] == pytest.approx(500.0)
+
+
+def test_a_voltage_whose_cycles_are_not_seen_has_no_phase():
+    """A rest at zero before a small sine about a bias: only the step `cycles` knows them."""
+    record = made_up.sine(5.0, 5.0)
+    drive = record.excitation
+    biased = np.where(drive.values > 0.0, 4e3 + 0.1 * drive.values, 0.0)
+    small = replace(record, excitation=replace(drive, values=biased))
+    assert Cycles.of(small).starts.size and error_against_phase.stable_points(small).size == 0
+    assert structure_amplitude.levels(small)[1] == pytest.approx(4.5e3)
+
+
 def test_errors_of_the_stable_cycle():
     found = error_against_phase.compute(exact(motion(), 0.02))
     assert len(found.curves) == 6

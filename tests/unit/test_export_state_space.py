@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from tests.unit import membranes
 from tests.unit.tube_trees import specimen, tree
 
 from deabayes.cli import cli
-from deabayes.experiment import Excitation, Specimen
+from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.export import export
 from deabayes.export.taken import evenly
 from deabayes.faults import UserError
@@ -174,6 +175,24 @@ def test_a_model_says_where_it_comes_from(tmp_path):
     assert "simulated" in model["provenance_note"] and model["deabayes_version"] == "0.1.0"
     assert model["converged"] is False and model["sensor_delay"]["value"] == 4e-4
     assert "discrete" not in model and model["operating_point"] == {}
+
+
+@pytest.mark.parametrize("channel", ["delay", "displacement.delay", "strain.delay"])
+def test_the_sensors_delay_is_told_wherever_it_is_stated(channel, tmp_path):
+    late = {"current.delay": Quantity(7e-4, "s"), channel: Quantity(3e-4, "s")}
+    posterior = tree("voigt_kelvin_2", of=replace(specimen(), instruments=late))
+    assert exported(posterior, tmp_path)["sensor_delay"]["value"] == 3e-4
+
+
+@pytest.mark.parametrize("sd", [None, 5e-5])
+def test_a_modelled_delay_is_told(sd, tmp_path):
+    quantities = specimen().quantities | {"sensor_delay": Quantity(3e-4, "s", sd)}
+    late = replace(specimen(), quantities=quantities, instruments={})
+    model = exported(tree("voigt_kelvin_2", of=late), tmp_path)
+    assert model["sensor_delay"]["value"] == 3e-4 and model["sensor_delay"].get("sd") == sd
+    assert ("sensor_delay" in draws_of(model)) == (sd is not None)
+    without = replace(specimen(), instruments={"current.delay": Quantity(7e-4, "s")})
+    assert "sensor_delay" not in exported(tree("voigt_kelvin_2", of=without), tmp_path)
 
 
 def test_draws_are_taken_evenly_and_can_be_found_again(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -139,6 +141,22 @@ def test_baseline_needs_samples_before_the_step() -> None:
         prepared(triangle(), {"baseline": {}}, protocol="load_unload")
 
 
+def test_the_delay_of_a_motions_sensor_is_not_the_currents() -> None:
+    """A laser lags; the amplifier's monitor of its current does not."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    columns = {"time": time, "voltage": 1e3 * np.minimum(time, 1.0), "current": 1e-3 * time}
+    record = RawRecord(columns, {"time": "s", "voltage": "V", "current": "A"}, "ab" * 32)
+    row = ExperimentRow("a", "step", "a.csv", "calibrate", "voltage", "current", {})
+    laser = {"delay": Quantity(0.5, "s")}
+    tube = Specimen("tube", "tubular", {"kind": "simulated"}, {}, laser)
+    assert "delay" not in [step["step"] for step in prepare(row, record, tube).steps]
+    with pytest.raises(UserError, match="`instruments: current: delay:` in specimen"):
+        prepare(row, record, tube, [{"delay": {}}])
+    own = replace(tube, instruments=laser | {"current.delay": Quantity(0.1, "s")})
+    for steps in (None, [{"delay": {}}]):
+        assert "0.1 s earlier" in str(prepare(row, record, own, steps).steps[0]["effect"])
+
+
 @pytest.mark.parametrize(("step", "specimen"), [({"time": "0.5 s"}, STRIP), ({}, LAGGING)])
 def test_delay_moves_the_response_not_the_excitation(step: object, specimen: Specimen) -> None:
     record = relaxation(end=20.0)
@@ -172,6 +190,15 @@ def test_polyline_keeps_its_promise() -> None:
         error = np.abs(np.interp(time, time[knots], walk[knots]) - walk)
         assert error.max() <= tolerance + 1e-9
     assert polyline(time, walk, 3.0).size < 0.3 * time.size
+
+
+def test_polyline_follows_a_curve_that_jumps() -> None:
+    """Knots of one coordinate, as `limit_current` leaves them at clock times."""
+    time = np.array([0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
+    values = np.array([0.0, 5.0, 5.0, 5.0, 5.01, 9.0, 8.0, 7.0, 7.05, 6.0])
+    with np.errstate(all="raise"):
+        assert polyline(time, values, 0.1).tolist() == [0, 1, 4, 5, 9]
+    assert polyline(time, values, 0.0).tolist() == [0, 1, 3, 4, 5, 7, 8, 9]
 
 
 def test_polyline_of_a_ramp_and_hold_has_few_knots() -> None:

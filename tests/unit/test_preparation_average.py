@@ -76,6 +76,27 @@ def test_no_bin_reaches_across_a_mask_or_a_jump() -> None:
     assert np.allclose(experiment.coordinate, middles, atol=0.02)
 
 
+@pytest.mark.parametrize("cycles", [2, 10, 50, 500])
+@pytest.mark.parametrize("samples", [20, 1000], ids=["sparse", "dense"])
+@pytest.mark.parametrize("steps", [(), ({"excitation_knots": {}},)], ids=["raw", "knots"])
+def test_straight_pieces_of_a_sine_are_no_jumps(
+    cycles: int, samples: int, steps: tuple[object, ...]
+) -> None:
+    time = np.arange(0.0, cycles, 1.0 / samples)
+    sine = raw(time, 0.02 * np.sin(2.0 * np.pi * time), time)
+    average = {"average": {"grid": "uniform", "points": 35}}
+    assert prepared(sine, *steps, average, protocol="sine").coordinate.size <= 36
+
+
+def test_a_jump_before_a_sine_is_one() -> None:
+    time = np.arange(0.0, 60.0, 0.01)
+    bias = np.where(time < 5.003, 0.0, 0.05 + 0.02 * np.sin(2.0 * np.pi * time))
+    record = raw(time, bias, np.where(time < 5.003, 0.0, 1.0))
+    for steps in ((), ({"excitation_knots": {}},)):
+        average = {"average": {"grid": "uniform", "width": "7 s"}}
+        assert set(prepared(record, *steps, average, protocol="sine").response) == {0.0, 1.0}
+
+
 def test_uniform_leaves_a_sparse_record_alone() -> None:
     stretch = np.linspace(1.0, 7.0, 24)
     experiment = curve(stretch, stretch**2, {"average": {"grid": "uniform", "points": 70}})

@@ -7,6 +7,7 @@ rule analyse:
             "analyses/*.py",
             "pipeline/analyse.py",
             "fitted.py",
+            "passes.py",
             "prediction/errors.py",
             "posteriors/summary.py",
             "influence.py",

@@ -1,6 +1,7 @@
 MODEL = modules(
     "experiment.py",
     "parameter.py",
+    "passes.py",
     "distributions/*.py",
     "instruments.py",
     "prior/*.py",

@@ -48,7 +48,7 @@ rule population_figures:
         posterior="<results>/populations/{population}/posterior.nc",
         shrinkage="<results>/populations/{population}/shrinkage.csv",
         predictions="<results>/populations/{population}/predictions",
-        modules=modules("figures/*.py", "quantities.py"),
+        modules=modules("figures/*.py", "passes.py", "quantities.py"),
     output:
         directory("<results>/populations/{population}/figures"),
     log:

@@ -13,7 +13,13 @@ rule prepare:
     input:
         study="<results>/{study}/study.yaml",
         raw=raw_files,
-        modules=modules("reading/*.py", "preparation/*.py", "units.py", "experiment.py"),
+        modules=modules(
+            "reading/*.py",
+            "preparation/*.py",
+            "passes.py",
+            "units.py",
+            "experiment.py",
+        ),
     output:
         directory("<results>/{study}/prepared"),
     log:

@@ -4,7 +4,9 @@ rule figures:
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
-        modules=modules("figures/*.py", "posteriors/power_scaling.py", "quantities.py"),
+        modules=modules(
+            "figures/*.py", "passes.py", "posteriors/power_scaling.py", "quantities.py"
+        ),
     output:
         directory("<results>/{study}/figures"),
     log:

@@ -71,7 +71,7 @@ def bands(context: StudyContext, records: list[Experiment], volts: float) -> xr.
     ends = [each.frequency for each in found]
     first, last = (min(ends), max(ends)) if len(ends) > 1 else (0.5 * ends[0], 2.0 * ends[0])
     grid = np.geomspace(first, last, FREQUENCIES)
-    count = int(np.median([each.starts.size for each in found]))
+    count = int(np.median([each.numbers[-1] for each in found]))
     names = list(context.candidates)
     predicted = np.array([
         np.stack([band(predicted_amplitude(context.candidates[name], f, volts, count))

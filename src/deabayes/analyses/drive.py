@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.passes import HYSTERESIS, upward_crossings, usual_period
 
 STEPS = ("step", "creep")
 """Protocols of a voltage that is switched on and stays."""
@@ -62,19 +63,21 @@ class Cycles:
 
     @classmethod
     def driven(cls, drive: Excitation) -> Cycles:
-        """From the upward crossings of half the amplitude.
+        """From the upward crossings of half the amplitude, of a single sign: of the mid-range.
 
         A sine through zero starts its cycle there, a twelfth of a period earlier; one of a
-        single sign at its lowest voltage.
+        single sign at its lowest magnitude.
         """
-        level = 0.5 * amplitude(drive)
-        crossings = upward_crossings(drive, level)
+        drive = as_positive(drive)
+        level = float(np.quantile([drive.values.min(), drive.values.max()], 0.75))
+        if single := _of_one_sign(drive.values):
+            level = 0.5 * float(drive.values.max() + drive.values.min())
+        crossings = upward_crossings(drive.coordinate, drive.values, level)
         if crossings.size < 2:
             return cls(np.nan, np.array([]), np.array([], dtype=np.int64))
-        period = float(np.median(np.diff(crossings)))
-        driven = drive.values[drive.coordinate >= crossings[0]]
-        early = 1.0 / 12.0
-        if driven.min() >= 0.0:
+        period, early = usual_period(crossings), 1.0 / 12.0
+        if single:
+            driven = drive.values[drive.coordinate >= crossings[0]]
             middle, half = 0.5 * (driven.max() + driven.min()), 0.5 * float(np.ptp(driven))
             early = 0.25 + float(np.arcsin((level - middle) / half)) / (2.0 * np.pi)
         return cls(period, crossings - early * period, np.arange(1, crossings.size + 1))
@@ -98,11 +101,18 @@ class Cycles:
         return np.asarray(self.starts[:, None] + self.period * np.linspace(0.0, 1.0, points + 1))
 
 
-def upward_crossings(drive: Excitation, level: float) -> FloatArray:
-    """Times at which an excitation passes a level upwards, between its knots [s]."""
-    first = np.flatnonzero((drive.values[:-1] < level) & (drive.values[1:] >= level))
-    rise, width = np.diff(drive.values)[first], np.diff(drive.coordinate)[first]
-    return np.asarray(drive.coordinate[first] + (level - drive.values[first]) / rise * width)
+def as_positive(drive: Excitation) -> Excitation:
+    """A drive of negative sign only with its sign turned, any other as it is.
+
+    The Maxwell pressure goes by the square, so the cycle of a motion is that of the magnitude.
+    """
+    negative = _of_one_sign(-drive.values) and not _of_one_sign(drive.values)
+    return replace(drive, values=-drive.values) if negative else drive
+
+
+def _of_one_sign(values: FloatArray) -> bool:
+    """Whether values are positive but for noise, of a tenth of their range at most."""
+    return bool(values.min() > -HYSTERESIS * np.ptp(values))
 
 
 def _covered(times: FloatArray, start: float, end: float, spacing: float) -> bool:

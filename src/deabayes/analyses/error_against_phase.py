@@ -48,7 +48,7 @@ def compute(context: StudyContext) -> Analysis:
 def stable_points(experiment: Experiment) -> IntArray:
     """Indices of the points of the last whole cycle, by phase of the voltage."""
     cycles, times = Cycles.of(experiment), experiment.coordinate
-    if cycles.starts.size == 0:
+    if cycles.starts.size == 0 or Cycles.driven(experiment.excitation).starts.size == 0:
         return np.array([], dtype=np.int64)
     start = cycles.starts[-1]
     inside = np.flatnonzero((times >= start) & (times < start + cycles.period))
@@ -56,7 +56,7 @@ def stable_points(experiment: Experiment) -> IntArray:
 
 
 def phase(experiment: Experiment) -> FloatArray:
-    """Share of a period since the voltage was last at its lowest, 0 to 1, at each point (N,)."""
+    """Share of a period since the voltage's magnitude was lowest, 0 to 1, at each point (N,)."""
     driven = Cycles.driven(experiment.excitation)
     since = experiment.coordinate[:, None] - driven.starts
     last = np.clip(np.sum(since >= 0.0, axis=1) - 1, 0, None)

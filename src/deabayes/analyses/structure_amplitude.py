@@ -8,7 +8,7 @@ import numpy as np
 
 from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.drive import Cycles
+from deabayes.analyses.drive import Cycles, as_positive
 from deabayes.analyses.loops import Loops
 from deabayes.analyses.summaries import band, beside, interval, labels
 from deabayes.analyses.sweep import Sweep
@@ -136,10 +136,13 @@ def frequencies(at: FloatArray, sweeps: list[Experiment]) -> FloatArray:
 
 
 def levels(experiment: Experiment) -> tuple[float, float]:
-    """Lowest and highest voltage of a sine [V], what is before its first cycle left out."""
-    drive = experiment.excitation
-    start = Cycles.driven(drive).starts
-    during = drive.values[drive.coordinate > start[min(1, start.size - 1)]]
+    """Lowest and highest voltage of a sine [V], what is before its first cycle left out.
+
+    Of a negative voltage the magnitudes, which make the same motion.
+    """
+    drive = as_positive(experiment.excitation)
+    start = Cycles.driven(drive).starts[:2]
+    during = drive.values[drive.coordinate > start[-1]] if start.size else drive.values
     return float(during.min()), float(during.max())
 
 

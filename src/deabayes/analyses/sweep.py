@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.analyses.drive import IntArray, upward_crossings
+from deabayes.analyses.drive import IntArray
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.passes import upward_crossings
 
 HARMONICS = 2
 FEWEST = 16
@@ -40,7 +41,7 @@ class Sweep:
         """The windows of a record whose points can tell the harmonics apart."""
         drive, times = experiment.excitation, experiment.coordinate
         middle = 0.5 * (drive.values.max() + drive.values.min())
-        crossings = upward_crossings(drive, float(middle))
+        crossings = upward_crossings(drive.coordinate, drive.values, float(middle))
         turns = np.interp(times, crossings, np.arange(crossings.size, dtype=float))
         points = np.searchsorted(times, crossings)
         frequencies, ends, designs = [], [], []

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from deabayes.experiment import FloatArray
+from deabayes.experiment import FloatArray, Specimen
 from deabayes.export.state_space_files import WRITERS
 from deabayes.export.taken import evenly, system_and_draws
 from deabayes.faults import UserError
@@ -18,6 +18,8 @@ from deabayes.systems.linear_model import LinearModel, Signal
 from deabayes.units import parse_quantity
 
 DRAWS, GRAM = 200, 1e-3
+FITTED_DELAY = "sensor_delay"
+OWN_DELAYS = ("strain.delay", "displacement.delay", "phase.delay")
 DISCRETISATION = "zero-order hold: exact for an input held between samples (matrix exponential)"
 
 
@@ -97,7 +99,6 @@ def _content(
 ) -> dict[str, object]:
     """What the matrices are of."""
     simulated = tree.attrs["provenance"] == "simulated"
-    delay = system.specimen.instruments.get("delay")
     content: dict[str, object] = {
         "candidate": tree.attrs["candidate"],
         "system": tree.attrs["system"],
@@ -116,10 +117,22 @@ def _content(
             for name, at in model.operating_point.items()
         },
     }
-    if delay is not None:
-        note = "the sensor's, not in the matrices"
-        content["sensor_delay"] = {"unit": "s", "value": delay.value, "description": note}
-    return content
+    delay = _sensor_delay(system.specimen)
+    return content if delay is None else content | {"sensor_delay": delay}
+
+
+def _sensor_delay(specimen: Specimen) -> dict[str, object] | None:
+    """What the sensor of the motion lags by, wherever the specimen states it."""
+    note = "the sensor's, not in the matrices"
+    fitted = specimen.quantities.get(FITTED_DELAY)
+    if fitted is not None and fitted.sd is not None:
+        note += f"; that of each draw is {FITTED_DELAY} among its parameters"
+        stated = {"unit": "s", "value": fitted.value, "sd": fitted.sd}
+        return {**stated, "description": note}
+    known = specimen.instruments
+    places = (known.get(name) for name in (*OWN_DELAYS, "delay"))
+    exact = fitted or next((delay for delay in places if delay is not None), None)
+    return None if exact is None else {"unit": "s", "value": exact.value, "description": note}
 
 
 def _signals(*signals: Signal) -> list[dict[str, str]]:

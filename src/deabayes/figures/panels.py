@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
+from deabayes.passes import passes, usual_period
 from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
 
 PANELS_PER_SHEET = 9
@@ -124,11 +124,11 @@ class Record:
         time = self.prediction["coordinate"].values
         if self.protocol == "sine" and (last := after_last_gap(time)):
             return slice(last, None)
-        crossings = upward_crossings(self.prediction["excitation"].values)
+        crossings = passes(time, self.prediction["excitation"].values)
         if self.protocol != "sine" or len(crossings) <= CYCLES_SHOWN + 2:
             return slice(None)
-        period = np.median(np.diff(time[crossings]))
-        return slice(int(np.searchsorted(time, time[-1] - CYCLES_SHOWN * period)), None)
+        shown = CYCLES_SHOWN * usual_period(crossings)
+        return slice(int(np.searchsorted(time, time[-1] - shown)), None)
 
     def against_coordinate(self) -> Axis:
         """Time, frequency, or the excitation of a record without time."""
@@ -161,12 +161,6 @@ def _unit(variable: xr.DataArray) -> str:
 def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -> Axis:
     display = display_unit(unit, values, name)
     return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
-
-
-def upward_crossings(values: FloatArray) -> NDArray[np.intp]:
-    """Where `values` pass the middle of their range upwards, as indices."""
-    level = (values.max() + values.min()) / 2
-    return np.flatnonzero((values[:-1] < level) & (values[1:] >= level))
 
 
 def after_last_gap(coordinate: FloatArray) -> int:

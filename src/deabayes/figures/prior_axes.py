@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels
+from deabayes.passes import passes, usual_period
 from deabayes.quantities import DisplayUnit, display_unit, plain, short
 
 CYCLES = 3
@@ -20,10 +21,10 @@ def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], panels.Axis]:
     if curves.attrs["held"]:
         shown = time > 0
         return shown, panels.Axis(time[shown], "time since the step (s)", True)
-    starts = panels.upward_crossings(curves["excitation"].values)
+    period = usual_period(passes(time, curves["excitation"].values))
     shown = time >= 0
-    if len(starts) > 1:
-        shown &= time <= CYCLES * np.median(np.diff(time[starts]))
+    if np.isfinite(period):
+        shown &= time <= CYCLES * period
     return shown, panels.Axis(time[shown], "time since the start (s)")
 
 

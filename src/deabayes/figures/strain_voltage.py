@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
+from deabayes.passes import passes, usual_period
 from deabayes.quantities import display_unit
 
 SCOPE = "candidate"
@@ -34,8 +35,8 @@ def _sheet(record: panels.Record) -> Figure:
     figure = Figure(figsize=(style.DOUBLE_COLUMN, 2.2 + 0.4 + style.HEADER), layout="constrained")
     first, last, loop = figure.subplots(1, 3)
     time = record.prediction["coordinate"].values
-    crossings = panels.upward_crossings(record.prediction["excitation"].values)
-    period = float(np.median(np.diff(time[crossings]))) if crossings.size > 1 else np.ptp(time)
+    period = usual_period(passes(time, record.prediction["excitation"].values))
+    period = period if np.isfinite(period) else float(np.ptp(time))
     early = time <= time[0] + CYCLES * period
     late = time >= time[-1] - CYCLES * period
     cycle = time >= time[-1] - period

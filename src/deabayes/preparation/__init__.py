@@ -12,10 +12,9 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.instruments import instrument
+from deabayes.preparation.defaults import DEFAULT_STEPS, with_default_steps
 from deabayes.preparation.opening import (
     conditions,
-    coordinate_name,
     measured_rows,
     open_record,
 )
@@ -23,7 +22,7 @@ from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.registry import load
 
-__all__ = ["DEFAULT_STEPS", "REGISTRY", "default_steps", "measured_rows", "prepare"]
+__all__ = ["DEFAULT_STEPS", "REGISTRY", "measured_rows", "prepare"]
 Step = Callable[[WorkingRecord, Mapping[str, object]], WorkingRecord]
 
 REGISTRY: Mapping[str, Step] = load(
@@ -57,23 +56,6 @@ NEEDS_TIME = (
 )
 FEWEST_POINTS = 4
 
-DEFAULT_STEPS: Mapping[str, Sequence[Mapping[str, Mapping[str, object]]]] = {
-    "creep": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
-    "step": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
-    "relaxation": (
-        {"mask_ramp_end": {}},
-        {"excitation_knots": {}},
-        {"average": {"grid": "geometric"}},
-    ),
-    "load_unload": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 180}}),
-    "sine": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 400}}),
-    "sweep": ({"excitation_knots": {}},),
-    "quasi_static": (),
-    "frequency_response": (),
-}
-"""What is done where config.yaml says nothing. Nothing that alters a response is among it,
-except undoing a delay that specimen.yaml states as exact."""
-
 
 def prepare(
     row: ExperimentRow,
@@ -89,7 +71,7 @@ def prepare(
     raw : its columns in SI.
     specimen : what was tested; `instruments.delay` is used by the step `delay`.
     steps : ordered single-key mappings {step: settings}; a bare name is a step
-        without settings; None takes `DEFAULT_STEPS` of the protocol.
+        without settings; None takes the usual ones (`defaults`).
 
     Raises
     ------
@@ -97,18 +79,11 @@ def prepare(
     Faults : what is wrong with the record's values.
     """
     record = open_record(row, raw, specimen)
-    for entry in default_steps(row, specimen) if steps is None else steps:
+    if steps is None:
+        record, steps = with_default_steps(record)
+    for entry in steps:
         record = _apply(entry, record)
     return _experiment(record, raw)
-
-
-def default_steps(row: ExperimentRow, specimen: Specimen) -> list[Mapping[str, object]]:
-    """The protocol's usual steps; an exactly known sensor delay is undone first."""
-    steps: list[Mapping[str, object]] = list(DEFAULT_STEPS.get(row.protocol, ()))
-    sensor = instrument(specimen, "delay", row.response, "s")
-    delayed = coordinate_name(row) in ("time", "frequency")
-    known = sensor is not None and sensor.sd is None and delayed
-    return [{"delay": {}}, *steps] if known else steps
 
 
 def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingRecord:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.faults import UserError
-from deabayes.instruments import instrument
+from deabayes.instruments import OF_AMPLIFIER, instrument
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
 
@@ -22,12 +22,13 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
 
     Settings
     --------
-    time : default `instruments.delay` of specimen.yaml.
+    time : default `instruments.delay` of specimen.yaml; of a current, which the amplifier shows
+        and no sensor of the specimen, `instruments.current.delay` only.
     """
     read = Settings("delay", settings, record, ("time",))
     sensor = instrument(record.specimen, "delay", record.row.response, "s")
     if not read.has("time") and sensor is None:
-        raise UserError(f"{read.where}: give `time`, or `instruments: delay:` in specimen.yaml")
+        raise UserError(f"{read.where}: give `time`, or {_where_stated(record.row.response)}")
     shift = read.quantity("time", "s", None if sensor is None else sensor.value)
     if record.coordinate_name == "frequency":
         phase = record.row.response == "phase"
@@ -36,3 +37,13 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
     coordinate = record.coordinate - shift
     hidden = coordinate < record.excitation_coordinate[0]
     return replace(record.mask(hidden), coordinate=coordinate, delay=record.delay + shift)
+
+
+def _where_stated(response: str) -> str:
+    """Where specimen.yaml may state the delay of a response."""
+    if response not in OF_AMPLIFIER:
+        return "`instruments: delay:` in specimen.yaml"
+    return (
+        f"`instruments: {response}: delay:` in specimen.yaml, zero if there is none; that of the "
+        f"other sensors, `instruments: delay:`, is not the {response}'s, which the amplifier shows"
+    )

@@ -13,6 +13,7 @@ from deabayes.preparation.working import WorkingRecord
 
 DEFAULT_FRACTION = 1e-3
 MANY_KNOTS = 5000
+OVER_NOISE = 3.0
 
 
 def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
@@ -41,6 +42,15 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
     if knots.size <= MANY_KNOTS:
         return reduced
     return reduced.with_warning(
-        f"the excitation needs {knots.size} knots within {tolerance:.3g} "
-        f"{record.excitation_unit}: its noise exceeds the tolerance; widen it"
+        f"the excitation needs {knots.size} knots for its {record.excitation.size} samples within "
+        f"{tolerance:.3g} {record.excitation_unit}: {_why(record, tolerance)}"
     )
+
+
+def _why(record: WorkingRecord, tolerance: float) -> str:
+    """What makes knots many: noise, which fourth differences show, or turns, which they do not."""
+    rough = np.abs(np.diff(record.excitation, 4))
+    noise = 1.4826 * float(np.median(rough)) / np.sqrt(70.0) if rough.size else 0.0
+    if OVER_NOISE * noise > tolerance:
+        return "its noise exceeds the tolerance; widen it"
+    return "it turns that often; a wider tolerance needs fewer, `crop` shortens the record"

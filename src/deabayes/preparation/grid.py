@@ -13,6 +13,7 @@ CORNER_FRACTION = 0.05
 NOISE_FRACTION = 0.01
 JUMP_FRACTION = 0.1
 JUMP_RATIO = 20.0
+ALONG_PATH = 5.0
 LONGEST_GRID = 100_000
 NEXT_SAMPLES = 9
 """Of which the sampling interval behind a corner is taken."""
@@ -103,9 +104,15 @@ def uniform_edges(record: WorkingRecord, first: float, last: float, width: float
 
 
 def jumps(record: WorkingRecord) -> FloatArray:
-    """Coordinates right after a jump: faster than 20 times the usual pace, by 10 % of the range."""
+    """Coordinates right after a jump, by 10 % of the excitation's range.
+
+    It is 20 times as fast as the range over the record's length, and five times as fast as the
+    excitation is on average along its path: a sine of more than six cycles has the first pace on
+    its own, of which its straight pieces or few samples are no jumps.
+    """
+    size = float(np.ptp(record.excitation))
     change = np.abs(np.diff(record.excitation))
-    pace = change / np.diff(record.excitation_coordinate)
-    usual = np.ptp(record.excitation) / np.ptp(record.excitation_coordinate)
-    sudden = (change > JUMP_FRACTION * np.ptp(record.excitation)) & (pace > JUMP_RATIO * usual)
-    return record.excitation_coordinate[1:][sudden]
+    knots, path = travel(record)
+    usual = size * max(JUMP_RATIO, ALONG_PATH * float(path[-1])) / (knots[-1] - knots[0])
+    fast = change > usual * np.diff(record.excitation_coordinate)
+    return record.excitation_coordinate[1:][fast & (change > JUMP_FRACTION * size)]

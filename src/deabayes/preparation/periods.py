@@ -8,11 +8,10 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.preparation.working import BoolArray, WorkingRecord
+from deabayes.passes import HYSTERESIS, alike, passes, steady, usual_period
+from deabayes.preparation.working import WorkingRecord
 
 FEWEST_CYCLES = 3
-HYSTERESIS = 0.1
-ALIKE = 0.05
 STATED_WITHIN = 0.01
 LEAD = 0.05
 PHASES = 200
@@ -33,35 +32,8 @@ class Cycles:
         return self.start + self.count * self.period
 
 
-def passes(coordinate: FloatArray, values: FloatArray) -> FloatArray:
-    """Where a signal passes the middle of its range, in the direction in which it does so oftener.
-
-    A pass counts once the signal has gone from a tenth of its range below the middle to a
-    tenth above, or the other way: noise makes no passes, and a signal that never crosses
-    zero has them too.
-    """
-    size = float(np.ptp(values)) or 1.0
-    scaled = (values - 0.5 * (values.max() + values.min())) / size
-    up, down = _rises(coordinate, scaled), _rises(coordinate, -scaled)
-    return up if up.size >= down.size else down
-
-
-def _rises(coordinate: FloatArray, values: FloatArray) -> FloatArray:
-    """Zeros of the lines that rise from below -HYSTERESIS to above HYSTERESIS."""
-    decided = np.flatnonzero(np.abs(values) > HYSTERESIS)
-    signs = np.sign(values[decided])
-    rise = np.flatnonzero((signs[:-1] < 0) & (signs[1:] > 0))
-    low, high = decided[rise], decided[rise + 1]
-    share = -values[low] / (values[high] - values[low])
-    return np.asarray(coordinate[low] + share * (coordinate[high] - coordinate[low]))
-
-
 def found_period(record: WorkingRecord, where: str) -> float:
-    """The excitation's period: the median over pairs of passes half the record apart.
-
-    Taken over the longest stretch in which passes follow each other within 5 % of their
-    usual distance, so that a first ramp to the bias does not count; nor does, in a median, a
-    first pass that a limited amplifier delays.
+    """The excitation's period, of the steady stretch of its passes (`usual_period`).
 
     Raises
     ------
@@ -73,26 +45,14 @@ def found_period(record: WorkingRecord, where: str) -> float:
             f"{where}: the {record.row.excitation} passes the middle of its range {times.size} "
             f"times, so it does not have {FEWEST_CYCLES} cycles; {INSTEAD}"
         )
-    gaps = np.diff(times)
-    usual = float(np.median(gaps))
-    alike = np.abs(gaps - usual) <= ALIKE * usual
-    first, last = _longest_run(alike)
-    if last - first < FEWEST_CYCLES - 1 or np.mean(alike) < 0.5:
+    stretch = steady(times)
+    if stretch.size < FEWEST_CYCLES or np.mean(alike(times)) < 0.5:
+        gaps = np.diff(times)
         raise UserError(
             f"{where}: the {record.row.excitation} is not periodic, it passes the middle of its "
             f"range every {gaps.min():.4g} to {gaps.max():.4g} s; {INSTEAD}, or give `frequency`"
         )
-    stretch = times[first : last + 1]
-    half = stretch.size // 2
-    return float(np.median(stretch[half:] - stretch[:-half]) / half)
-
-
-def _longest_run(flags: BoolArray) -> tuple[int, int]:
-    """First index and end (exclusive) of the longest run of true `flags`."""
-    change = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
-    first, end = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-    longest = int(np.argmax(end - first)) if first.size else 0
-    return (int(first[longest]), int(end[longest])) if first.size else (0, 0)
+    return usual_period(stretch)
 
 
 def check_stated(period: float, record: WorkingRecord, where: str) -> None:

@@ -19,7 +19,7 @@ def polyline(coordinate: FloatArray, values: FloatArray, tolerance: float) -> In
 
     Parameters
     ----------
-    coordinate, values : (M,), the coordinate ascending.
+    coordinate, values : (M,), the coordinate never descending; where it repeats, the curve jumps.
     tolerance : largest allowed |line - sample|, in the unit of `values`.
 
     Returns
@@ -40,6 +40,11 @@ def _furthest(x: list[float], y: list[float], start: int, tolerance: float) -> i
     reached = start + 1
     for index in range(start + 1, len(x)):
         run, rise = x[index] - x0, y[index] - y0
+        if run == 0.0:
+            if abs(rise) > tolerance:
+                break
+            reached = index
+            continue
         if low <= rise / run <= high:
             reached = index
         low = max(low, (rise - tolerance) / run)

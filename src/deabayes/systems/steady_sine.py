@@ -5,19 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.passes import passes, usual_period
 
 KILOVOLT = 1e3
 
 
 def frequency_of(time: FloatArray, values: FloatArray) -> float:
-    """Of a sampled sine [Hz], from its upward crossings of its mid-range; NaN below two."""
-    centred = values - 0.5 * (np.max(values) + np.min(values))
-    before = np.flatnonzero((centred[:-1] < 0.0) & (centred[1:] >= 0.0))
-    share = -centred[before] / (centred[before + 1] - centred[before])
-    crossings = time[before] + share * (time[before + 1] - time[before])
-    if crossings.size < 2:
-        return float("nan")
-    return float((crossings.size - 1) / (crossings[-1] - crossings[0]))
+    """Of a sampled sine [Hz], from its passes of its mid-range; NaN below two."""
+    return 1.0 / usual_period(passes(time, values))
 
 
 def phasor(time: FloatArray, values: FloatArray, frequency: float) -> complex:
