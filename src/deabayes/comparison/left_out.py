@@ -124,4 +124,9 @@ def leave_block_out(
         points = target.pointwise_log_likelihood(theta, (experiment,))[experiment]
         return np.asarray(points[:, block].sum(axis=1))
 
-    return -log_ratio_without(target, log_left, z, rng)[0]
+    def log_rest(z: FloatArray) -> FloatArray:
+        left = log_left(z)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isfinite(left), target(z) - left, -np.inf)
+
+    return left_out_log_density(log_rest, log_left, z, rng)
