@@ -130,6 +130,10 @@ def pretty_unit(unit: str) -> str:
     return re.sub(r"\s*/\s*", "/", text).replace("ohm", "Ω").replace("/·", "/")
 
 
+SKEWED = 0.3
+"""Of an interval's half width: numbers below it lose their digits by rounding to that width."""
+
+
 def round_to(value: float, step: float) -> str:
     """`value` rounded to the two leading digits of `step`, without needless zeros or exponents."""
     if not math.isfinite(value):
@@ -176,8 +180,15 @@ def scientific(value: float, digits: int = 3) -> str:
 
 
 def interval(median: float, low: float, high: float) -> str:
-    """``35.2 [33.9, 36.6]``, rounded to what the interval's width supports."""
+    """``35.2 [33.9, 36.6]``, rounded to what the interval's width supports.
+
+    Where that would take the digits off the smallest and all have one sign, each has two of its
+    own: ``570 [150, 7200]``.
+    """
     step = (high - low) / 2
+    numbers = (median, low, high)
+    if min(numbers) * max(numbers) > 0.0 and min(map(abs, numbers)) < SKEWED * step:
+        return f"{short(median, 2)} [{short(low, 2)}, {short(high, 2)}]"
     return f"{round_to(median, step)} [{round_to(low, step)}, {round_to(high, step)}]"
 
 

@@ -129,6 +129,15 @@ def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
     assert "What the paper reports" not in page
 
 
+def test_an_analysis_with_nothing_to_show_has_no_heading(registered, tmp_path):
+    study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    analyses.run_all(context(), study / "analyses")
+    for table in (study / "analyses").rglob("*.csv"):
+        table.unlink()
+    page = render([StudyResults(study)], {study: []}, [], (1300, 96))
+    assert "Mean modulus" not in page and "Of the draws." not in page
+
+
 def test_the_report_shows_tables_and_keeps_them_whole(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
     analyses.run_all(context(), study / "analyses")

@@ -306,6 +306,9 @@ def test_numbers_keep_what_their_interval_supports() -> None:
     assert round_to(-0.01234, 0.001) == "−0.0123"
     assert round_to(float("nan"), 1.0) == "–"
     assert interval(0.4, -0.004, 0.9) == "0.40 [0.00, 0.90]"
+    assert interval(569.2, 144.7, 7186.0) == "570 [140, 7200]"
+    assert interval(-0.332, -2.877, -0.357) == "−0.33 [−2.9, −0.36]"
+    assert interval(5.234, 2.11, 12.4) == "5.2 [2.1, 12.4]"
     assert significant(1.704) == "1.70"
     assert significant(0.000012345) == "1.23×10⁻⁵"
 

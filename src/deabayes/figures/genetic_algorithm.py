@@ -21,8 +21,9 @@ CAPTION = (
     "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
     "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
     "term. Right: the rms error of the force at each optimum and the modulus μ0 its terms add up "
-    "to; line and band: the posterior's μ0, dotted: the error of the posterior median. One optimum "
-    "is one of many that fit alike; the cloud shows which."
+    "to; line and band: the posterior's μ0, dotted: the error of the posterior median. Optima "
+    "far off the cloud contradict the measured stiffness of the hinges, which the algorithm does not "
+    "heed and the posterior does."
 )
 
 

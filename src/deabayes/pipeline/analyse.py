@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from deabayes.fitted import Fitted
     from deabayes.study import Study
 
-ANALYSIS_DRAWS = 400
+ANALYSIS_DRAWS = 1000
+"""The very draws that records are predicted with: a quantity has one value on the page."""
 
 
 def analyse_study(results: Path, output: Path) -> list[str]:

@@ -116,7 +116,7 @@ def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
             unit = "points" if along_grid else results.label(name)["unit"]
             details.append(
                 f"{name}: {np.median(found):.3g} {unit}, at the longest that its prior allows; "
-                "what the model leaves lasts longer, so a process is missing and bands are too "
+                "what the model leaves lasts longer, so a process may be missing and bands be too "
                 "narrow"
             )
     if details:

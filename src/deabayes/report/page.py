@@ -91,19 +91,24 @@ def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str,
 
 
 def _analyses(study: StudyResults, figures: Figures, quality: Quality) -> list[dict[str, Any]]:
-    """What the paper of the system reports: each analysis with its figures and tables."""
+    """What the paper of the system reports: each analysis with its figures and tables, if any."""
     shown = {"", study.recommended.name}
     readable = analyses.tables(study)
-    return [
-        {
-            "title": each.title,
-            "caption": each.caption,
-            "figures": _embedded(own, list(dict.fromkeys(figure.name for figure in own)), quality),
-            "tables": readable[each.name],
-        }
-        for each in study.analyses
-        for own in [[f for f in figures if f.analysis == each.name and f.candidate in shown]]
-    ]
+    found = []
+    for each in study.analyses:
+        own = [f for f in figures if f.analysis == each.name and f.candidate in shown]
+        if not own and not readable[each.name]:
+            continue
+        names = list(dict.fromkeys(figure.name for figure in own))
+        found.append(
+            {
+                "title": each.title,
+                "caption": each.caption,
+                "figures": _embedded(own, names, quality),
+                "tables": readable[each.name],
+            }
+        )
+    return found
 
 
 def verdict(study: StudyResults) -> str:

@@ -153,7 +153,7 @@ def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str
         "description": label["description"],
         "value": interval(*numbers),
         "unit": unit.label,
-        "contraction": f"{100 * contraction:.0f} %" if np.isfinite(contraction) else "–",
+        "contraction": f"{fixed(100 * contraction, 0)} %" if np.isfinite(contraction) else "–",
         "sensitivities": _sensitivities(row),
         "decided_by": in_words(row),
         "r_hat": f"{row['r_hat']:.3f}",
