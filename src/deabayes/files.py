@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -36,7 +37,8 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
             raise
         raise OSError(error.errno, _reason(error), str(path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # of a read-only file system, in place of what is wrong
+            temporary.unlink(missing_ok=True)
 
 
 def _reason(error: OSError) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,15 @@ def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
     assert path.read_text() == "first"
     write_text_atomically("λ\n", path)
     assert path.read_bytes() == "λ\n".encode()
+
+
+def test_what_is_wrong_is_said_also_where_nothing_can_be_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(place: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(place))
+
+    monkeypatch.setattr(Path, "unlink", read_only)
+    with pytest.raises(OSError, match="cannot be written") as caught:
+        write_atomically(read_only, tmp_path / "table.csv")
+    assert caught.value.filename == str(tmp_path / "table.csv")
