@@ -127,7 +127,7 @@ def test_masked_values_are_refused_where_any_is_masked() -> None:
     np.testing.assert_array_equal(array_in_si(whole, "V", "voltage"), [1.0, 2.0, 3.0])
     part = _masked([False, True, False])
     for given in (part, registry().Quantity(part, "kV"), [part, part]):
-        with pytest.raises(UserError, match="voltage: .*masked.*; leave out"):
+        with pytest.raises(UserError, match=r"voltage: .*masked.*; leave out"):
             array_in_si(given, "V", "voltage")
 
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from deabayes.checks.amounts import few_points, unused_steps
 from deabayes.checks.prior_scale import unexpected
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Faults, UserError, nearest
 from deabayes.further import planned
+from deabayes.own_models.candidate_checks import candidate_faults
+from deabayes.own_models.loading import said_of_the_model
 from deabayes.own_models.trial import try_models
 from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
@@ -87,21 +89,32 @@ def check_names(study: Study) -> list[str]:
 
 def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
     """The candidates that can be built, and what each predicts with."""
-    from deabayes.posterior import wider_systems
+    systems, found = {}, []
+    for candidate in study.candidates:
+        key = "candidates"
+        try:
+            systems[candidate] = _built(study, candidate, specimen)
+            key = "predict_with"
+            for ending in study.predict_with.values():
+                _built(study, candidate + ending, specimen)
+        except UserError as error:
+            found += [f"study {study.name}, {key}: {each}" for each in str(error).splitlines()]
+    faults += dict.fromkeys(found)
+    return systems
+
+
+def _built(study: Study, candidate: str, specimen: Specimen) -> System:
+    """A candidate, and if it is of a user's own system, one that is as it should be."""
     from deabayes.systems import build
 
-    systems = {}
-    for candidate in study.candidates:
-        try:
-            systems[candidate] = build(specimen.system, candidate, specimen)
-        except UserError as error:
-            faults.append(f"study {study.name}, candidates: {error}")
-            continue
-        try:
-            wider_systems(study, systems[candidate])
-        except UserError as error:
-            faults.append(f"study {study.name}, predict_with: {error}")
-    return systems
+    if study.model is None:
+        return build(specimen.system, candidate, specimen)
+    with said_of_the_model():
+        system = build(specimen.system, candidate, specimen)
+        faults = candidate_faults(system, candidate)
+    if faults:
+        raise Faults(f"{study.model}: {fault}" for fault in faults)
+    return system
 
 
 def _prepared(
