@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.files import write_atomically
+from deabayes.files import write_netcdf_atomically
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
     """Write a DataTree as netCDF; a killed job leaves no half-written file."""
-    write_atomically(lambda p: tree.to_netcdf(p, engine="h5netcdf"), path)
+    write_netcdf_atomically(tree, path)
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a Dataset as netCDF; a killed job leaves no half-written file."""
-    write_atomically(lambda p: dataset.to_netcdf(p, engine="h5netcdf"), path)
+    write_netcdf_atomically(dataset, path)
 
 
 def read_tree(path: str | Path) -> xr.DataTree:
