@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.checks.amounts import few_points, unused_steps
+from deabayes.checks.candidates import built_candidates
 from deabayes.checks.prior_scale import unexpected
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import UserError, nearest
 from deabayes.further import planned
-from deabayes.own_models.candidate_checks import candidate_faults
-from deabayes.own_models.loading import said_of_the_model
 from deabayes.own_models.trial import try_models
 from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
@@ -23,7 +22,7 @@ from deabayes.reading.specimen import system_class
 from deabayes.reading.table import selected
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment, Role, Specimen
+    from deabayes.experiment import Experiment, Role
     from deabayes.study import Study
     from deabayes.systems import System
 
@@ -48,7 +47,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         faults += repeated_records(every, f"study {study.name}")
     records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
     warnings: list[str] = []
-    systems = _systems(study, read.specimen, faults)
+    systems = built_candidates(study, read.specimen, faults)
     unused = unused_steps(
         study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
     )
@@ -83,38 +82,8 @@ def check_names(study: Study) -> list[str]:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = [*read.missing(read.table), *_unknown_names(study)]
     faults += _further_faults(study, _used_rows(study, read, faults))
-    _systems(study, read.specimen, faults)
+    built_candidates(study, read.specimen, faults)
     return faults
-
-
-def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
-    """The candidates that can be built, and what each predicts with."""
-    systems, found = {}, []
-    for candidate in study.candidates:
-        key = "candidates"
-        try:
-            systems[candidate] = _built(study, candidate, specimen)
-            key = "predict_with"
-            for ending in study.predict_with.values():
-                _built(study, candidate + ending, specimen)
-        except UserError as error:
-            found += [f"study {study.name}, {key}: {each}" for each in str(error).splitlines()]
-    faults += dict.fromkeys(found)
-    return systems
-
-
-def _built(study: Study, candidate: str, specimen: Specimen) -> System:
-    """A candidate, and if it is of a user's own system, one that is as it should be."""
-    from deabayes.systems import build
-
-    if study.model is None:
-        return build(specimen.system, candidate, specimen)
-    with said_of_the_model():
-        system = build(specimen.system, candidate, specimen)
-        faults = candidate_faults(system, candidate)
-    if faults:
-        raise Faults(f"{study.model}: {fault}" for fault in faults)
-    return system
 
 
 def _prepared(
