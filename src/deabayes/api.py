@@ -144,7 +144,8 @@ def open_posterior(path: str | Path) -> Posterior:
     Raises
     ------
     UserError
-        If the file is missing or is no posterior file.
+        If the file is missing, is no posterior file, or one of another version that keeps what
+        this one does not know.
     """
     return Posterior(read_tree(path))
 

@@ -62,12 +62,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if error.filename is None:
             raise
         _end(f"deabayes: {error.filename}: {error.strerror}", 1)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         _end_at_an_own_model(error)
         raise
 
 
-def _end_at_an_own_model(error: Exception) -> None:
+def _end_at_an_own_model(error: BaseException) -> None:
     """What fails in a user's own model is a mistake of the user's: said with file and line."""
     from deabayes.own_models.loading import fault_in_a_model
 

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a write, which name no file."""
 
 
 def write_atomically(write: Callable[[Path], object], path: Path) -> None:
@@ -32,17 +41,30 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
             os.fsync(file.fileno())  # a name that survives a power cut names what was written
         temporary.replace(path)
     except OSError as error:
-        if str(temporary) not in f"{error.filename} {error}":
+        unnamed = error.filename is None and error.errno in NO_ROOM
+        if not unnamed and str(temporary) not in f"{error.filename} {error}":
             raise
         raise OSError(error.errno, _reason(error), str(path)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # of a read-only file system, in place of what is wrong
+            temporary.unlink(missing_ok=True)
 
 
 def _reason(error: OSError) -> str:
     """What the system says; HDF5 gives the number of its error, and no text of it alone."""
     told = os.strerror(error.errno) if error.errno else str(error)
-    return f"cannot be written ({told}); name another place"
+    remedy = "make room" if error.errno in NO_ROOM else "name another place"
+    return f"cannot be written ({told}); {remedy}"
+
+
+def write_netcdf_atomically(content: xr.Dataset | xr.DataTree, path: Path) -> None:
+    """Write as netCDF, whole or not at all; raises as `write_atomically`.
+
+    It is put together in memory: HDF5 that has no room for its file ends Python itself.
+    """
+    whole = io.BytesIO()
+    content.to_netcdf(whole, engine="h5netcdf")
+    write_atomically(lambda place: place.write_bytes(whole.getbuffer()), path)
 
 
 def write_text_atomically(text: str, path: Path) -> None:

@@ -16,7 +16,12 @@ from deabayes.given_drive import excitation_of
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
 from deabayes.own_models.loading import restore
-from deabayes.posteriors.storage import picked, specimen_from_json, stacked
+from deabayes.posteriors.storage import (
+    of_another_version,
+    picked,
+    specimen_from_json,
+    stacked,
+)
 from deabayes.prediction.bands import Samples, sample_response
 from deabayes.prediction.calibrated import Calibrated
 from deabayes.prediction.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
@@ -62,11 +67,11 @@ class Fitted:
             candidate,
             specimen,
             build_system(specimen.system, candidate, specimen),
-            NOISE_MODELS[tree.attrs["noise"]](),
+            _noise_of(tree.attrs),
             settings.get("noise_scale", "absolute") == "range",
             settings.get("noise_coordinate", "record"),
             draws,
-            tuple(CalibratedRecord(**r) for r in json.loads(tree.attrs["experiments"])),
+            _records_of(tree.attrs),
             json.loads(tree.attrs["convergence"])["converged"],
             {
                 protocol: build_system(specimen.system, candidate + ending, specimen)
@@ -184,3 +189,26 @@ class Fitted:
             excitation=driven,
             provenance=self.specimen.provenance.get("kind", "measured"),
         )
+
+
+def _noise_of(attributes: Mapping[str, str]) -> NoiseModel:
+    """The noise model that a posterior file names."""
+    name = attributes["noise"]
+    if name not in NOISE_MODELS:
+        raise UserError(_elsewhere(attributes, "the noise model", name))
+    model: NoiseModel = NOISE_MODELS[name]()
+    return model
+
+
+def _records_of(attributes: Mapping[str, str]) -> tuple[CalibratedRecord, ...]:
+    """The calibrated records that a posterior file remembers."""
+    try:
+        return tuple(CalibratedRecord(**each) for each in json.loads(attributes["experiments"]))
+    except TypeError as error:  # of a key that is not known, or not there
+        words = str(error).partition("() ")[2]
+        raise UserError(_elsewhere(attributes, "what is known of a record", words)) from error
+
+
+def _elsewhere(attributes: Mapping[str, str], what: str, found: str) -> str:
+    where = f"{attributes['study_name']}, {attributes['candidate']}"
+    return f"{where}: {of_another_version(attributes, what, found)}"

@@ -112,14 +112,15 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
 
     Raises
     ------
-    UserError : dates, anything else that is no number, texts without unit, a carried unit of
-        another dimension.
+    UserError : dates, anything else that is no number, masked values, texts without unit, a
+        carried unit of another dimension.
     """
     if callable(values) and not hasattr(values, "__array__"):
         raise UserError(f"{where}: expected numbers in {unit}, found a function; give its values")
     if isinstance(values, list | tuple) and any(hasattr(each, "magnitude") for each in values):
         return np.asarray([array_in_si(each, unit, where) for each in values])
     values, carried = _without_unit(values)
+    _refuse_masked(values, where)
     try:
         array = np.asarray(values)
     except ValueError:
@@ -144,6 +145,14 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     except (TypeError, ValueError):
         raise UserError(f"{where}: expected numbers in {unit}, found {values!r:.60}") from None
     return numbers if carried is None else to_si(numbers, carried, unit, where)
+
+
+def _refuse_masked(values: Any, where: str) -> None:
+    """numpy hands on what lies under a mask as if it were known."""
+    rows = values if isinstance(values, list | tuple) else (values,)
+    masked = sum(np.ma.count_masked(row) for row in rows if np.ma.isMaskedArray(row))
+    if masked:
+        raise UserError(f"{where}: {masked} values are masked; leave out what is not known")
 
 
 def _without_unit(values: Any) -> tuple[Any, str | None]:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
+from tests.unit.own_model_page import write_page
 
 from deabayes.analyses import influence
+from deabayes.own_models import loading as own_models
+from deabayes.systems import OWN
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -14,3 +20,23 @@ def few_model_runs():
         patch.setattr(influence, "GROUPS", 128)
         patch.setattr(influence, "DRAWS", 200)
         yield
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's files with their records, not to be changed."""
+    return write_page(tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture
+def place(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of the page's files as the working directory; no own system is known before."""
+    for path in page.rglob("*.*"):
+        (tmp_path / path.relative_to(page)).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path.relative_to(page)).write_bytes(path.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    known, files = dict(OWN), dict(own_models._FILES)
+    OWN.clear(), own_models._FILES.clear()
+    yield tmp_path
+    for mapping, before in ((OWN, known), (own_models._FILES, files)):
+        mapping.clear(), mapping.update(before)

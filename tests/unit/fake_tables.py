@@ -11,6 +11,7 @@ import xarray as xr
 from tests.unit.fake_records import Fake
 
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.posteriors.storage import ATTRIBUTES, GROUPS
 
 Draws = Mapping[str, tuple[FloatArray, FloatArray, Mapping[str, str]]]
 """By name: posterior (chains, draws), prior (1, draws), attributes."""
@@ -144,3 +145,12 @@ def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> 
         "warnings": json.dumps(list(fake.warnings)),
         "deabayes_version": "0.1.0",
     }
+
+
+def whole(tree: xr.DataTree) -> xr.DataTree:
+    """The tree with what else a posterior file has, all of it empty."""
+    missing = [name for name in GROUPS if name not in tree.children]
+    given = {name: child.to_dataset() for name, child in tree.children.items()}
+    result = xr.DataTree.from_dict(given | {name: xr.Dataset() for name in missing})
+    result.attrs = dict.fromkeys(ATTRIBUTES, "") | tree.attrs
+    return result

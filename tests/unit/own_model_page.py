@@ -7,6 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from deabayes.cli import main
+
+MODEL = Path("models/stack.py")
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own-model.md"
 FILE = re.compile(r"`(?P<path>[\w/.]+)`:\n\n```\w+\n(?P<text>.*?)```", re.DOTALL)
 
@@ -26,3 +31,11 @@ def write_page(folder: Path) -> Path:
         (folder / path).write_text(text, encoding="utf-8")
     subprocess.run([sys.executable, "make_records.py"], cwd=folder, check=True)
     return folder
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What a command says on standard error; it must end with status 1."""
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 1
+    return capsys.readouterr().err

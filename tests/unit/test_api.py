@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ from tests.unit.test_predict_with import file
 import deabayes
 from deabayes.api import Posterior, open_posterior
 from deabayes.faults import UserError
+from deabayes.posteriors.storage import write_tree
 from deabayes.units import registry
 
 TIME = np.linspace(0.0, 0.5, 6)
@@ -109,6 +112,55 @@ def test_a_folder_is_answered_with_the_files_in_it(tmp_path):
     (tmp_path / "study" / "kv_gm_1" / "posterior.nc").touch()
     with pytest.raises(UserError, match=r"study: is a folder; give .*kv_gm_1/posterior\.nc"):
         open_posterior(tmp_path / "study")
+
+
+def lacking(tree, group):
+    return xr.DataTree.from_dict(
+        {name: child.to_dataset() for name, child in tree.children.items() if name != group}
+    )
+
+
+def test_another_programs_posterior_is_refused_when_opened(tmp_path):
+    path = tmp_path / "posterior.nc"
+    given = file(None)
+    write_tree(lacking(given, "summary"), path)
+    with pytest.raises(
+        UserError, match=r"posterior\.nc: holds no group summary, attribute study, "
+    ):
+        open_posterior(path)
+    given.attrs.pop("noise")
+    write_tree(given, path)
+    with pytest.raises(
+        UserError, match=r"holds no attribute noise; give a posterior\.nc written by"
+    ):
+        open_posterior(path)
+
+
+def test_the_file_of_another_version_names_both(tmp_path):
+    path = tmp_path / "posterior.nc"
+    both = rf"this deabayes, {deabayes.__version__}, .* written by 9\.1: use that version, or fit"
+
+    def told(change):
+        tree = file(None)
+        tree.attrs["deabayes_version"] = "9.1"
+        change(tree.attrs)
+        write_tree(tree, path)
+        with pytest.raises(UserError, match=both) as caught:
+            open_posterior(path).predict(time=TIME, voltage=VOLTS)
+        return str(caught.value)
+
+    def record(attributes):
+        kept = json.loads(attributes["experiments"])
+        attributes["experiments"] = json.dumps([each | {"future": 1} for each in kept])
+
+    def specimen(attributes):
+        kept = json.loads(attributes["specimen"])
+        kept["quantities"]["thickness"]["future"] = 1
+        attributes["specimen"] = json.dumps(kept)
+
+    assert "the noise model (cauchy)" in told(lambda attributes: attributes.update(noise="cauchy"))
+    assert "unexpected keyword argument 'future'" in told(record)
+    assert "unexpected keyword argument 'future'" in told(specimen)
 
 
 def test_what_the_package_offers_is_found_by_completion():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.unit.cards import READ, SPECIMENS, energy, nominal, posterior, sentences, written
+from tests.unit.fake_tables import whole
 
 from deabayes.cli import cli
 from deabayes.experiment import Quantity, Specimen
@@ -273,7 +274,7 @@ def test_cards_of_no_numbers_are_refused(tmp_path):
 def test_the_command_writes_cards(tmp_path):
     tree = posterior("membrane", "kv_gm_1")
     tree.attrs["convergence"] = json.dumps({"converged": False})
-    write_tree(tree, tmp_path / "posterior.nc")
+    write_tree(whole(tree), tmp_path / "posterior.nc")
     command = ["export", str(tmp_path / "posterior.nc"), "--to", "ansys", "--draws", "3", "-o"]
     result = CliRunner().invoke(cli, [*command, str(tmp_path / "a.mac")])
     assert result.exit_code == 0 and "NOT CONVERGED" in result.stderr

@@ -81,6 +81,19 @@ def test_json_says_what_the_draws_are_of(tmp_path):
     }  # fmt: skip
 
 
+def test_json_of_draws_that_are_not_finite_is_json(tmp_path):
+    found = tree()
+    found["posterior"]["mu_alpha"][0] = [np.nan, np.inf, -np.inf]
+    export(found, "json", tmp_path / "draws.json")
+
+    def refuse(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    text = (tmp_path / "draws.json").read_text(encoding="utf-8")
+    told = json.loads(text, parse_constant=refuse)["parameters"]["mu_alpha"]["draws"]
+    assert told == [None, None, None, *FIRST[3:]]
+
+
 def test_matlab_gets_every_quantity_whatever_its_name(tmp_path):
     """savemat drops a field that begins with a digit, and refuses one of 32 letters and more."""
     export(tree(), "mat", tmp_path / "draws.mat")

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from scipy.io import loadmat
 from scipy.signal import cont2discrete
 from tests.unit import membranes
+from tests.unit.fake_tables import whole
 from tests.unit.tube_trees import specimen, tree
 
 from deabayes.cli import cli
@@ -243,7 +244,7 @@ def test_a_system_that_is_not_linear_has_no_state_space(other, tmp_path):
 @pytest.mark.parametrize("to", ["csv", "json", "mat"])
 @pytest.mark.parametrize("option", ["--rate=1 kHz", "--draws=3", "--load-g=0", "--bias=2 kV"])
 def test_options_of_another_format_are_refused(to, option, tmp_path):
-    write_tree(tree("voigt_kelvin_1"), tmp_path / "posterior.nc")
+    write_tree(whole(tree("voigt_kelvin_1")), tmp_path / "posterior.nc")
     arguments = [
         "export",
         str(tmp_path / "posterior.nc"),
@@ -264,7 +265,7 @@ def test_options_of_another_format_are_refused(to, option, tmp_path):
 
 def test_the_command_hands_its_options_on(tmp_path):
     posterior = tree("voigt_kelvin_2_inertia_circuit")
-    write_tree(posterior, tmp_path / "posterior.nc")
+    write_tree(whole(posterior), tmp_path / "posterior.nc")
     arguments = (
         f"export {tmp_path}/posterior.nc --to state-space -o {tmp_path}/command.json".split()
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -59,3 +62,49 @@ def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
     assert path.read_text() == "first"
     write_text_atomically("λ\n", path)
     assert path.read_bytes() == "λ\n".encode()
+
+
+def test_what_is_wrong_is_said_also_where_nothing_can_be_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(place: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EROFS, "Read-only file system", str(place))
+
+    monkeypatch.setattr(Path, "unlink", read_only)
+    with pytest.raises(OSError, match="cannot be written") as caught:
+        write_atomically(read_only, tmp_path / "table.csv")
+    assert caught.value.filename == str(tmp_path / "table.csv")
+
+
+FULL = """
+import resource
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from deabayes.cli import cli, main
+from deabayes.posteriors.storage import write_tree
+
+draws = xr.Dataset({"E_0": (("chain", "draw"), np.ones((4, 20_000)))})
+
+
+@cli.command()
+def fill():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+    write_tree(xr.DataTree.from_dict({"posterior": draws}), Path("results/posterior.nc"))
+
+
+main(["fill"])
+"""
+
+
+def test_a_full_disk_is_said_with_the_file(tmp_path: Path) -> None:
+    """HDF5 ended Python with a segmentation fault."""
+    pytest.importorskip("resource")
+    ended = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True)
+    told = ended.stderr.decode()
+    assert ended.returncode == 1, told
+    said = "deabayes: results/posterior.nc: cannot be written (File too large); make room\n"
+    assert told == said
+    assert not list((tmp_path / "results").iterdir())

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from tests.unit.fake_tables import whole
 
 from deabayes.distributions import Normal
 from deabayes.experiment import Quantity, Specimen
@@ -43,7 +44,7 @@ def stored(tmp_path):
             **more,
         )
         path = tmp_path / "posterior.nc"
-        write_tree(tree, path)
+        write_tree(whole(tree), path)
         return path
 
     return store

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.own_model_page import write_page
+from tests.unit.own_model_page import MODEL, said
 from tests.unit.study_folders import replace_in
 
 import deabayes
@@ -20,40 +19,11 @@ from deabayes.pipeline.identify import chain_folder
 from deabayes.study import load_studies, load_study, write_study
 from deabayes.systems import OWN, system_class
 
-MODEL = Path("models/stack.py")
 OTHER = """
   strip:
     specimen: data/strip
     candidates: [kv_gm_1]
 """
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page's files with their records, not to be changed."""
-    return write_page(tmp_path_factory.mktemp("page"))
-
-
-@pytest.fixture
-def place(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the page's files as the working directory; no own system is known before."""
-    for path in page.rglob("*.*"):
-        (tmp_path / path.relative_to(page)).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path.relative_to(page)).write_bytes(path.read_bytes())
-    monkeypatch.chdir(tmp_path)
-    known, files = dict(OWN), dict(own_models._FILES)
-    OWN.clear(), own_models._FILES.clear()
-    yield tmp_path
-    for mapping, before in ((OWN, known), (own_models._FILES, files)):
-        mapping.clear(), mapping.update(before)
-
-
-def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """What a command says on standard error; it must end with status 1."""
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    assert ended.value.code == 1
-    return capsys.readouterr().err
 
 
 def test_the_pages_model_is_its_closed_form(place: Path) -> None:

@@ -105,13 +105,12 @@ def test_masks_after_a_delay_are_kept_on_the_files_own_time(tmp_path: Path) -> N
 
 
 def test_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import xarray as xr
 
-    def half(_: object, path: Path, **__: object) -> None:
-        path.write_bytes(b"half")
+    def half(path: Path, _: object) -> None:
+        path.write_text("half")
         raise OSError("disk full")
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", half)
+    monkeypatch.setattr(Path, "write_bytes", half)
     with pytest.raises(OSError, match="disk full"):
         written(tmp_path)
     assert not list((tmp_path / "prepared").iterdir())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.faults import UserError
-from deabayes.units import parse_quantity, registry, same_dimension, si_unit, to_si
+from deabayes.units import array_in_si, parse_quantity, registry, same_dimension, si_unit, to_si
 
 
 @pytest.mark.parametrize(
@@ -116,6 +116,19 @@ def test_si_unit_of_an_unusual_dimension_converts_back() -> None:
     assert to_si(1.0, "kV/mm", None) == pytest.approx(1e6)
     assert same_dimension(unit, "V/m")
     assert not same_dimension("V", "m") and not same_dimension("nonsense", "m")
+
+
+def _masked(mask: list[bool]) -> np.ma.MaskedArray:
+    return np.ma.masked_array([1.0, 2.0, 3.0], mask=mask)
+
+
+def test_masked_values_are_refused_where_any_is_masked() -> None:
+    whole = _masked([False, False, False])
+    np.testing.assert_array_equal(array_in_si(whole, "V", "voltage"), [1.0, 2.0, 3.0])
+    part = _masked([False, True, False])
+    for given in (part, registry().Quantity(part, "kV"), [part, part]):
+        with pytest.raises(UserError, match=r"voltage: .*masked.*; leave out"):
+            array_in_si(given, "V", "voltage")
 
 
 def test_one_registry() -> None:

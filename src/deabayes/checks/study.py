@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.checks.amounts import few_points, unused_steps
+from deabayes.checks.candidates import built_candidates
 from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
@@ -21,7 +22,7 @@ from deabayes.reading.specimen import system_class
 from deabayes.reading.table import selected
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment, Role, Specimen
+    from deabayes.experiment import Experiment, Role
     from deabayes.study import Study
     from deabayes.systems import System
 
@@ -46,7 +47,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         faults += repeated_records(every, f"study {study.name}")
     records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
     warnings: list[str] = []
-    systems = _systems(study, read.specimen, faults)
+    systems = built_candidates(study, read.specimen, faults)
     unused = unused_steps(
         study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
     )
@@ -81,27 +82,8 @@ def check_names(study: Study) -> list[str]:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = [*read.missing(read.table), *_unknown_names(study)]
     faults += _further_faults(study, _used_rows(study, read, faults))
-    _systems(study, read.specimen, faults)
+    built_candidates(study, read.specimen, faults)
     return faults
-
-
-def _systems(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
-    """The candidates that can be built, and what each predicts with."""
-    from deabayes.posterior import wider_systems
-    from deabayes.systems import build
-
-    systems = {}
-    for candidate in study.candidates:
-        try:
-            systems[candidate] = build(specimen.system, candidate, specimen)
-        except UserError as error:
-            faults.append(f"study {study.name}, candidates: {error}")
-            continue
-        try:
-            wider_systems(study, systems[candidate])
-        except UserError as error:
-            faults.append(f"study {study.name}, predict_with: {error}")
-    return systems
 
 
 def _prepared(

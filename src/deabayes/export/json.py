@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import xarray as xr
@@ -11,14 +12,17 @@ from deabayes.export.table import draws_table
 
 
 def write(tree: xr.DataTree, path: Path) -> None:
-    """`{candidate, system, provenance, converged, parameters: {name: {unit, symbol, draws}}}`."""
+    """`{candidate, system, provenance, converged, parameters: {name: {unit, symbol, draws}}}`.
+
+    A draw that is not finite is null: JSON has no NaN and no infinity.
+    """
     table = draws_table(tree)
     parameters = {
         str(name): {
             "unit": variable.attrs.get("unit", "1"),
             "symbol": variable.attrs.get("symbol", ""),
             "kind": variable.attrs.get("kind", ""),
-            "draws": table[str(name)].tolist(),
+            "draws": [each if math.isfinite(each) else None for each in table[str(name)].tolist()],
         }
         for name, variable in tree["posterior"].data_vars.items()
     }
@@ -31,4 +35,4 @@ def write(tree: xr.DataTree, path: Path) -> None:
         "ensemble": table["ensemble"].tolist(),
         "parameters": parameters,
     }
-    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")

@@ -23,8 +23,8 @@ compiler sees that rows do not overlap, and makes vectors of the lanes.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray, interpolate
 

@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 from deabayes.integrate.linear import LANES, Hold, in_lanes
 from deabayes.integrate.state_space import StateSpace, fill_lanes, output_lanes, step_lanes

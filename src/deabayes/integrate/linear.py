@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 
 LANES = 8

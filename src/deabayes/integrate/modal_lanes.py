@@ -10,8 +10,8 @@ import cmath
 import math
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate.linear import SERIES, SMALL_STEP
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 from deabayes.integrate.rosenbrock import LANES as LANES

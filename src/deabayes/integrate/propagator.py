@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from deabayes.compiled import njit
 
 SMALL_NORM = 0.5
 TERMS = 16

@@ -9,9 +9,9 @@ so that a draw's arithmetic does not depend on where in a batch it stands.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.integrate import rodas5p
 
 FloatArray = NDArray[np.float64]

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 from deabayes.integrate.linear import LANES, Hold, in_lanes
 from deabayes.integrate.propagator import fill_propagator

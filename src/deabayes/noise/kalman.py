@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 
 _compiled = njit(cache=True, error_model="numpy")

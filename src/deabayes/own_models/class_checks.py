@@ -30,8 +30,8 @@ def system_faults(kind: type[System]) -> list[str]:
             found = "none" if value is None else repr(value)
             faults.append(f"{attribute} maps names to SI units, such as {example}; found {found}")
         else:
-            faults += _unit_faults(attribute, value)
-    faults += _unit_faults("optional_quantities", kind.optional_quantities)
+            faults += unit_faults(attribute, value)
+    faults += unit_faults("optional_quantities", kind.optional_quantities)
     return [f"class {kind.__name__}: {fault}" for fault in faults]
 
 
@@ -54,7 +54,8 @@ def _protocol_faults(kind: type[System]) -> list[str]:
     return [f"unknown protocol {name!r}{nearest(str(name), PROTOCOLS)}" for name in unknown]
 
 
-def _unit_faults(attribute: str, units: Mapping[str, Any]) -> list[str]:
+def unit_faults(attribute: str, units: Mapping[str, Any]) -> list[str]:
+    """Units, of what bears these names, that are unknown or not SI."""
     faults = []
     for name, unit in units.items():
         try:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import hashlib
 import sys
-import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
 from deabayes.faults import Faults, UserError
 from deabayes.own_models.class_checks import system_faults
+from deabayes.own_models.origin import fault_of, said
 from deabayes.systems import OWN, System
 
 REMEDY = "docs/how-to/own-model.md has one to start from"
@@ -112,12 +113,24 @@ def restore(attributes: Mapping[str, str]) -> None:
     load_models(path)
 
 
+@contextmanager
+def said_of_the_model() -> Iterator[None]:
+    """What fails within in a loaded model's file is raised as the user's mistake that it is."""
+    try:
+        yield
+    except UserError:
+        raise
+    except (Exception, SystemExit) as error:
+        fault = fault_in_a_model(error)
+        if fault is None:
+            raise
+        raise UserError(fault) from error
+
+
 def fault_in_a_model(error: BaseException) -> str | None:
     """Where in a loaded model's file an error arose, and which; None if it arose elsewhere."""
-    for file in {file.path for file in _FILES.values()}:
-        if _line_of(error, file):
-            return _sentence(error, file)
-    return None
+    faults = (fault_of(error, path) for path in {file.path for file in _FILES.values()})
+    return next((fault for fault in faults if fault is not None), None)
 
 
 def _is_loaded(system: str, sha256: str) -> bool:
@@ -162,23 +175,19 @@ def _run(path: Path, source: bytes) -> ModuleType:
     module.__file__ = str(path.resolve())
     sys.modules[module.__name__] = module  # where dataclasses look their annotations up
     try:
-        exec(compile(source, module.__file__, "exec"), vars(module))
+        exec(_compiled(path, source, module.__file__), vars(module))
     except (Exception, SystemExit) as error:
         del sys.modules[module.__name__]
-        raise UserError(_sentence(error, path)) from error
+        fault = fault_of(error, path)
+        if fault is None:
+            raise
+        raise UserError(fault) from error
     return module
 
 
-def _sentence(error: BaseException, path: Path) -> str:
-    said = error.msg if isinstance(error, SyntaxError) else str(error)
-    words = f"{type(error).__name__}: {said}".replace("\n", " ").rstrip(": ")
-    return f"{path}{_line_of(error, path)}: {words}; correct the model there"
-
-
-def _line_of(error: BaseException, path: Path) -> str:
-    """The last line of the file that an error passed through; empty if it passed through none."""
-    file = str(path.resolve())
-    if isinstance(error, SyntaxError) and error.filename == file:
-        return f", line {error.lineno}"
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
-    return f", line {frames[-1].lineno}" if frames else ""
+def _compiled(path: Path, source: bytes, name: str) -> CodeType:
+    try:
+        return compile(source, name, "exec")
+    except (SyntaxError, ValueError) as error:
+        line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
+        raise UserError(f"{path}{line}: {said(error)}; correct the model there") from error

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from deabayes.experiment import Experiment
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.own_models.candidate_checks import name_faults
+from deabayes.own_models.class_checks import unit_faults
 from deabayes.prior.joint import Prior
-from deabayes.systems import Draws, System
+from deabayes.systems import Derived, Draws, Simulator, System
 
 TRIAL_DRAWS = 3
+SAME = 1e-6
+"""Of a response's largest value: what two answers to one draw may differ by."""
 
 
 def try_models(
@@ -19,36 +24,116 @@ def try_models(
     priors: Mapping[str, object],
     where: str,
 ) -> tuple[list[str], list[str]]:
-    """Faults and warnings of candidates' responses at the median of their priors.
+    """Faults and warnings of candidates' responses to a few draws of their priors.
 
-    A response without a row per draw and a column per point is a fault; one that is not
-    finite there may be elsewhere, and is a warning. What cannot be computed at all is
-    raised as it comes.
+    A response must be an array of real numbers with a row per draw and a column per point,
+    the same whenever it is asked for and whichever draws are asked for beside it. One that is
+    not finite at the median of the priors, the first draw, may be elsewhere, and is a warning.
+    What cannot be computed at all is raised as it comes.
     """
-    faults, warnings = [], []
+    faults: dict[str, str] = {}
+    warnings = []
     for candidate, system in systems.items():
-        draws = _medians(system, priors)
+        draws = _trial_draws(system, priors)
+        for fault in _derived_faults(system, draws):
+            faults.setdefault(fault, f"{where}, {candidate}: {fault}")
         for each in experiments:
             place = f"{where}, {candidate}, {each.name}"
             with np.errstate(all="ignore"):
-                found = np.asarray(
-                    system.predict(each.excitation, each.coordinate, each.response_name, draws)
-                )
-            wanted = (TRIAL_DRAWS, each.coordinate.size)
-            if found.shape != wanted:
-                faults.append(
-                    f"{place}: the model answers {TRIAL_DRAWS} draws at {wanted[1]} points with an "
-                    f"array {found.shape}; return {wanted}, a row per draw"
-                )
-            elif not np.isfinite(found).all():
+                fault, at_median = _try_on(system, each, draws)
+            if fault:
+                faults.setdefault(fault, f"{place}: {fault}")
+            elif not np.isfinite(at_median).all():
                 warnings.append(
                     f"{place}: the model has no finite response at the median of its priors"
                 )
-    return faults, warnings
+    return list(faults.values()), warnings
 
 
-def _medians(system: System, priors: Mapping[str, object]) -> Draws:
-    """Every parameter at its prior's median, (TRIAL_DRAWS,)."""
+def _trial_draws(system: System, priors: Mapping[str, object]) -> Draws:
+    """Every parameter at its prior's median, then at draws of it, (TRIAL_DRAWS,)."""
     prior = Prior.from_parameters(system.parameters(), priors, priors)
-    theta = prior.to_parameters(np.zeros((TRIAL_DRAWS, len(prior.names))))
+    z = np.random.default_rng(0).standard_normal((TRIAL_DRAWS, len(prior.names)))
+    z[0] = 0.0
+    theta = prior.to_parameters(z)
     return dict(zip(prior.names, np.ascontiguousarray(theta.T), strict=True))
+
+
+def _try_on(system: System, experiment: Experiment, draws: Draws) -> tuple[str, FloatArray]:
+    """What is wrong with the response to a record, empty if nothing; that to the first draw."""
+    simulate = system.simulator(
+        experiment.excitation, experiment.coordinate, experiment.response_name
+    )
+    if not callable(simulate):
+        return f"simulator gives {simulate!r:.80}; return a function of draws", np.empty(0)
+    given = {name: values.copy() for name, values in draws.items()}
+    found: Any = simulate(given)
+    fault = _kind_fault(found, experiment.coordinate.size) or _changed(given, draws)
+    return (fault, np.empty(0)) if fault else (_repeat_fault(simulate, draws, found), found[0])
+
+
+def _kind_fault(found: Any, points: int) -> str:
+    """That a response is no array of real numbers, or of another shape."""
+    if not isinstance(found, np.ndarray):
+        return f"the model answers with a {type(found).__name__}; return a numpy array"
+    if found.dtype.kind not in "fiu":
+        return f"the model answers with numbers of type {found.dtype}; return real ones"
+    if found.shape != (TRIAL_DRAWS, points):
+        return (
+            f"the model answers {TRIAL_DRAWS} draws at {points} points with an array "
+            f"{found.shape}; return {(TRIAL_DRAWS, points)}, a row per draw"
+        )
+    return ""
+
+
+def _changed(given: Draws, draws: Draws) -> str:
+    changed = [n for n in draws if n not in given or not np.array_equal(given[n], draws[n])]
+    named = ", ".join(changed)
+    return f"the model changes the draws it is given ({named}); work on a copy" if changed else ""
+
+
+def _repeat_fault(simulate: Simulator, draws: Draws, found: FloatArray) -> str:
+    """That the same draws have another response when asked for again, or one by one."""
+    kept = found.copy()
+    again = simulate({name: values.copy() for name, values in draws.items()})
+    if not _same(again, kept):
+        return "the model answers the same draws differently when asked again; nothing is random"
+    for row in range(TRIAL_DRAWS):
+        alone = simulate({name: values[row : row + 1].copy() for name, values in draws.items()})
+        if not _same(alone, kept[row : row + 1]):
+            return (
+                "the model answers a draw differently when others are asked for with it; a row is "
+                'of its own draw only, as draws["NAME"][:, None] has it'
+            )
+    return ""
+
+
+def _same(first: FloatArray, second: FloatArray) -> bool:
+    size = np.max(np.abs(second), initial=0.0, where=np.isfinite(second))
+    return np.shape(first) == np.shape(second) and bool(
+        np.isclose(first, second, rtol=0.0, atol=SAME * size, equal_nan=True).all()
+    )
+
+
+def _derived_faults(system: System, draws: Draws) -> list[str]:
+    """What is wrong with the quantities that the system derives from draws."""
+    with np.errstate(all="ignore"):
+        found: Any = system.derived(draws)
+    if not isinstance(found, Mapping):
+        return [f"derived gives {found!r:.80}; return a mapping of names to Derived"]
+    faults = name_faults("derived", list(found), (*draws, *system.excitations, *system.responses))
+    for name, each in found.items():
+        if not isinstance(each, Derived):
+            faults.append(
+                f"derived {name!r} is {each!r:.80}; give a deabayes.systems.Derived with symbol, "
+                "unit, description and values"
+            )
+            continue
+        faults += unit_faults("derived", {str(name): each.unit})
+        values = np.asarray(each.values)
+        if values.shape != (TRIAL_DRAWS,) or values.dtype.kind not in "fiu":
+            faults.append(
+                f"derived {name!r} has values {values.shape} of type {values.dtype}; return "
+                f"{(TRIAL_DRAWS,)} real numbers, one per draw"
+            )
+    return faults

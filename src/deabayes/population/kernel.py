@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import exp, inf, log, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 
 

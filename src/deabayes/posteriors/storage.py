@@ -12,19 +12,27 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+import deabayes
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.files import write_atomically
+from deabayes.files import write_netcdf_atomically
+
+GROUPS = ("posterior", "summary")
+ATTRIBUTES = (
+    *("study", "study_name", "candidate", "system", "specimen", "provenance", "noise"),
+    *("experiments", "convergence", "deabayes_version"),
+)
+"""What every posterior file has, a population's too."""
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
     """Write a DataTree as netCDF; a killed job leaves no half-written file."""
-    write_atomically(lambda p: tree.to_netcdf(p, engine="h5netcdf"), path)
+    write_netcdf_atomically(tree, path)
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a Dataset as netCDF; a killed job leaves no half-written file."""
-    write_atomically(lambda p: dataset.to_netcdf(p, engine="h5netcdf"), path)
+    write_netcdf_atomically(dataset, path)
 
 
 def read_tree(path: str | Path) -> xr.DataTree:
@@ -42,9 +50,29 @@ def read_tree(path: str | Path) -> xr.DataTree:
             tree = tree.load()
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
-    if "posterior" not in tree.children:
-        raise UserError(f"{path}: holds no posterior; give a posterior.nc written by deabayes")
+    _check_content(tree, path)
     return tree
+
+
+def _check_content(tree: xr.DataTree, path: Path) -> None:
+    """Refuse what is no posterior file of this package, or of a version that keeps other things."""
+    lacking = [f"group {name}" for name in GROUPS if name not in tree.children]
+    lacking += [f"attribute {name}" for name in ATTRIBUTES if name not in tree.attrs]
+    if lacking:
+        said = "posterior" if "posterior" not in tree.children else f"{', '.join(lacking[:3])}"
+        raise UserError(f"{path}: holds no {said}; give a posterior.nc written by deabayes")
+    try:
+        specimen_from_json(tree.attrs["specimen"])
+    except (TypeError, KeyError, ValueError) as error:
+        raise UserError(f"{path}: {of_another_version(tree.attrs, 'specimen', error)}") from error
+
+
+def of_another_version(attributes: Mapping[str, Any], what: str, found: object) -> str:
+    """That a file keeps something as this version does not, for a message."""
+    return (
+        f"{what} ({found}) is not as this deabayes, {deabayes.__version__}, keeps it; the file "
+        f"was written by {attributes['deabayes_version']}: use that version, or fit again"
+    )
 
 
 def _posteriors_in(folder: Path) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.faults import UserError
-from deabayes.files import write_atomically
+from deabayes.files import write_netcdf_atomically
 from deabayes.preparation.opening import EXCITATION_COLUMN
 from deabayes.preparation.overview import thinned
 from deabayes.preparation.working import BoolArray
@@ -44,7 +44,7 @@ def write_prepared(experiment: Experiment, path: Path, raw: RawRecord | None = N
         before/after figure.
     """
     dataset = to_dataset(experiment, raw)
-    write_atomically(lambda place: dataset.to_netcdf(place, engine="h5netcdf"), path)
+    write_netcdf_atomically(dataset, path)
 
 
 def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Dataset:

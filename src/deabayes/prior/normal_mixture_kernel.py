@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import erfc, exp, log, pi, sqrt
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.distributions.scores import FloatArray
 
 MOST_ITERATIONS = 200

@@ -12,7 +12,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.files import write_atomically
+from deabayes.files import write_netcdf_atomically
 from deabayes.sampling.chains import ess_bulk
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.proposal import Proposal
@@ -94,7 +94,7 @@ class Ensemble:
             variables[name] = ([f"{name}_{axis}" for axis in range(values.ndim)], values)
         scalars = {name: _plain(getattr(self, name)) for name in _scalars()}
         dataset = xr.Dataset(variables, attrs=scalars)
-        write_atomically(lambda place: dataset.to_netcdf(place, engine="h5netcdf"), path)
+        write_netcdf_atomically(dataset, path)
 
     @classmethod
     def read(cls, path: Path, coordinates: Coordinates) -> Ensemble:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import exp
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0

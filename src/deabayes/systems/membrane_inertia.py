@@ -9,8 +9,8 @@ equations by hand. Meant for comparison: the compiled lanes are the inertia-free
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate import arrow, rodas5p
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray, transformed_coefficients
 from deabayes.systems import membrane_lanes as of

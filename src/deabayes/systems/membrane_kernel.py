@@ -14,9 +14,9 @@ with d = epsilon (Phi/H)^2 and Phi a polynomial in time on each piece of the exc
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1, U2, U3, U4, U5, U6, U7, U8

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate import arrow
 from deabayes.integrate.arrow import ARGUMENT, LANES, START
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray

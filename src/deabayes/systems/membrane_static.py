@@ -10,8 +10,8 @@ happens; with a small J there is none.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
 
 LOCK_UP = 0.995

@@ -13,9 +13,9 @@ that step of that unit alone is repeated with sizes of its own.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.rosenbrock import (
     KERNEL_OPTIONS,

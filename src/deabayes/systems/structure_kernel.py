@@ -20,8 +20,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from deabayes.compiled import njit
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.arrow import ARGUMENT, LANES, START

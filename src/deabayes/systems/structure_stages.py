@@ -6,8 +6,7 @@ The units of a stage come first, because theta's needs the force that they make 
 
 from __future__ import annotations
 
-from numba import njit
-
+from deabayes.compiled import njit
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
 from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1, U2, U3, U4, U5, U6, U7, U8

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from deabayes.compiled import njit
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.integrate.state_space import StateSpace

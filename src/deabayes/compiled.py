@@ -1,0 +1,61 @@
+"""Numba's compiler, with a place to keep what it compiles wherever the package is installed."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from deabayes.faults import UserError
+
+
+def njit(**options: Any) -> Callable[[Any], Any]:
+    """`numba.njit`, that caches among temporary files where it can nowhere else.
+
+    Numba raises where neither the package's folder nor the user's can be written, as with a
+    read-only installation and no home folder.
+    """
+
+    def compiled(function: Any) -> Any:
+        try:
+            return numba.njit(**options)(function)
+        except RuntimeError as error:
+            if "no locator available" not in str(error):
+                raise
+            numba.config.CACHE_DIR = temporary_cache()
+            return numba.njit(**options)(function)
+
+    return compiled
+
+
+def temporary_cache() -> str:
+    """A folder among temporary files that this user alone can write, if possible the same again.
+
+    Numba runs what it finds there.
+
+    Raises
+    ------
+    UserError : there is no place for temporary files.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"deabayes-numba-{user}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        return str(folder) if _is_own(folder) else tempfile.mkdtemp(prefix="deabayes-numba-")
+    except OSError as error:
+        raise UserError(
+            f"nowhere to keep compiled code ({error}); set NUMBA_CACHE_DIR to a folder that can "
+            "be written"
+        ) from None
+
+
+def _is_own(folder: Path) -> bool:
+    found = folder.lstat()
+    mine = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+    shared = os.name == "posix" and found.st_mode & 0o022
+    return stat.S_ISDIR(found.st_mode) and mine and not shared
