@@ -22,8 +22,8 @@ CAPTION = (
     "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
     "term. Right: the rms error of the force at each optimum and the modulus μ0 its terms add up "
     "to; line and band: the posterior's μ0, dotted: the error of the posterior median. Optima "
-    "far off the cloud contradict the measured stiffness of the hinges, which the algorithm does not "
-    "heed and the posterior does."
+    "far off the cloud contradict the measured stiffness of the hinges, which the algorithm does "
+    "not heed and the posterior does."
 )
 
 
