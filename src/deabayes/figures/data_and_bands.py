@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -31,11 +31,14 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
         x = record.horizontal()
         panels.draw_bands(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
-        ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
+        if record.responds:
+            ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
+        else:
+            panels.say(ax, panels.NO_RESPONSE)
         ax.set_ylabel(record.label)
         if record.spans_decades:
             ax.set_yscale("log")
-        panels.set_horizontal(ax, x)
-        panels.title(ax, record)
+        scales.set_horizontal(ax, x)
+        headings.title(ax, record)
     panels.legend_below(figure, panels.band_handles())
     return figure

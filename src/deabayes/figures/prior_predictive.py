@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -38,8 +38,8 @@ def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figur
         panels.draw_observed(ax, x.values, observed)
         ax.set_ylim(*_limits(observed, curves))
         ax.set_ylabel(record.label)
-        panels.set_horizontal(ax, x)
-        panels.title(ax, record)
+        scales.set_horizontal(ax, x)
+        headings.title(ax, record)
     panels.legend_below(
         figure,
         [
