@@ -19,14 +19,22 @@ CAPTION = (
 )
 
 
-def draw(results: CandidateResults, log_time: bool | None = None) -> list[Figure]:
-    """One sheet per nine records; `log_time` forces or forbids a logarithmic time axis."""
+def draw(
+    results: CandidateResults,
+    log_time: bool | None = None,
+    role: str = "",
+    observed: str = "observed",
+) -> list[Figure]:
+    """One sheet per nine records; `log_time` forces or forbids a logarithmic time axis.
+
+    `role` is said of all records instead of their own, `observed` in the legend.
+    """
     records = [panels.Record(p, log_time) for p in results.predictions.values()]
-    return [_sheet(group) for group in panels.batches(records) if group]
+    return [_sheet(group, role, observed) for group in panels.batches(records) if group]
 
 
-def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records))
+def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure:
+    figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
         panels.draw_bands(ax, record, x)
@@ -39,6 +47,6 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
         if record.spans_decades:
             ax.set_yscale("log")
         scales.set_horizontal(ax, x)
-        headings.title(ax, record)
-    panels.legend_below(figure, panels.band_handles())
+        headings.title(ax, record, role=role)
+    panels.legend_below(figure, panels.band_handles(observed))
     return figure

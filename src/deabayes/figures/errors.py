@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, headings, panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -65,9 +65,9 @@ def _panel(
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip
     for row, candidates in failed.items():
-        ax.text(0.01, row, f"{', '.join(candidates)}: {panels.NO_RESPONSE}", fontsize=6,
-                va="center", style="italic", color=style.VERMILLION,
-                transform=ax.get_yaxis_transform())  # fmt: skip
+        words = headings.wrapped(f"{', '.join(candidates)}: {panels.NO_RESPONSE}", 36)
+        ax.text(1.01, row, words, fontsize=6, va="center", style="italic",
+                color=style.VERMILLION, transform=ax.get_yaxis_transform())  # fmt: skip
     ax.set_yticks(
         range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments]
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from deabayes.figures import style
@@ -20,13 +22,14 @@ BESIDE = 0.35
 EXTRAPOLATION = "EXTRAPOLATION"
 
 
-def title(ax: Axes, record: Record, whole: bool = False) -> None:
+def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None:
     """Name, role and protocol of a record above its panel, and the extrapolation flag.
 
-    `whole` says that what the panel shows of the record is said elsewhere.
+    `whole` says that what the panel shows of the record is said elsewhere; `role` is said instead
+    of the record's own.
     """
     attributes = record.prediction.attrs
-    words = str(ROLES.get(str(attributes["role"]), attributes["role"]))
+    words = role or str(ROLES.get(str(attributes["role"]), attributes["role"]))
     if not record.name.startswith(record.protocol):
         words += f", {plain(record.protocol)}"
     if record.shown.start and not whole:
@@ -49,6 +52,13 @@ def heading(ax: Axes, name: str, words: str, flag: str = "") -> None:
         at, side = (1, "right") if beside else (0, "left")
         mark = {"fontsize": SMALL, "color": style.VERMILLION, "ha": side, "weight": "bold"}
         ax.annotate(flag, (at, 1), (0, 2.5), **place, **mark)
+
+
+def room(records: Sequence[Record]) -> float:
+    """Inches by which panels three abreast must be higher for the longest name's further lines."""
+    longest = max(len(record.name) for record in records)
+    width = 72.0 * (style.DOUBLE_COLUMN / 3 - BESIDE)
+    return float(np.floor(longest * BOLD * SMALL / width) * LINE / 72.0)
 
 
 def wrapped(name: str, characters: int) -> str:

@@ -18,9 +18,9 @@ from deabayes.quantities import display_unit, symbol_text
 SCOPE = "candidate"
 TITLE = "Pairs of parameters"
 CAPTION = (
-    "Joint posterior of the material parameters: regions holding 50 % and 90 % of the draws. A "
-    "thin slanted region means that the data fix a combination of the two rather than each. Axes "
-    "are logarithmic where the draws span more than a factor of five."
+    "Joint posterior of the material's parameters and the specimen's quantities: regions holding "
+    "50 % and 90 % of the draws. A thin slanted region means that the data fix a combination of "
+    "the two rather than each. Axes are logarithmic where the draws span more than a factor of five."
 )
 LARGEST = 12
 DRAWS = 20000
@@ -48,7 +48,7 @@ def _matrix(results: CandidateResults, names: list[str]) -> Figure:
     )  # fmt: skip
     axes = figure.subplots(count, count, squeeze=False, sharex="col")
     columns = [_column(results, name) for name in names]
-    size = 6.5 if count <= 8 else 5.5
+    size = 6.5 if count <= 8 else 6.0
     for row in range(count):
         for column in range(count):
             ax = axes[row, column]
@@ -145,7 +145,7 @@ def _ticks(ax: Axes, column: _Column, which: Literal["x", "y"], few: int) -> Non
 
 def _label(ax: Axes, columns: list[_Column], row: int, column: int, size: float) -> None:
     last, few = row == len(columns) - 1, 3 if len(columns) <= 9 else 2
-    ax.tick_params(labelsize=size - 1, length=1.5, pad=1.5)
+    ax.tick_params(labelsize=6.0, length=1.5, pad=1.5)
     _ticks(ax, columns[column], "x", few)
     ax.tick_params(axis="x", labelbottom=last, rotation=45)
     if column < row:

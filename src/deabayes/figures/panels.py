@@ -37,7 +37,7 @@ def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequenc
     return [items[a:b] for a, b in pairwise(edges)]
 
 
-def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figure, list[Axes]]:
+def sheet(count: int, panel_height: float) -> tuple[Figure, list[Axes]]:
     """A double-column figure with `count` panels, three abreast at most."""
     columns = min(count, 3) if count != 4 else 2
     rows = -(-count // columns)
@@ -76,12 +76,12 @@ def say(ax: Axes, words: str) -> None:
     ax.text(0.5, 0.5, words, fontsize=6.5, style="italic", color=style.VERMILLION, **place)
 
 
-def band_handles(names: Sequence[str] = tuple(style.BANDS)) -> list[Line2D | Patch]:
+def band_handles(observed: str = "observed") -> list[Line2D | Patch]:
     """Legend entries of observed points, median and bands."""
     return [
-        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
+        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label=observed),
         Line2D([], [], color=style.BLUE, linewidth=1.1, label="posterior median"),
-        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in names),
+        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in style.BANDS),
     ]
 
 

@@ -75,6 +75,7 @@ def _panel(ax: Axes, curves: xr.Dataset, factor: float) -> None:
     seen = (time >= x.values[0]) & (time <= x.values[-1])
     panels.draw_observed(ax, time[seen], curves["observed"].values[seen] / factor, size=1.6)
     scales.set_horizontal(ax, x)
+    ax.set_xlim(x.values[0], x.values[-1])
     failed = curves["failed"].values
     few = int(failed[: len(drawn)].sum())
     share = short(100 * failed.mean(), 2)

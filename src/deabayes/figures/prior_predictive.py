@@ -28,7 +28,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE)
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
         curves = results.prior_predictive[record.name].values

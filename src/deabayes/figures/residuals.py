@@ -29,7 +29,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE)
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.against_coordinate()
         if record.responds:
@@ -64,7 +64,7 @@ def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figu
     ax.axvline(0, color=style.GREY, linewidth=0.6)
     ax.set_yticks(range(len(order)), [r.name for r in order])
     ax.invert_yaxis()
-    words = "residual (% of the record's range): box 50 %, whiskers 90 %"
+    words = "residual (% of the record's range)\nbox 50 %, whiskers 90 %"
     if len(present) <= len(style.SERIES):
         panels.legend_below(figure, panels.labelled(ax), 4)
     else:
