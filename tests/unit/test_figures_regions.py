@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -169,6 +170,35 @@ def test_a_sine_beside_its_loop_is_named_and_flagged(tmp_path: Path) -> None:
         assert ("held out" if role == "validate" else "calibration") in found
         assert ("EXTRAPOLATION" in found) == (role == "validate")
         assert "from rest" in found and "last cycle" in found
+
+
+def test_the_evidence_has_the_errors_of_both_candidates(tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    path = study / "comparison.csv"
+    table = pd.read_csv(path).assign(log_evidence_mcse=[3.0, 4.0])
+    table.to_csv(path, index=False)
+    (figure,) = figures.draw("comparison", StudyResults(study))
+    bars = [segment[:, 0] for each in figure.axes[0].collections
+            if isinstance(each, LineCollection) for segment in each.get_segments()]  # fmt: skip
+    assert [np.ptp(bar) for bar in bars] == pytest.approx([2 * 2 * 5.0])
+
+
+@pytest.mark.parametrize("name", ["errors", "comparison"])
+def test_long_names_fit_beside_and_below_the_panels(name: str, tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1, 2, 3, 4), protocols=("relaxation",)))
+    table = pd.read_csv(study / "comparison.csv")
+    table["log_evidence"] = [-2e5, -5e3, -2e3, -2e3]
+    for k, short in enumerate(table["candidate"]):
+        table.loc[k, "candidate"] = f"ogden_4_with_leakage_and_series_resistance_{short}"
+        (study / short).rename(study / table.loc[k, "candidate"])
+    table.to_csv(study / "comparison.csv", index=False)
+    (figure,) = figures.draw(name, StudyResults(study))
+    for legend in figure.legends:
+        box = legend.get_window_extent()
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.width
+    for ax in figure.axes:
+        boxes = [t.get_window_extent() for t in ax.get_xticklabels() if t.get_text()]
+        assert all(a.x1 < b.x0 for a, b in pairwise(sorted(boxes, key=lambda box: box.x0)))
 
 
 def test_intervals_of_errors_are_drawn_where_they_are(tmp_path: Path) -> None:

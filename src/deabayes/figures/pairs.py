@@ -20,7 +20,8 @@ TITLE = "Pairs of parameters"
 CAPTION = (
     "Joint posterior of the material's parameters and the specimen's quantities: regions holding "
     "50 % and 90 % of the draws. A thin slanted region means that the data fix a combination of "
-    "the two rather than each. Axes are logarithmic where the draws span more than a factor of five."
+    "the two rather than each. Axes are logarithmic where the draws span more than a factor of "
+    "five."
 )
 LARGEST = 12
 DRAWS = 20000
