@@ -9,11 +9,13 @@ import pytest
 import xarray as xr
 from matplotlib.lines import Line2D
 from scipy.special import ndtr
+from scipy.stats import kstwo
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 from tests.unit.test_noise_origin import NOISE_DRAWS, TIME, fitted, record
 
 from deabayes import figures
+from deabayes.figures import pit as pit_figure
 from deabayes.figures.results import StudyResults
 from deabayes.prediction.bands import to_dataset
 from deabayes.prediction.errors import uniformity_p
@@ -100,12 +102,30 @@ def test_p_of_uniformity_by_hand():
 def test_the_figure_names_the_records_that_leave_the_band(tmp_path):
     study = StudyResults(write_study(tmp_path, Fake(candidates=(1,))))
     (figure,) = figures.draw("pit", study.recommended)
-    names = [[text.get_text() for text in each.get_texts()] for each in figure.legends]
-    held_out = [n for n, e in study.experiments.items() if e.role == "validate"]
-    assert names[1] == held_out
+    (legend,) = figure.legends
+    predictions = study.recommended.predictions
+    far = {name for name, p in predictions.items() if uniformity_p(p["pit"]) < 0.05}
+    assert {n for n, e in study.experiments.items() if e.role == "validate"} < far
+    assert {text.get_text() for text in legend.get_texts()} == {"others", *far}
     for ax in figure.axes:
         low, high = ax.get_ylim()
         assert all(low < np.min(y) and np.max(y) < high for y in map(Line2D.get_ydata, ax.lines))
+
+
+@pytest.mark.parametrize("size", [4, 9, 40, 2000])
+def test_the_figure_and_the_table_agree_on_what_leaves(tmp_path, size):
+    """At the limit of p = 0.05, a hair to either side; of few points the root of n is not all."""
+    folder = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
+    results = StudyResults(folder).recommended
+    ((name, prediction),) = results.predictions.items()
+    uniform = (np.arange(size) + 0.5) / size
+    for shift in np.linspace(0.0, 0.7, 15) / np.sqrt(size) + kstwo.isf(0.05, size) - 0.5 / size:
+        for factor in (0.999, 1.001):
+            pit = np.clip(uniform + factor * shift, 0.0, 1.0)
+            changed = prediction.drop_vars("pit").assign(pit=("point", pit))
+            results.predictions[name] = changed
+            (line,) = pit_figure._departures(results, "calibrate").values()
+            assert pit_figure._leaves(line) == (uniformity_p(pit) < 0.05)
 
 
 def test_results_from_before_have_no_such_figure(tmp_path):

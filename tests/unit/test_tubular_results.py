@@ -139,7 +139,8 @@ def test_a_sine_is_drawn_in_time_and_against_voltage(results):
     (figure,) = figures.draw("strain_voltage", results)
     first, last, loop = figure.axes
     assert first.get_ylabel() == "strain (%)"
-    assert [ax.get_xlabel() for ax in figure.axes] == ["time (ms)", "time (ms)", "voltage (kV)"]
+    labels = ["time (ms), from rest", "time (ms), last cycles", "voltage (kV), last cycle"]
+    assert [ax.get_xlabel() for ax in figure.axes] == labels
     assert last.lines[0].get_xdata().min() == pytest.approx(750.0, abs=2.0)
     cycle = loop.lines[0].get_xdata()
     assert cycle.size == pytest.approx(100, abs=2) and np.ptp(cycle) == pytest.approx(2.5, rel=0.01)

@@ -10,7 +10,7 @@ only names them in `SYSTEMS`.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -130,6 +130,11 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     Files are `{figure}[_{sheet}].svg` for the study and
     `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. The folder
     may be a population's (`results/populations/NAME`), which has figures of its own.
+
+    Raises
+    ------
+    ExceptionGroup
+        Names the figures that failed, after all others were drawn; there is no `index.json` then.
     """
     from deabayes.figures.population_results import PopulationResults, results_of
 
@@ -137,12 +142,28 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     scope = "population" if isinstance(whole, PopulationResults) else "study"
     candidates = () if isinstance(whole, PopulationResults) else whole.candidates  # or a fault
     out.mkdir(parents=True, exist_ok=True)
-    saved = [figure for name in names(scope) for figure in _save(name, whole, out)]
-    for candidate in candidates:
-        for name in names("candidate"):
-            saved += _save(name, candidate, out)
+    (out / INDEX).unlink(missing_ok=True)
+    wanted: list[tuple[str, Results]] = [(name, whole) for name in names(scope)]
+    wanted += [(name, each) for each in candidates for name in names("candidate")]
+    saved = _save_each(wanted, out)
     entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
     (out / INDEX).write_text(json.dumps(entries, indent=1), encoding="utf-8")
+    return saved
+
+
+def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFigure]:
+    """Draw all that can be drawn; what fails is raised at the end, a user's mistake at once."""
+    saved: list[SavedFigure] = []
+    failures: dict[str, Exception] = {}
+    for name, results in wanted:
+        try:
+            saved += _save(name, results, out)
+        except UserError:
+            raise
+        except Exception as error:
+            failures[f"{name} of {results.name}"] = error
+    if failures:
+        raise ExceptionGroup(f"figures that failed: {', '.join(failures)}", [*failures.values()])
     return saved
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, panels, scales, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -39,7 +39,7 @@ def draw(results: StudyResults) -> list[Figure]:
             entries += ax.plot(rows["frequency_Hz"], rows["measured_mm"], "o", color=style.BLACK,
                                markerfacecolor=fill, markersize=4, zorder=5,
                                label=f"measured, {ROLES[role]}")  # fmt: skip
-    panels.logarithmic(ax, frequency)
+    scales.logarithmic(ax, frequency)
     ax.set_xlabel("frequency of the voltage (Hz)")
     ax.set_ylabel("peak-to-peak displacement (mm)")
     ax.set_title(f"sine of {short(bands.attrs['amplitude_kV'])} kV", loc="left")

@@ -16,18 +16,26 @@ from deabayes.figures.results import StudyResults
 SCOPE = "study"
 TITLE = "Which model order"
 CAPTION = (
-    "Differences to the reference candidate (dotted); further right is better. Evidence with its "
-    "Monte Carlo error, expected log predictive density (elpd) with two standard errors where the "
-    "paired error was stored; where one block holds most of a difference its error is large, and "
-    "the other blocks decide. Candidates that did not converge are named but not ranked."
+    "Differences to the reference candidate (dotted); further right is better. Bars are two "
+    "standard errors: of the evidence those of Monte Carlo, both candidates' together; of the "
+    "expected log predictive density (elpd) that of the paired difference, where it was stored. "
+    "Where one block holds most of a difference its error is large, and the other blocks decide. "
+    "Scales of more than 300 nats are logarithmic beyond ±10. Candidates that did not converge "
+    "are named but not ranked."
 )
+OF_EACH = "log_evidence_mcse"
+"""A candidate's own error, where other columns hold that of the difference."""
+WIDE, LINEAR = 300.0, 10.0
+"""Nats from which on an axis is logarithmic, and how far it is linear then."""
 CRITERIA = (
-    ("log_evidence", "log_evidence_mcse", "Δ log evidence"),
+    ("log_evidence", OF_EACH, "Δ log evidence"),
     ("elpd_block_loo", "elpd_difference_se", "Δ elpd, blocks left out"),
     ("elpd_leave_one_experiment_out", None, "Δ elpd, experiments left out"),
     ("bic", None, "−½ Δ BIC"),
 )
 
+LABEL = 17
+"""Characters of a panel's label on one line, of four panels beside long names."""
 LEAST_SHOWN = 1.0
 """Nats to either side: an axis must not magnify rounding."""
 
@@ -60,7 +68,7 @@ def _criterion(
     sign = -0.5 if column == "bic" else 1.0
     difference = sign * (table[column] - table.loc[reference, column])
     converged = table["converged"].astype(bool)
-    width = 2.0 * table[error].fillna(0.0) if error in table else 0.0 * difference
+    width = 2.0 * _standard_error(table, reference, error)
     for row, name in enumerate(table.index):
         if not converged[name] or not np.isfinite(difference[name]):
             ax.text(0.5, row, "not ranked", transform=ax.get_yaxis_transform(), ha="center",
@@ -73,15 +81,35 @@ def _criterion(
     shown = difference[converged].dropna()
     if shown.empty:
         ax.set_xticks([])
-    elif np.ptp(np.append(shown, 0)) > 300:
-        ax.set_xscale("symlog", linthresh=10)
+    elif np.ptp(np.append(shown, 0)) > WIDE:
+        ax.set_xscale("symlog", linthresh=LINEAR)
+        ax.set_xticks(_three(shown))
+        label += " (log. beyond ±10)"
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.margins(x=0.12)
     if ax.get_xscale() == "linear":
         low, high = ax.get_xlim()
         ax.set_xlim(min(low, -LEAST_SHOWN), max(high, LEAST_SHOWN))
-    ax.set_xlabel(label)
+    ax.set_xlabel("\n".join(textwrap.wrap(label, LABEL)))
+
+
+def _standard_error(table: pd.DataFrame, reference: str, column: str | None) -> pd.Series:
+    """Of each difference to the reference, whose own is none; zero where it is not known."""
+    if column not in table:
+        return pd.Series(0.0, table.index)
+    error = table[column].fillna(0.0).astype(float)
+    if column == OF_EACH:
+        error = np.hypot(error, error[reference])
+    error[reference] = 0.0
+    return error
+
+
+def _three(shown: pd.Series) -> list[float]:
+    """Zero, and to either side of it the last power of ten."""
+    ends = [-shown.min(), shown.max()]
+    powers = [10.0 ** np.floor(np.log10(end)) if end > LINEAR else 0.0 for end in ends]
+    return sorted({-powers[0], 0.0, powers[1]})
 
 
 def _name(name: object, row: pd.Series) -> str:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import panels, style
+from deabayes.figures import scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import display_unit, symbol_text
 
@@ -59,7 +59,7 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
         right.scatter([], [], c=style.BLUE, s=9, marker=marker, label=text)
     right.axvline(ess, color=style.BLACK, linestyle="--", linewidth=0.8)
     sizes = table[["ess_bulk", "ess_tail"]].to_numpy(dtype=float)
-    panels.logarithmic(right, np.append(sizes[np.isfinite(sizes)], ess))
+    scales.logarithmic(right, np.append(sizes[np.isfinite(sizes)], ess))
     right.set_xlabel(f"effective sample size (limit {ess:g})")
     figure.legend(loc="outside lower right", ncols=2)
     left.set_yticks(rows, [_name(results, n) for n in table.index], fontsize=6.0)

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import style
+from deabayes.figures import panels, style
 
 LINES = ("-", "--", "-.", ":")
 BAND = "5–95 % of the draws"
@@ -43,6 +43,13 @@ def draw_candidate(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> No
     lower, median, upper = bands
     ax.fill_between(x, lower, upper, color=colour(index), alpha=0.22, linewidth=0)
     ax.plot(x, median, color=colour(index), linestyle=line(index), linewidth=1.0)
+
+
+def fill_loop(ax: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, index: int) -> None:
+    """Band of a loop, branch by branch: those of the two branches may overlap."""
+    for part in panels.branches(x):
+        ax.fill_between(x[part], lower[part], upper[part], color=colour(index), alpha=0.22,
+                        linewidth=0)  # fmt: skip
 
 
 def handles(curves: xr.Dataset, measured: bool = True) -> list[Line2D | Patch]:

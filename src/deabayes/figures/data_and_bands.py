@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -19,23 +19,34 @@ CAPTION = (
 )
 
 
-def draw(results: CandidateResults, log_time: bool | None = None) -> list[Figure]:
-    """One sheet per nine records; `log_time` forces or forbids a logarithmic time axis."""
+def draw(
+    results: CandidateResults,
+    log_time: bool | None = None,
+    role: str = "",
+    observed: str = "observed",
+) -> list[Figure]:
+    """One sheet per nine records; `log_time` forces or forbids a logarithmic time axis.
+
+    `role` is said of all records instead of their own, `observed` in the legend.
+    """
     records = [panels.Record(p, log_time) for p in results.predictions.values()]
-    return [_sheet(group) for group in panels.batches(records) if group]
+    return [_sheet(group, role, observed) for group in panels.batches(records) if group]
 
 
-def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records))
+def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure:
+    figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
         panels.draw_bands(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
-        ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
+        if record.responds:
+            ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
+        else:
+            panels.say(ax, panels.NO_RESPONSE)
         ax.set_ylabel(record.label)
         if record.spans_decades:
             ax.set_yscale("log")
-        panels.set_horizontal(ax, x)
-        panels.title(ax, record)
-    panels.legend_below(figure, panels.band_handles())
+        scales.set_horizontal(ax, x)
+        headings.title(ax, record, role=role)
+    panels.legend_below(figure, panels.band_handles(observed))
     return figure

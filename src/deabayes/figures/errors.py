@@ -7,15 +7,16 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, style
+from deabayes.figures import curves, headings, panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
 TITLE = "Errors, calibration and held out"
 CAPTION = (
-    "Root-mean-square error in per cent of each record's range, with the 90 % posterior interval. "
-    "Only the held-out records say how well a candidate predicts. Open markers: the candidate did "
-    "not converge. ✕ after a name: outside the calibrated range."
+    "Root-mean-square error in per cent of each record's range. Points: of the posterior median "
+    "curve; lines: 90 % interval of the errors of single draws, which mostly are larger. Only the "
+    "held-out records say how well a candidate predicts. Open markers: the candidate did not "
+    "converge. ✕ after a name: outside the calibrated range."
 )
 ROLES = (("calibrate", "calibration records"), ("validate", "held-out records"))
 
@@ -39,7 +40,7 @@ def draw(results: StudyResults) -> list[Figure]:
         ax.set_title(text, loc="left", weight="bold")
     axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
     axes[-1].set_xlabel("rms error (% of the record's range)")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    panels.legend_below(figure, panels.labelled(axes[0]), 4)
     return [figure]
 
 
@@ -47,18 +48,26 @@ def _panel(
     ax: Axes, tables: dict[str, pd.DataFrame], experiments: list[str], unconverged: set[str]
 ) -> None:
     offsets = np.linspace(-0.25, 0.25, len(tables)) if len(tables) > 1 else [0.0]
-    flagged = set()
+    flagged: set[str] = set()
+    failed: dict[int, list[str]] = {}
     for index, (candidate, table) in enumerate(tables.items()):
         rows = table.reindex(experiments)
         flagged |= {n for n, t in rows["extrapolation"].items() if isinstance(t, str) and t}
-        centre = rows["e_rms_percent"].to_numpy()
-        reach = [centre - rows["e_rms_q05"], rows["e_rms_q95"] - centre]
-        ax.errorbar(
-            centre, np.arange(len(rows)) + offsets[index], xerr=np.clip(reach, 0, None),
-            fmt=curves.marker(index), color=curves.colour(index),
-            markerfacecolor="white" if candidate in unconverged else None, elinewidth=0.8,
+        for row, name in enumerate(experiments):
+            if name in table.index and np.isnan(rows.loc[name, "e_rms_percent"]):
+                failed.setdefault(row, []).append(candidate)
+        place = np.arange(len(rows)) + offsets[index]
+        ax.hlines(place, rows["e_rms_q05"], rows["e_rms_q95"], color=curves.colour(index),
+                  linewidth=0.8)  # fmt: skip
+        ax.plot(
+            rows["e_rms_percent"], place, curves.marker(index), color=curves.colour(index),
+            markerfacecolor="white" if candidate in unconverged else None, clip_on=False,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip
+    for row, candidates in failed.items():
+        words = headings.wrapped(f"{', '.join(candidates)}: {panels.NO_RESPONSE}", 36)
+        ax.text(1.01, row, words, fontsize=6, va="center", style="italic",
+                color=style.VERMILLION, transform=ax.get_yaxis_transform())  # fmt: skip
     ax.set_yticks(
         range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments]
     )

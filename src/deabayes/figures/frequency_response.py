@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import ROLES, short
 
@@ -36,16 +37,24 @@ def draw(results: CandidateResults) -> list[Figure]:
     height = 2.1 * len(shown) + 0.5 + style.HEADER
     figure = Figure(figsize=(0.75 * style.DOUBLE_COLUMN, height), layout="constrained")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    first = {_motion(record): record for found in list(shown.values())[::-1] for record in found}
+    motions = sorted(first, key=list(map(_motion, records)).index)
     for ax, found in zip(axes, shown.values(), strict=True):
-        _draw_all(ax, found)
+        _draw_all(ax, found, motions)
     axes[-1].set_xlabel("frequency (Hz)")
-    panels.legend_below(figure, _handles(results, next(iter(shown.values()))), 3)
+    panels.legend_below(figure, _handles(results, [first[motion] for motion in motions]), 3)
     return [figure]
 
 
-def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
+def _motion(record: panels.Record) -> str:
+    """What a record of a gain and that of its phase are both named after."""
+    return record.name.removesuffix("_phase")
+
+
+def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]) -> None:
     """Every record of one response; a factor of display units is shared."""
-    for index, record in enumerate(records):
+    for record in records:
+        index = motions.index(_motion(record))
         frequency = record.against_coordinate().values
         colour = style.SERIES[index % len(style.SERIES)]
         lower, upper = (
@@ -57,11 +66,12 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record]) -> None:
                 marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
                 markeredgewidth=0, alpha=0.8)  # fmt: skip
     if any(record.extrapolation for record in records):
-        ax.set_title("EXTRAPOLATION", loc="right", fontsize=5.5, color=style.VERMILLION,
-                     weight="bold")  # fmt: skip
+        ax.set_title(headings.EXTRAPOLATION, loc="right", fontsize=headings.SMALL,
+                     color=style.VERMILLION, weight="bold")  # fmt: skip
     if records[0].spans_decades:
         ax.set_yscale("log")
-    panels.logarithmic(ax, frequency)
+    every = [record.against_coordinate().values for record in records]
+    scales.logarithmic(ax, np.concatenate(every))
     ax.set_ylabel(records[0].label)
 
 

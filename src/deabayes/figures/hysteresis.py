@@ -71,8 +71,7 @@ def _loops(ax: Axes, record: xr.Dataset, candidate: int) -> None:
     for k in range(count):
         ax.plot(volts[k], measured[k], color=shades[k], linewidth=0.8)
     lower, median, upper = 1e3 * record["predicted"].values[candidate][:, -1]
-    closed = np.concatenate([volts[-1], volts[-1][::-1]]), np.concatenate([lower, upper[::-1]])
-    ax.fill(*closed, color=curves.colour(candidate), alpha=0.22, linewidth=0)
+    curves.fill_loop(ax, volts[-1], lower, upper, candidate)
     ax.plot(volts[-1], median, color=curves.colour(candidate), linestyle=curves.line(candidate))
     ax.set_ylabel("displacement (mm)")
 

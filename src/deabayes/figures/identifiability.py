@@ -17,8 +17,9 @@ from deabayes.quantities import symbol_text
 SCOPE = "candidate"
 TITLE = "What the data determined"
 CAPTION = (
-    "Left: contraction, the share of the prior's variance that the data removed; below 10 % "
-    "(dashed) a number is set by the prior, unless more weight on the data still moves it. "
+    "Left: contraction, the share of the prior's variance that the data removed (no bar: none, "
+    "also where the posterior is the wider one); below 10 % (dashed) a number is set by the "
+    "prior, unless more weight on the data still moves it. "
     "Middle: how far a number moves with the weight of the priors (diamonds) and of the data "
     "(circles), power-scaling sensitivity; up to 0.05 (dashed) is nothing to mention. Right: "
     "relative width of the posterior. Derived quantities, such as ratios, may be well known "

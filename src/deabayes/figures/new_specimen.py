@@ -19,4 +19,8 @@ CAPTION = (
 
 def draw(results: PopulationResults) -> list[Figure]:
     """One sheet per nine records."""
-    return data_and_bands.draw(results.new_specimen)
+    return data_and_bands.draw(
+        results.new_specimen,
+        role="predicted for a new specimen",
+        observed="observed on the first member",
+    )

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import panels, style
+from deabayes.figures import panels, scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import DisplayUnit, display_unit, plain
 
@@ -20,7 +20,8 @@ CAPTION = (
     "noise of its points stand for (median, 90 % interval). Right: the noise's correlation time, "
     "or length along the coordinate of a record without time or in points of its grid, against the "
     "record's length; where records differ in coordinate, as a share of it. A large share with a "
-    "long time is physics that the candidate lacks."
+    "long time is physics that the candidate lacks; the report warns of correlated noise that "
+    "stands for more than 10 % (dashed)."
 )
 ALARMING = 0.1
 
@@ -41,13 +42,11 @@ def draw(results: CandidateResults) -> list[Figure]:
     left.set_xscale("log")
     left.set_xlabel("share of the record's variance (%)")
     right.set_xscale("log")
-    panels.logarithmic(right, np.array(right.get_xlim()))
+    scales.logarithmic(right, np.array(right.get_xlim()))
     right.set_xlabel(label)
     left.set_yticks(range(len(shares)), list(shares))
     left.set_ylim(len(shares) - 0.5, -0.5)
-    handles = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
-    handles |= dict(zip(*reversed(right.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    panels.legend_below(figure, panels.labelled(left, right), 4)
     return [figure]
 
 

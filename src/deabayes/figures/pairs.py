@@ -11,16 +11,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import panels, style
+from deabayes.figures import scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import display_unit, symbol_text
 
 SCOPE = "candidate"
 TITLE = "Pairs of parameters"
 CAPTION = (
-    "Joint posterior of the material parameters: regions holding 50 % and 90 % of the draws. A "
-    "thin slanted region means that the data fix a combination of the two rather than each. Axes "
-    "are logarithmic where the draws span more than a factor of five."
+    "Joint posterior of the material's parameters and the specimen's quantities: regions holding "
+    "50 % and 90 % of the draws. A thin slanted region means that the data fix a combination of "
+    "the two rather than each. Axes are logarithmic where the draws span more than a factor of "
+    "five."
 )
 LARGEST = 12
 DRAWS = 20000
@@ -48,7 +49,7 @@ def _matrix(results: CandidateResults, names: list[str]) -> Figure:
     )  # fmt: skip
     axes = figure.subplots(count, count, squeeze=False, sharex="col")
     columns = [_column(results, name) for name in names]
-    size = 6.5 if count <= 8 else 5.5
+    size = 6.5 if count <= 8 else 6.0
     for row in range(count):
         for column in range(count):
             ax = axes[row, column]
@@ -110,6 +111,7 @@ def _cell(ax: Axes, x: _Column, y: _Column | None) -> None:
 
 def _contours(ax: Axes, x: _Column, y: _Column) -> None:
     """Filled regions of highest density holding 50 % and 90 % of the draws."""
+    from scipy.interpolate import RegularGridInterpolator
     from scipy.ndimage import gaussian_filter
 
     kept = np.isfinite(x.drawn) & np.isfinite(y.drawn)
@@ -118,13 +120,12 @@ def _contours(ax: Axes, x: _Column, y: _Column) -> None:
         return
     density, *edges = np.histogram2d(x.drawn[kept], y.drawn[kept], BINS, range=ranges)
     density = gaussian_filter(np.pad(density, 2), 1.4)
-    ordered = np.sort(density.ravel())[::-1]
-    held = np.cumsum(ordered) / kept.sum()
-    last = ordered.size - 1
-    outer, inner = (float(ordered[min(int(np.searchsorted(held, p)), last)]) for p in (0.9, 0.5))
     centres = [_padded(0.5 * (each[1:] + each[:-1])) for each in edges]
+    drawn = np.column_stack([x.drawn[kept], y.drawn[kept]])
+    at_draws = RegularGridInterpolator(centres, density, bounds_error=False, fill_value=0.0)(drawn)
+    outer, inner = np.quantile(at_draws, [0.1, 0.5])
     shown = [column.on_axis(each) for column, each in zip((x, y), centres, strict=True)]
-    if outer < inner < density.max():
+    if 0.0 < outer < inner < density.max():
         ax.contourf(*shown, density.T, [outer, inner, density.max()],
                     colors=["#a6d3ee", style.BLUE])  # fmt: skip
     ax.set_ylim(*y.on_axis(np.array(ranges[1])))
@@ -137,7 +138,7 @@ def _padded(centres: FloatArray) -> FloatArray:
 
 def _ticks(ax: Axes, column: _Column, which: Literal["x", "y"], few: int) -> None:
     if column.log:
-        panels.logarithmic(ax, column.on_axis(np.array(column.limits(0.002))), few, which)
+        scales.logarithmic(ax, column.on_axis(np.array(column.limits(0.002))), few, which)
     else:
         axis = ax.xaxis if which == "x" else ax.yaxis
         axis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))
@@ -145,7 +146,7 @@ def _ticks(ax: Axes, column: _Column, which: Literal["x", "y"], few: int) -> Non
 
 def _label(ax: Axes, columns: list[_Column], row: int, column: int, size: float) -> None:
     last, few = row == len(columns) - 1, 3 if len(columns) <= 9 else 2
-    ax.tick_params(labelsize=size - 1, length=1.5, pad=1.5)
+    ax.tick_params(labelsize=6.0, length=1.5, pad=1.5)
     _ticks(ax, columns[column], "x", few)
     ax.tick_params(axis="x", labelbottom=last, rotation=45)
     if column < row:

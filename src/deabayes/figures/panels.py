@@ -5,25 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
 from deabayes.passes import passes, usual_period
-from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
+from deabayes.quantities import DisplayUnit, display_unit, plain
 
 PANELS_PER_SHEET = 9
 DENSE = 400
 LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
 CYCLES_SHOWN = 3
+NO_RESPONSE = "no draw has a response"
 GAP = 3.0
 """Times the usual spacing of points."""
 Item = TypeVar("Item")
@@ -36,7 +37,7 @@ def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequenc
     return [items[a:b] for a, b in pairwise(edges)]
 
 
-def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figure, list[Axes]]:
+def sheet(count: int, panel_height: float) -> tuple[Figure, list[Axes]]:
     """A double-column figure with `count` panels, three abreast at most."""
     columns = min(count, 3) if count != 4 else 2
     rows = -(-count // columns)
@@ -51,19 +52,36 @@ def sheet(count: int, panel_height: float = 44 * style.MILLIMETRE) -> tuple[Figu
     return figure, list(axes[:count])
 
 
-def legend_below(figure: Figure, handles: Sequence[Line2D | Patch], columns: int = 3) -> None:
-    """One legend for all panels, below them."""
-    narrow = figure.get_size_inches()[0] < 0.9 * style.DOUBLE_COLUMN
-    columns = min(columns, 2) if narrow else columns
-    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+def legend_below(figure: Figure, handles: Sequence[Artist], columns: int = 3) -> None:
+    """One legend for all panels, below them, in as many columns as its labels leave room for."""
+    for count in range(min(columns, len(handles)), 0, -1):
+        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=count)
+        if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
 
 
-def band_handles(names: Sequence[str] = tuple(style.BANDS)) -> list[Line2D | Patch]:
+def labelled(*several: Axes) -> list[Artist]:
+    """What has a label in these axes, once per label, for a legend."""
+    found: dict[str, Artist] = {}
+    for ax in several:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return list(found.values())
+
+
+def say(ax: Axes, words: str) -> None:
+    """Words in the middle of a panel that has nothing, or little, to show."""
+    place = {"transform": ax.transAxes, "ha": "center", "va": "center"}
+    ax.text(0.5, 0.5, words, fontsize=6.5, style="italic", color=style.VERMILLION, **place)
+
+
+def band_handles(observed: str = "observed") -> list[Line2D | Patch]:
     """Legend entries of observed points, median and bands."""
     return [
-        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
+        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label=observed),
         Line2D([], [], color=style.BLUE, linewidth=1.1, label="posterior median"),
-        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in names),
+        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in style.BANDS),
     ]
 
 
@@ -114,10 +132,19 @@ class Record:
         """Whether the response wants a logarithmic axis: a gain does."""
         return str(self.prediction.attrs["response_name"]) == "gain"
 
-    def response(self, name: str, **selection: object) -> FloatArray:
-        """A variable of the response's kind, in its display unit."""
+    @property
+    def responds(self) -> bool:
+        """Whether there is a median, which there is not where every draw failed."""
+        return bool(np.isfinite(self.prediction["median"].values).any())
+
+    def whole(self, name: str, **selection: object) -> FloatArray:
+        """A variable of the response's kind over the whole record, in its display unit."""
         variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]
-        return np.asarray(variable.values, dtype=float)[..., self.shown] / self.unit.factor
+        return np.asarray(variable.values, dtype=float) / self.unit.factor
+
+    def response(self, name: str, **selection: object) -> FloatArray:
+        """The same of the part shown."""
+        return self.whole(name, **selection)[..., self.shown]
 
     @property
     def shown(self) -> slice:
@@ -210,48 +237,3 @@ def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> 
         rasterized=len(x) > DENSE,
         zorder=3,
     )
-
-
-def title(ax: Axes, record: Record) -> None:
-    """Name, role and protocol of a record above its panel, and the extrapolation flag."""
-    attributes = record.prediction.attrs
-    words = str(ROLES.get(str(attributes["role"]), attributes["role"]))
-    if not record.name.startswith(record.protocol):
-        words += f", {plain(record.protocol)}"
-    if record.shown.start:
-        gaps = after_last_gap(record.prediction["coordinate"].values) > 0
-        words += ", last cycle kept" if gaps else f", last {CYCLES_SHOWN} cycles"
-    size = 7.0 if len(record.name) <= 30 else 210.0 / len(record.name)
-    ax.set_title(record.name, loc="left", fontsize=size, pad=12.5, weight="bold")
-    place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
-    ax.annotate(words, (0, 1), (0, 2.5), fontsize=6.0, color=style.GREY, **place)
-    if record.extrapolation:
-        mark = {"fontsize": 5.5, "color": style.VERMILLION, "ha": "right", "weight": "bold"}
-        ax.annotate("EXTRAPOLATION", (1, 1), (0, 2.5), **place, **mark)
-
-
-def set_horizontal(ax: Axes, x: Axis) -> None:
-    """Label and scale of the horizontal axis."""
-    ax.set_xlabel(x.label)
-    if x.logarithmic:
-        logarithmic(ax, x.values)
-    else:
-        ax.xaxis.set_major_locator(MaxNLocator(5))
-
-
-def logarithmic(
-    ax: Axes, values: FloatArray, ticks: int = 5, which: Literal["x", "y"] = "x"
-) -> None:
-    """A logarithmic axis, horizontal unless told, with few, readable labels."""
-    positive = values[values > 0]
-    decades = np.log10(positive.max() / positive.min()) if positive.size else 1.0
-    axis = ax.xaxis if which == "x" else ax.yaxis
-    ax.set(**{f"{which}scale": "log"})
-    axis.set_major_locator(LogLocator(numticks=ticks))
-    if decades < 2:
-        few = (1.0, 2.0, 5.0) if decades > 0.6 else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
-        axis.set_major_locator(LogLocator(subs=few, numticks=20))
-        axis.set_major_formatter("{x:g}")
-    else:
-        axis.set_major_formatter(LogFormatterMathtext())
-    axis.set_minor_formatter(NullFormatter())

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.prior_axes import drive, head, horizontal, vertical
 from deabayes.figures.results import StudyResults
+from deabayes.quantities import short
 
 SCOPE = "study"
 ANALYSIS = "influence"
@@ -42,8 +43,9 @@ def draw(results: StudyResults) -> list[Figure]:
 def _sheet(candidates: Sequence[xr.Dataset]) -> Figure:
     figure, axes = panels.sheet(len(candidates), 52 * style.MILLIMETRE)
     head(figure, drive(candidates[0]))
-    top = max(float(np.nanmax(c["band"].values)) for c in candidates)
-    low = min(float(np.nanmin(c["band"].values)) for c in candidates)
+    bands = np.concatenate([c["band"].values.ravel() for c in candidates])
+    bands = bands[np.isfinite(bands)]
+    low, top = (float(bands.min()), float(bands.max())) if bands.size else (0.0, 1.0)
     unit, label = vertical(candidates[0], np.array([low, top]))
     for ax, curves in zip(axes, candidates, strict=True):
         _panel(ax, curves, unit.factor)
@@ -72,10 +74,10 @@ def _panel(ax: Axes, curves: xr.Dataset, factor: float) -> None:
     time = curves["time"].values - curves.attrs["onset"]
     seen = (time >= x.values[0]) & (time <= x.values[-1])
     panels.draw_observed(ax, time[seen], curves["observed"].values[seen] / factor, size=1.6)
-    panels.set_horizontal(ax, x)
+    scales.set_horizontal(ax, x)
+    ax.set_xlim(x.values[0], x.values[-1])
     failed = curves["failed"].values
     few = int(failed[: len(drawn)].sum())
-    words = f"fail: {few} of the {len(drawn)} shown, {100 * failed.mean():.2g} % of {failed.size}"
-    ax.set_title(str(curves.attrs["candidate"]), loc="left", pad=12.5, weight="bold")
-    place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
-    ax.annotate(words, (0, 1), (0, 2.5), fontsize=6.0, color=style.GREY, **place)
+    share = short(100 * failed.mean(), 2)
+    words = f"fail: {few} of the {len(drawn)} shown, {share} % of {failed.size}"
+    headings.heading(ax, str(curves.attrs["candidate"]), words)

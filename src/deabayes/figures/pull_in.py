@@ -21,7 +21,8 @@ CAPTION = (
     "have one (median, interval of the draws), and the stretch at the end of each step record, "
     "which still creeps. Right: voltage at which the near equilibrium ends, median and interval; "
     "beyond the records' voltages (dotted) it rests on the springs' law and the prior of the Gent "
-    "limit."
+    "limit. Above each point the share of draws whose branch folds there, which is pull-in; in "
+    "the others the stretch reaches breakdown or the springs lock up."
 )
 HALF = 0.5
 
@@ -68,7 +69,7 @@ def _ends(ax: Axes, ends: pd.DataFrame, highest: float) -> None:
         ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=curves.marker(k), capsize=2,
                     color=curves.colour(k), elinewidth=0.9)  # fmt: skip
         ax.text(row["pull_in_kV"], k - 0.18, f"{short(row['fold_percent'], 2)} % fold",
-                ha="center", va="bottom", fontsize=5.5, color=style.GREY)  # fmt: skip
+                ha="center", va="bottom", fontsize=6.0, color=style.GREY)  # fmt: skip
     if highest:
         ax.axvline(highest, color=style.GREY, linestyle=":", linewidth=0.8)
     ax.set_yticks(range(len(ends)), ends["candidate"])

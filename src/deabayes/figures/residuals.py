@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import plain
 
@@ -28,47 +29,61 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE)
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
-        x, median = record.against_coordinate(), record.response("median")
-        panels.draw_bands(ax, record, x, minus=median)
-        panels.draw_observed(ax, x.values, record.response("observed") - median)
-        ax.axhline(0, color=style.BLUE, linewidth=1.1)
+        x = record.against_coordinate()
+        if record.responds:
+            _along(ax, record, x)
+        else:
+            ax.set(xlabel=x.label, xticks=[], yticks=[])
+            panels.say(ax, panels.NO_RESPONSE)
         ax.set_ylabel(f"residual{record.unit.suffix}")
-        panels.set_horizontal(ax, x)
-        panels.title(ax, record)
+        headings.title(ax, record)
     panels.legend_below(figure, panels.band_handles())
     return figure
+
+
+def _along(ax: Axes, record: panels.Record, x: panels.Axis) -> None:
+    median = record.response("median")
+    panels.draw_bands(ax, record, x, minus=median)
+    panels.draw_observed(ax, x.values, record.response("observed") - median)
+    ax.axhline(0, color=style.BLUE, linewidth=1.1)
+    scales.set_horizontal(ax, x)
 
 
 def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
     """Box of residuals in per cent of each record's range, coloured by noise group."""
     groups = {r.name: results.noise_group(r.name) for r in records}
     order = sorted(records, key=lambda r: (groups[r.name], r.name))
-    colours = dict(
-        zip(dict.fromkeys(groups[r.name] for r in order), 3 * style.SERIES, strict=False)
-    )
+    present = list(dict.fromkeys(groups[r.name] for r in order))
     height = 0.16 * len(order) + 0.75 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
     ax = figure.subplots()
     for row, record in enumerate(order):
-        observed = record.response("observed")
-        share = 100 * (observed - record.response("median")) / np.ptp(observed)
-        colour = colours[groups[record.name]]
-        ax.boxplot(
-            share, positions=[row], orientation="horizontal", widths=0.6, whis=(5, 95),
-            showfliers=False, patch_artist=True, medianprops={"color": style.BLACK},
-            boxprops={"facecolor": colour, "alpha": 0.6}, label=_label(groups[record.name]),
-        )  # fmt: skip
+        _box(ax, row, record, present.index(groups[record.name]), groups[record.name])
     ax.axvline(0, color=style.GREY, linewidth=0.6)
     ax.set_yticks(range(len(order)), [r.name for r in order])
     ax.invert_yaxis()
-    ax.set_xlabel("residual (% of the record's range): box 50 %, whiskers 90 %")
-    handles, labels = ax.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=4)
+    words = "residual (% of the record's range)\nbox 50 %, whiskers 90 %"
+    if len(present) <= len(style.SERIES):
+        panels.legend_below(figure, panels.labelled(ax), 4)
+    else:
+        words += "\nanother colour is another noise group"
+    ax.set_xlabel(words)
     return figure
 
 
-def _label(group: str) -> str:
-    return f"noise group {plain(group)}"
+def _box(ax: Axes, row: int, record: panels.Record, index: int, group: str) -> None:
+    """Residuals of all that was fitted or predicted, not only of the cycles that panels show."""
+    if not record.responds:
+        ax.text(0.5, row, panels.NO_RESPONSE, transform=ax.get_yaxis_transform(), fontsize=6,
+                ha="center", va="center", style="italic", color=style.VERMILLION)  # fmt: skip
+        return
+    observed = record.whole("observed")
+    share = 100 * (observed - record.whole("median")) / np.ptp(observed)
+    colour = style.SERIES[index % len(style.SERIES)]
+    ax.boxplot(
+        share[np.isfinite(share)], positions=[row], orientation="horizontal", widths=0.6,
+        whis=(5, 95), showfliers=False, patch_artist=True, medianprops={"color": style.BLACK},
+        boxprops={"facecolor": colour, "alpha": 0.6}, label=f"noise group {plain(group)}",
+    )  # fmt: skip

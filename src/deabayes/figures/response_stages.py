@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, panels, scales, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES
 
@@ -66,7 +66,7 @@ def _response(ax: Axes, record: xr.Dataset) -> None:
             ax.axvline(end, color=style.GREY, linestyle=":", linewidth=0.8)
         ax.text(np.sqrt(start * end), 0.03, number, transform=ax.get_xaxis_transform(),
                 ha="center", color=style.GREY)  # fmt: skip
-    panels.logarithmic(ax, time[shown])
+    scales.logarithmic(ax, time[shown])
     ax.set_xlabel("time since the step (s)")
     ax.set_ylim(bottom=0.0)
 

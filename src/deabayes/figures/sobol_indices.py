@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,10 +22,12 @@ CAPTION = (
     "cycle, of the creep of the cycle's mean between the two, and of the loop's area. Over the "
     "whole prior, where at least 1 % of draws fail: of whether a draw fails. First order: the "
     "share of the variance that a parameter explains alone; total: its share with all "
-    "interactions. Bars end in 95 % intervals. The indices hold for the central region of the "
-    "prior named above, in which hardly any model run fails."
+    "interactions. Bars end in 95 % intervals, an arrow where one goes on beyond the axis. The "
+    "indices hold for the central region of the prior named above, in which hardly any model run "
+    "fails."
 )
 COLUMNS = 4
+END = 1.05
 FIRST, TOTAL = style.BLUE, "#b9d4ea"
 
 
@@ -74,6 +77,9 @@ def _bars(ax: Axes, rows: pd.DataFrame) -> None:
             rows[name], [k + shift for k in place], xerr=rows[f"{name}_conf"],
             fmt="none", ecolor=style.BLACK, elinewidth=0.6, capsize=1.2, capthick=0.5,
         )  # fmt: skip
-    ax.set_xlim(0.0, 1.05)
+        beyond = np.flatnonzero(rows[name] + rows[f"{name}_conf"] > END)
+        ax.plot(np.full(beyond.size, END), beyond + shift, ">", color=style.BLACK, markersize=2.5,
+                clip_on=False)  # fmt: skip
+    ax.set_xlim(0.0, END)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)

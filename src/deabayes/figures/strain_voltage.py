@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import panels, style
+from deabayes.figures import headings, panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.passes import passes, usual_period
 from deabayes.quantities import display_unit
@@ -41,16 +41,15 @@ def _sheet(record: panels.Record) -> Figure:
     late = time >= time[-1] - CYCLES * period
     cycle = time >= time[-1] - period
     unit = display_unit("s", time)
-    for ax, part in ((first, early), (last, late)):
+    for ax, part, words in ((first, early, "from rest"), (last, late, "last cycles")):
         _curve(ax, record, time[part] / unit.factor, part)
-        ax.set_xlabel(f"time{unit.suffix}")
+        ax.set_xlabel(f"time{unit.suffix}, {words}")
     volts = record.prediction["excitation"].values
     volt = display_unit("V", volts)
     _curve(loop, record, volts[cycle] / volt.factor, cycle)
-    loop.set_xlabel(f"voltage{volt.suffix}")
+    loop.set_xlabel(f"voltage{volt.suffix}, last cycle")
     first.set_ylabel(record.label)
-    for ax, words in ((first, "from rest"), (last, "steady"), (loop, "last cycle")):
-        ax.set_title(words, loc="left")
+    headings.title(first, record, whole=True)
     panels.legend_below(figure, panels.band_handles())
     return figure
 
@@ -58,7 +57,7 @@ def _sheet(record: panels.Record) -> Figure:
 def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
     """Bands, points and median of a stretch against time or voltage."""
     whole = {
-        (name, bound): _of(record, name, bound)[part]
+        (name, bound): record.whole(name, level=0.9, bound=bound)[part]
         for name in style.BANDS
         for bound in ("lower", "upper")
     }
@@ -66,13 +65,5 @@ def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> 
         for branch in panels.branches(x):
             lower, upper = whole[name, "lower"][branch], whole[name, "upper"][branch]
             ax.fill_between(x[branch], lower, upper, color=colour, linewidth=0.4)
-    panels.draw_observed(ax, x, _of(record, "observed")[part])
-    ax.plot(x, _of(record, "median")[part], color=style.BLUE, linewidth=1.1, zorder=4)
-
-
-def _of(record: panels.Record, name: str, bound: str = "") -> np.ndarray:
-    """A variable of the response's kind over the whole record, in its display unit."""
-    variable = record.prediction[name]
-    if bound:
-        variable = variable.sel(level=0.9, bound=bound)
-    return np.asarray(variable.values / record.unit.factor)
+    panels.draw_observed(ax, x, record.whole("observed")[part])
+    ax.plot(x, record.whole("median")[part], color=style.BLUE, linewidth=1.1, zorder=4)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, panels, scales, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -69,7 +69,7 @@ def _sweep(ax: Axes, record: xr.Dataset) -> None:
 
 
 def _axes(ax: Axes, frequency: np.ndarray, title: str) -> None:
-    panels.logarithmic(ax, frequency)
+    scales.logarithmic(ax, frequency)
     ax.set_xlabel("frequency of the voltage (Hz)")
     ax.set_ylabel("peak to peak (mm)")
     ax.set_title(title, loc="left")

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, panels, scales, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -49,7 +49,7 @@ def draw(results: StudyResults) -> list[Figure]:
     left.set_xlabel("contraction (%)")
     left.set_xlim(min(-5.0, left.get_xlim()[0]), 104.0)
     right.set_xlabel("half width of the interval (% of the median)")
-    panels.logarithmic(right, table["half_width_percent"].to_numpy())
+    scales.logarithmic(right, table["half_width_percent"].to_numpy())
     for ax in (left, right):
         ax.axhline(whole.nunique() - 0.5, color=style.GREY, linewidth=0.6)
     panels.legend_below(figure, _handles(table), 4)

@@ -43,16 +43,17 @@ def draw(results: StudyResults) -> list[Figure]:
     axes = figure.subplots(len(voltages), 2, squeeze=False, sharex="row", sharey="row")
     names, best = [str(n) for n in shown[0]["candidate"].values], results.recommended.name
     candidate = names.index(best) if best in names else 0
+    rates = list(dict.fromkeys(_rate(record) for record in shown))
     for (left, right), volts in zip(axes, voltages, strict=True):
         own = [r for r in shown if _volts(r) == volts]
         _transition(left, own[0])
-        _rates(right, own, candidate)
+        _rates(right, own, candidate, rates)
         left.set_ylabel("displacement (mm)")
         right.set_title(f"{short(volts)} kV, last cycle, {curves.names(own[0])[candidate]}",
                         loc="left")  # fmt: skip
     for ax in axes[-1]:
         ax.set_xlabel("voltage (kV)")
-    panels.legend_below(figure, _handles(shown), 4)
+    panels.legend_below(figure, _handles(rates), 4)
     return [figure]
 
 
@@ -61,25 +62,29 @@ def _transition(ax: Axes, record: xr.Dataset) -> None:
     shades = colormaps["Greys"](np.linspace(0.3, 1.0, len(measured)))
     for k, shade in enumerate(shades):
         ax.plot(volts[k], measured[k], color=shade, linewidth=0.8)
-    hertz = short(float(record.attrs["frequency_Hz"]), 2)
     first, last = record["cycle"].values[[0, -1]]
-    ax.set_title(f"{short(_volts(record))} kV, {hertz} Hz, cycles {first} to {last}", loc="left")
+    ax.set_title(
+        f"{short(_volts(record))} kV, {_rate(record)} Hz, cycles {first} to {last}", loc="left"
+    )
 
 
-def _rates(ax: Axes, records: list[xr.Dataset], candidate: int) -> None:
-    for k, record in enumerate(records):
+def _rates(ax: Axes, records: list[xr.Dataset], candidate: int, rates: list[str]) -> None:
+    for record in records:
+        k = rates.index(_rate(record))
         volts = record["voltage"].values[-1] / 1e3
         lower, median, upper = 1e3 * record["predicted"].values[candidate][:, -1]
-        ax.fill(np.r_[volts, volts[::-1]], np.r_[lower, upper[::-1]], color=curves.colour(k),
-                alpha=0.22, linewidth=0)  # fmt: skip
+        curves.fill_loop(ax, volts, lower, upper, k)
         ax.plot(volts, median, color=curves.colour(k), linestyle=curves.line(k))
         ax.plot(volts[::4], 1e3 * record["measured"].values[-1][::4], linestyle="none",
                 marker=curves.marker(k), markersize=2.2, color=curves.colour(k),
                 markeredgecolor=style.BLACK, markeredgewidth=0.3)  # fmt: skip
 
 
-def _handles(shown: list[xr.Dataset]) -> list[Line2D | Patch]:
-    rates = list(dict.fromkeys(short(float(r.attrs["frequency_Hz"]), 2) for r in shown))
+def _rate(record: xr.Dataset) -> str:
+    return short(float(record.attrs["frequency_Hz"]), 2)
+
+
+def _handles(rates: list[str]) -> list[Line2D | Patch]:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=curves.colour(k), linestyle=curves.line(k), marker=curves.marker(k),
                markersize=2.5, label=f"{rate} Hz")

@@ -6,8 +6,14 @@ import base64
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from deabayes.figures import SavedFigure
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
 
 QUALITIES = ((1300, 96), (1000, 64), (800, 32))
 """Width in pixels and colours, tried in turn until the page is small enough."""
@@ -39,17 +45,31 @@ def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]
     """PNG bytes at most `width` pixels wide with a palette, and the original's size.
 
     A figure holds few colours, so a palette costs nothing visible and saves
-    two thirds.
+    two thirds. Those of areas are in it as they are: a legend must not take another one.
     """
-    from PIL import Image as Picture
+    from PIL import Image as Pictures
 
-    with Picture.open(path) as opened:
+    with Pictures.open(path) as opened:
         picture, size = opened.convert("RGB"), opened.size
     factor = min(width / 1441, 1.0)
     if factor < 1.0:
         smaller = (round(size[0] * factor), round(size[1] * factor))
-        picture = picture.resize(smaller, Picture.Resampling.LANCZOS)
-    picture = picture.quantize(colours, Picture.Quantize.MAXCOVERAGE, dither=Picture.Dither.NONE)
+        picture = picture.resize(smaller, Pictures.Resampling.LANCZOS)
+    picture = picture.quantize(palette=_palette(picture, colours), dither=Pictures.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, format="PNG", optimize=True)
     return buffer.getvalue(), size
+
+
+def _palette(picture: Picture, colours: int) -> Picture:
+    """The most frequent colours, half as many as there may be, and medians of all."""
+    from PIL import Image as Pictures
+
+    counted = picture.getcolors(picture.width * picture.height) or []
+    frequent = sorted(counted, reverse=True)[: colours // 2]
+    left = colours - len(frequent)
+    medians = picture.quantize(left, Pictures.Quantize.MEDIANCUT).getpalette() or []
+    palette = Pictures.new("P", (1, 1))
+    areas = np.array([colour for _, colour in frequent]).ravel().tolist()
+    palette.putpalette(areas + medians[: 3 * left])
+    return palette
