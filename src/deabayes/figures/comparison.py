@@ -86,7 +86,7 @@ def _criterion(
         ax.set_xticks(_three(shown))
         label += " (log. beyond ±10)"
     else:
-        ax.xaxis.set_major_locator(MaxNLocator(4))
+        ax.xaxis.set_major_locator(MaxNLocator(2))
     ax.margins(x=0.12)
     if ax.get_xscale() == "linear":
         low, high = ax.get_xlim()

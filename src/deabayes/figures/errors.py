@@ -61,7 +61,8 @@ def _panel(
                   linewidth=0.8)  # fmt: skip
         ax.plot(
             rows["e_rms_percent"], place, curves.marker(index), color=curves.colour(index),
-            markerfacecolor="white" if candidate in unconverged else None, clip_on=False,
+            markerfacecolor="white" if candidate in unconverged else None,
+            clip_on=False, in_layout=False,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip
     for row, candidates in failed.items():

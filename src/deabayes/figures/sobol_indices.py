@@ -79,7 +79,7 @@ def _bars(ax: Axes, rows: pd.DataFrame) -> None:
         )  # fmt: skip
         beyond = np.flatnonzero(rows[name] + rows[f"{name}_conf"] > END)
         ax.plot(np.full(beyond.size, END), beyond + shift, ">", color=style.BLACK, markersize=2.5,
-                clip_on=False)  # fmt: skip
+                clip_on=False, in_layout=False)  # fmt: skip
     ax.set_xlim(0.0, END)
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)

@@ -51,10 +51,10 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
         for part, fill in ((fitted, curves.colour(k)), (~fitted, "white")):
             ax.plot(place[part], value[part], linestyle="none", marker=curves.marker(k),
                     color=curves.colour(k), markerfacecolor=fill, markersize=3.5,
-                    clip_on=False)  # fmt: skip
+                    clip_on=False, in_layout=False)  # fmt: skip
     printed = table.drop_duplicates("frequency_Hz")
     ax.plot(printed["frequency_Hz"], printed[f"paper_e_rms_{voltage}_percent"], "x",
-            color=style.BLACK, markersize=4, clip_on=False)  # fmt: skip
+            color=style.BLACK, markersize=4, clip_on=False, in_layout=False)  # fmt: skip
     ax.set_xlabel("frequency (Hz)")
     ax.set_xticks(sorted(np.unique(table["frequency_Hz"].round().astype(int))))
     ax.set_title(voltage.replace("kV", " kV"), loc="left")
