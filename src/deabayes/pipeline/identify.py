@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -182,16 +182,25 @@ def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritan
 def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
     """Where a candidate's checkpoints live.
 
-    Keyed by data, settings and code, so that stale ones are never resumed.
+    Keyed by all that its draws follow from, so that stale ones are never resumed.
     """
-    package = Path(__file__).parents[1]
     digest = hashlib.sha256(candidate.encode())
-    settings = json.dumps(fit_settings(study), sort_keys=True, default=str)
-    digest.update(settings.encode())
-    above = {"analyses", "commands", "export", "figures", "report"}
-    for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:
-        if path.parent.name not in above:
-            digest.update(path.read_bytes())
-    if study.model is not None:
-        digest.update(study.model.read_bytes())
+    for part in _what_draws_follow_from(study, prepared):
+        digest.update(hashlib.sha256(part).digest())
     return results / ".chain" / digest.hexdigest()[:16]
+
+
+def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
+    """Settings, specimen, prepared records, what the prior is made of, code."""
+    from deabayes.posteriors.storage import specimen_to_json
+    from deabayes.reading.specimen import read_specimen
+
+    yield json.dumps(fit_settings(study), sort_keys=True, default=str).encode()
+    yield specimen_to_json(read_specimen(study.specimen)).encode()
+    package = Path(__file__).parents[1]
+    above = {"analyses", "commands", "export", "figures", "report"}
+    code = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in above]
+    given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
+    for path in [*sorted(Path(prepared).glob("*.nc")), *given, *code]:
+        yield path.name.encode()
+        yield path.read_bytes()
