@@ -146,10 +146,12 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
 
     Raises
     ------
-    UserError : a file from before they held their prior, and that of `prior_from` is gone.
+    UserError : a file from before they held their prior, and that of `prior_from` is gone;
+        calibrated records that are not those of the fit.
     """
     from deabayes.own_models.loading import restore
     from deabayes.posterior import build
+    from deabayes.posteriors.fitted_records import check_fitted_records
     from deabayes.posteriors.inherited_prior import GROUP, with_inherited_prior
     from deabayes.posteriors.storage import specimen_from_json
     from deabayes.study import from_settings
@@ -157,8 +159,10 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
     restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
     candidate, specimen = tree.attrs["candidate"], specimen_from_json(tree.attrs["specimen"])
+    experiments = read_experiments(prepared)
+    check_fitted_records(tree, experiments)
     if study.prior_from is None or GROUP in tree.children:
-        target = build(study, candidate, specimen, read_experiments(prepared))
+        target = build(study, candidate, specimen, experiments)
         return study, with_inherited_prior(target, tree)
     if not Path(study.prior_from).is_file():
         raise UserError(
