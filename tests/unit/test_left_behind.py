@@ -6,14 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.unit.fake_results import write_study as write_results
 from tests.unit.study_folders import make_folder
 from tests.unit.test_predict_with import STUDY, creep, file
 
+from deabayes.commands.by_hand import predict_posteriors
 from deabayes.faults import UserError
+from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study
 from deabayes.posteriors.storage import write_tree
 from deabayes.preparation.prepared import write_prepared
-from deabayes.study import Study
+from deabayes.report import build
+from deabayes.study import Study, write_study
 
 
 def names(folder: Path) -> list[str]:
@@ -56,3 +60,26 @@ def test_nor_are_they_predicted(tmp_path: Path) -> None:
     (prepared / "other.nc").unlink()
     predict_candidate(posterior, prepared, *to)
     assert names(to[0]) == ["creep.nc"]
+
+
+def test_a_candidate_that_a_study_no_longer_has_is_not_shown(tmp_path: Path) -> None:
+    results = write_results(tmp_path)
+    fitted = [each.name for each in StudyResults(results).candidates]
+    assert len(fitted) > 1
+    write_study(Study(results.name, Path("strip"), tuple(fitted[1:])), results / "study.yaml")
+    assert [each.name for each in StudyResults(results).candidates] == fitted[1:]
+    build([results], tmp_path / "page" / "index.html", tmp_path / "tables")
+    table = (tmp_path / "tables" / f"{results.name}_summary.csv").read_text()
+    assert fitted[1] in table and f"{fitted[0]}," not in table
+
+
+def test_nor_is_it_predicted_with(tmp_path: Path) -> None:
+    study = replace(STUDY, name="creep", predict_with={}, candidates=("voigt_kelvin_2", "other"))
+    results = tmp_path / "creep"
+    for name in study.candidates:
+        write_tree(file(None, study), results / name / "posterior.nc")
+    write_prepared(creep(), results / "prepared" / "creep.nc")
+    write_study(replace(study, candidates=("voigt_kelvin_2",)), results / "study.yaml")
+    predict_posteriors("creep", tmp_path, None, None, None)
+    assert names(results) == ["other", "prepared", "study.yaml", "voigt_kelvin_2"]
+    assert names(results / "other") == ["posterior.nc"]

@@ -1,5 +1,6 @@
 rule figures:
     input:
+        study="<results>/{study}/study.yaml",
         comparison="<results>/{study}/comparison.csv",
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,

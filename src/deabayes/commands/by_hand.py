@@ -12,6 +12,7 @@ from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
+from deabayes.posteriors.found import fitted_posteriors
 from deabayes.study import Study, fit_settings, load_study, write_study
 from deabayes.units import NUMBER_AND_UNIT
 
@@ -233,7 +234,7 @@ def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
     if len(sources) > 1:
         missing = [source for source in sources if not Path(source).is_file()]
         raise UserError(f"{missing[0]}: no such posterior file")
-    found = sorted((results / sources[0]).glob("*/posterior.nc"))
+    found = fitted_posteriors(results / sources[0])
     if not found:
         raise _unknown(sources[0], "posterior file", results)
     return found
