@@ -23,8 +23,8 @@ CONFIG_FILES = ", ".join(config_files())
 
 # `logged LOG COMMAND`: what the command says is in its log and, where it failed, also shown.
 shell.prefix(
-    'set -euo pipefail; logged() {{ local log=$1; shift; "$@" > $log 2>&1 || '
-    "{{ tail -c 4000 $log | tr '\\r' '\\n' | tail -n 20 >&2; exit 1; }}; }}; "
+    'set -euo pipefail; logged() {{ local log=$1; shift; "$@" > "$log" 2>&1 || '
+    "{{ tail -c 4000 \"$log\" | tr '\\r' '\\n' | tail -n 20 >&2; exit 1; }}; }}; "
 )
 
 # Snakemake sets OMP_, OPENBLAS_ and MKL_NUM_THREADS to a job's threads, not this one.

@@ -38,7 +38,7 @@ rule compile:
         "<results>/logs/compile.log",
     threads: 1
     shell:
-        "logged {log} deabayes compile {input.studies}"
+        "logged {log:q} deabayes compile {input.studies:q}"
 
 
 # What a fit runs, as one file. An edit must reach `fit` through the output of a job: in a run
@@ -52,7 +52,7 @@ rule code:
     log:
         "<results>/{study}/logs/code.log",
     shell:
-        "cksum {input} > {output} 2> {log}"
+        "cksum {input:q} > {output:q} 2> {log:q}"
 
 
 rule fit:
@@ -68,8 +68,8 @@ rule fit:
         "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
     threads: 1
     shell:
-        "logged {log} deabayes fit {input.study} {wildcards.candidate} --prepared {input.prepared}"
-        " --ensemble {wildcards.ensemble} -o {output}"
+        "logged {log:q} deabayes fit {input.study:q} {wildcards.candidate:q} --prepared {input.prepared:q}"
+        " --ensemble {wildcards.ensemble} -o {output:q}"
 
 
 rule pool:
@@ -85,6 +85,6 @@ rule pool:
         "<results>/{study}/{candidate}/logs/pool.log",
     threads: pooling_threads
     shell:
-        "logged {log} deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
-        " --prepared {input.prepared} -o {output.posterior} --summary {output.summary}"
+        "logged {log:q} deabayes pool {input.study:q} {wildcards.candidate:q} {input.ensembles:q}"
+        " --prepared {input.prepared:q} -o {output.posterior:q} --summary {output.summary:q}"
         " --processes {threads}"

@@ -22,5 +22,5 @@ rule predict:
         "<results>/{study}/{candidate}/logs/predict.log",
     threads: 1
     shell:
-        "logged {log} deabayes predict {input.posterior} --prepared {input.prepared} -o {output.predictions}"
-        " --errors {output.errors}"
+        "logged {log:q} deabayes predict {input.posterior:q} --prepared {input.prepared:q} -o {output.predictions:q}"
+        " --errors {output.errors:q}"

@@ -6,7 +6,7 @@ rule study:
     params:
         settings=settings_of,
     shell:
-        "printf '%s\n' {params.settings:q} > {output} 2> {log}"
+        "printf '%s\n' {params.settings:q} > {output:q} 2> {log:q}"
 
 
 rule prepare:
@@ -26,4 +26,4 @@ rule prepare:
         "<results>/{study}/logs/prepare.log",
     threads: 1
     shell:
-        "logged {log} deabayes prepare {input.study} -o {output}"
+        "logged {log:q} deabayes prepare {input.study:q} -o {output:q}"

@@ -102,8 +102,8 @@ class StudyResults:
     @cached_property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that a figure may have been drawn from."""
-        patterns = ("study.yaml", "prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv",
-                    "analyses/index.json", "analyses/*/*")  # fmt: skip
+        patterns = ("study.yaml", "prepared/*.nc", "*/posterior.nc", "*/*.csv", "*.csv",
+                    "*/predictions/*.nc", "analyses/index.json", "analyses/*/*")  # fmt: skip
         return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
 
 

@@ -19,8 +19,8 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     A frequency response gives two, its gain and its phase. Nothing is written before all are
     prepared; what was there of records that the study no longer has is removed.
     """
-    from deabayes.preparation import measured_rows, prepare
     from deabayes.posteriors.storage import write_datasets
+    from deabayes.preparation import measured_rows, prepare
     from deabayes.preparation.prepared import to_dataset
     from deabayes.reading.folder import read_folder
 
