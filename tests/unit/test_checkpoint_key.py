@@ -67,3 +67,10 @@ def test_without_an_edit_it_goes_on(place: None) -> None:
     before = key()
     write_prepared(FITTED, PREPARED / "creep.nc")
     assert key() == before
+
+
+def test_held_out_records_and_other_candidates_are_no_matter(place: None) -> None:
+    before = key()
+    write_prepared(replace(FITTED, name="new", role="validate"), PREPARED / "new.nc")
+    (PREPARED / "held_out.nc").unlink()
+    assert key(replace(STUDY, candidates=("kv_gm_1", "kv_gm_2"), validate=("new",))) == before

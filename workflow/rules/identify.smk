@@ -1,3 +1,5 @@
+ENSEMBLE = "<results>/{study}/{candidate}/ensembles/{ensemble}.nc"
+POSTERIOR = "<results>/{study}/{candidate}/posterior.nc"
 MODEL = modules(
     "experiment.py",
     "parameter.py",
@@ -41,29 +43,34 @@ rule compile:
         "logged {log:q} deabayes compile {input.studies:q}"
 
 
-# What a fit runs, as one file. An edit must reach `fit` through the output of a job: in a run
-# that compiles, Snakemake looks at nothing else of it, because `compiled` is ancient.
+# What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
+# other candidates and held-out records: once there is an ensemble, they and `compiled` are ancient
+# to it. An edit must reach it through the output of a job: in a run that makes one of these
+# again, Snakemake looks at nothing else of it.
 rule code:
     input:
-        modules=MODEL + SAMPLING,
+        modules=PREPARATION + MODEL + SAMPLING,
         own=own_model,
+        prior=posterior_from_outside,
     output:
         "<results>/{study}/logs/code",
     log:
         "<results>/{study}/logs/code.log",
+    params:
+        made_of=made_of,
     shell:
-        "cksum {input:q} > {output:q} 2> {log:q}"
+        "{{ echo {params.made_of:q}; cksum {input:q}; }} > {output:q} 2> {log:q}"
 
 
 rule fit:
     input:
-        study="<results>/{study}/study.yaml",
-        prepared="<results>/{study}/prepared",
+        study=until_there("<results>/{study}/study.yaml", ENSEMBLE),
+        prepared=until_there("<results>/{study}/prepared", ENSEMBLE),
         prior=inherited_posterior,
-        compiled=ancient("<results>/logs/compiled"),
+        compiled=until_there("<results>/logs/compiled", ENSEMBLE),
         code="<results>/{study}/logs/code",
     output:
-        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
+        ENSEMBLE,
     log:
         "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
     threads: 1
@@ -74,12 +81,12 @@ rule fit:
 
 rule pool:
     input:
-        study="<results>/{study}/study.yaml",
-        prepared="<results>/{study}/prepared",
+        study=until_there("<results>/{study}/study.yaml", POSTERIOR),
+        prepared=until_there("<results>/{study}/prepared", POSTERIOR),
         ensembles=ensembles_of,
         modules=POOLING,
     output:
-        posterior="<results>/{study}/{candidate}/posterior.nc",
+        posterior=POSTERIOR,
         summary="<results>/{study}/{candidate}/summary.csv",
     log:
         "<results>/{study}/{candidate}/logs/pool.log",

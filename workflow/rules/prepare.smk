@@ -1,3 +1,13 @@
+PREPARATION = modules(
+    "reading/*.py",
+    "preparation/*.py",
+    "passes.py",
+    "units.py",
+    "experiment.py",
+    "instruments.py",
+)
+
+
 rule study:
     output:
         "<results>/{study}/study.yaml",
@@ -13,17 +23,13 @@ rule prepare:
     input:
         study="<results>/{study}/study.yaml",
         raw=raw_files,
-        modules=modules(
-            "reading/*.py",
-            "preparation/*.py",
-            "passes.py",
-            "units.py",
-            "experiment.py",
-        ),
+        modules=PREPARATION,
     output:
         directory("<results>/{study}/prepared"),
     log:
         "<results>/{study}/logs/prepare.log",
     threads: 1
+    params:
+        sums=raw_sums,
     shell:
         "logged {log:q} deabayes prepare {input.study:q} -o {output:q}"

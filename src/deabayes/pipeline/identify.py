@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.faults import UserError
-from deabayes.pipeline.prepare import read_experiments
+from deabayes.pipeline.prepare import calibrated_files, read_experiments
 from deabayes.study import Study, fit_settings
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) ->
 
 
 def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
-    """Settings, specimen, prepared records, what the prior is made of, code."""
+    """Settings, specimen, calibrated records, what the prior is made of, code."""
     from deabayes.posteriors.storage import specimen_to_json
     from deabayes.reading.specimen import read_specimen
 
@@ -205,6 +205,6 @@ def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
     above = {"analyses", "commands", "export", "figures", "report"}
     code = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in above]
     given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
-    for path in [*sorted(Path(prepared).glob("*.nc")), *given, *code]:
+    for path in [*calibrated_files(prepared), *given, *code]:
         yield path.name.encode()
         yield path.read_bytes()

@@ -50,6 +50,14 @@ def read_experiments(prepared: Path) -> list[Experiment]:
     return [read_prepared(path) for path in paths]
 
 
+def calibrated_files(prepared: Path) -> list[Path]:
+    """The files of the prepared records that are fitted, by name."""
+    from deabayes.preparation.prepared import read_prepared
+
+    files = sorted(Path(prepared).glob("*.nc"))
+    return [path for path in files if read_prepared(path).role == "calibrate"]
+
+
 def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
     """The rows a study uses, with the roles the study gives them.
 
