@@ -62,6 +62,9 @@ rule further_experiments:
             "further/planned.py",
             "further/information.py",
             "prediction/outcomes.py",
+            "prediction/bands.py",
+            "prediction/transforms.py",
+            "prediction/calibrated.py",
             "fitted.py",
         ),
     output:

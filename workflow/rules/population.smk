@@ -20,6 +20,7 @@ rule population:
             "prior/*.py",
             "posteriors/content.py",
             "prediction/bands.py",
+            "prediction/transforms.py",
             "prediction/noise_origin.py",
             "pareto.py",
             "prediction/rapidity.py",

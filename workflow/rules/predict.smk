@@ -5,6 +5,8 @@ rule predict:
         modules=modules(
             "prediction/calibrated.py",
             "prediction/bands.py",
+            "prediction/transforms.py",
+            "prediction/outcomes.py",
             "prediction/noise_origin.py",
             "prediction/rapidity.py",
             "fitted.py",

@@ -5,6 +5,7 @@ PREPARATION = modules(
     "units.py",
     "experiment.py",
     "instruments.py",
+    "parameter.py",
 )
 
 
