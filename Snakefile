@@ -19,6 +19,7 @@ if "studies" not in config:
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/inputs.smk"
 include: "workflow/rules/prepare.smk"
 include: "workflow/rules/identify.smk"
 include: "workflow/rules/compare.smk"

@@ -14,7 +14,9 @@ from deabayes.files import write_text_atomically
 
 Settings = Mapping[str, object]
 AFTER_THE_FIT = ("further_experiments", "evidence_check")
-"""Settings that no fit depends on: editing one samples nothing again."""
+"""Settings that study.yaml does without: what depends on one is told it otherwise."""
+OF_OTHER_FITS = ("candidates", "validate")
+"""Settings that no fit of one candidate depends on: editing one samples nothing again."""
 SNAKEMAKE_KEYS = {"pathvars"}
 """Keys of a config that speak to Snakemake alone."""
 
@@ -157,9 +159,14 @@ def to_settings(study: Study) -> dict[str, Any]:
     return settings
 
 
-def fit_settings(study: Study) -> dict[str, Any]:
-    """The settings without those that no fit depends on."""
+def settings_on_file(study: Study) -> dict[str, Any]:
+    """The settings as the workflow's study.yaml has them."""
     return {key: v for key, v in to_settings(study).items() if key not in AFTER_THE_FIT}
+
+
+def fit_settings(study: Study) -> dict[str, Any]:
+    """The settings that the fit of a candidate depends on."""
+    return {key: v for key, v in settings_on_file(study).items() if key not in OF_OTHER_FITS}
 
 
 def from_settings(settings: Mapping[str, Any]) -> Study:

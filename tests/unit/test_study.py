@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from deabayes.study import (
     from_settings,
     load_studies,
     load_study,
+    settings_on_file,
     to_settings,
     write_study,
 )
@@ -76,10 +78,12 @@ def test_what_no_fit_depends_on_is_not_among_its_settings(config: Path) -> None:
     (study,) = load_studies(config)
     assert study.further_experiments == {"longer": {"like": "relax", "duration": 2}}
     assert study.evidence_check == "nested"
-    left = {*to_settings(study)} - {*fit_settings(study)}
+    left = {*to_settings(study)} - {*settings_on_file(study)}
     assert left == {"further_experiments", "evidence_check"}
-    asked_nothing = from_settings(fit_settings(study))
+    asked_nothing = from_settings(settings_on_file(study))
     assert fit_settings(asked_nothing) == fit_settings(study)
+    others = replace(study, candidates=("kv_gm_4",), validate=())
+    assert others != study and fit_settings(others) == fit_settings(study)
 
 
 def test_json_written_by_hand_is_a_study_file(config: Path, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ class Remote:
 
 
 def test_pooling_needs_no_number_of_cores() -> None:
-    text = (ROOT / "workflow" / "rules" / "common.smk").read_text()
+    text = (ROOT / "workflow" / "rules" / "inputs.smk").read_text()
     (function,) = re.findall(r"^def pooling_threads.*?(?=^def )", text, re.DOTALL | re.MULTILINE)
     of_four = SimpleNamespace(ensembles=["1.nc", "2.nc", "3.nc", "4.nc"])
     for workflow, expected in (

@@ -21,4 +21,4 @@ rule analyse:
     params:
         results=subpath(output[0], parent=True),
     shell:
-        "logged {log} deabayes analyse {params.results} -o {output}"
+        "logged {log:q} deabayes analyse {params.results:q} -o {output:q}"

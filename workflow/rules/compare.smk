@@ -9,7 +9,7 @@ rule score:
         "<results>/{study}/{candidate}/logs/score.log",
     threads: 1
     shell:
-        "logged {log} deabayes score {input.posterior} --prepared {input.prepared} -o {output}"
+        "logged {log:q} deabayes score {input.posterior:q} --prepared {input.prepared:q} -o {output:q}"
 
 
 # Only for studies with `evidence_check: nested`; takes minutes per candidate.
@@ -24,7 +24,7 @@ rule nested:
         "<results>/{study}/{candidate}/logs/nested.log",
     threads: 1
     shell:
-        "logged {log} deabayes nested {input.posterior} --prepared {input.prepared} -o {output}"
+        "logged {log:q} deabayes nested {input.posterior:q} --prepared {input.prepared:q} -o {output:q}"
 
 
 rule compare:
@@ -49,7 +49,7 @@ rule compare:
         "<results>/{study}/logs/compare.log",
     threads: 1
     shell:
-        "logged {log} deabayes compare {input.posteriors} --prepared {input.prepared} -o {output}"
+        "logged {log:q} deabayes compare {input.posteriors:q} --prepared {input.prepared:q} -o {output:q}"
 
 
 rule further_experiments:
@@ -62,6 +62,9 @@ rule further_experiments:
             "further/planned.py",
             "further/information.py",
             "prediction/outcomes.py",
+            "prediction/bands.py",
+            "prediction/transforms.py",
+            "prediction/calibrated.py",
             "fitted.py",
         ),
     output:
@@ -77,4 +80,4 @@ rule further_experiments:
         results=subpath(output[0], parent=True),
         asked=further_experiments_of,
     shell:
-        "logged {log} deabayes further {params.results} --asked {params.asked:q} -o {output}"
+        "logged {log:q} deabayes further {params.results:q} --asked {params.asked:q} -o {output:q}"

@@ -1,3 +1,5 @@
+ENSEMBLE = "<results>/{study}/{candidate}/ensembles/{ensemble}.nc"
+POSTERIOR = "<results>/{study}/{candidate}/posterior.nc"
 MODEL = modules(
     "experiment.py",
     "parameter.py",
@@ -38,53 +40,58 @@ rule compile:
         "<results>/logs/compile.log",
     threads: 1
     shell:
-        "logged {log} deabayes compile {input.studies}"
+        "logged {log:q} deabayes compile {input.studies:q}"
 
 
-# What a fit runs, as one file. An edit must reach `fit` through the output of a job: in a run
-# that compiles, Snakemake looks at nothing else of it, because `compiled` is ancient.
+# What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
+# other candidates and held-out records: once there is an ensemble, they and `compiled` are ancient
+# to it. An edit must reach it through the output of a job: in a run that makes one of these
+# again, Snakemake looks at nothing else of it.
 rule code:
     input:
-        modules=MODEL + SAMPLING,
+        modules=PREPARATION + MODEL + SAMPLING,
         own=own_model,
+        prior=posterior_from_outside,
     output:
         "<results>/{study}/logs/code",
     log:
         "<results>/{study}/logs/code.log",
+    params:
+        made_of=made_of,
     shell:
-        "cksum {input} > {output} 2> {log}"
+        "{{ echo {params.made_of:q}; cksum {input:q}; }} > {output:q} 2> {log:q}"
 
 
 rule fit:
     input:
-        study="<results>/{study}/study.yaml",
-        prepared="<results>/{study}/prepared",
+        study=until_there("<results>/{study}/study.yaml", ENSEMBLE),
+        prepared=until_there("<results>/{study}/prepared", ENSEMBLE),
         prior=inherited_posterior,
-        compiled=ancient("<results>/logs/compiled"),
+        compiled=until_there("<results>/logs/compiled", ENSEMBLE),
         code="<results>/{study}/logs/code",
     output:
-        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
+        ENSEMBLE,
     log:
         "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
     threads: 1
     shell:
-        "logged {log} deabayes fit {input.study} {wildcards.candidate} --prepared {input.prepared}"
-        " --ensemble {wildcards.ensemble} -o {output}"
+        "logged {log:q} deabayes fit {input.study:q} {wildcards.candidate:q} --prepared {input.prepared:q}"
+        " --ensemble {wildcards.ensemble} -o {output:q}"
 
 
 rule pool:
     input:
-        study="<results>/{study}/study.yaml",
-        prepared="<results>/{study}/prepared",
+        study=until_there("<results>/{study}/study.yaml", POSTERIOR),
+        prepared=until_there("<results>/{study}/prepared", POSTERIOR),
         ensembles=ensembles_of,
         modules=POOLING,
     output:
-        posterior="<results>/{study}/{candidate}/posterior.nc",
+        posterior=POSTERIOR,
         summary="<results>/{study}/{candidate}/summary.csv",
     log:
         "<results>/{study}/{candidate}/logs/pool.log",
     threads: pooling_threads
     shell:
-        "logged {log} deabayes pool {input.study} {wildcards.candidate} {input.ensembles}"
-        " --prepared {input.prepared} -o {output.posterior} --summary {output.summary}"
+        "logged {log:q} deabayes pool {input.study:q} {wildcards.candidate:q} {input.ensembles:q}"
+        " --prepared {input.prepared:q} -o {output.posterior:q} --summary {output.summary:q}"
         " --processes {threads}"

@@ -6,7 +6,7 @@ rule population_settings:
     params:
         settings=settings_of_population,
     shell:
-        "printf '%s\n' {params.settings:q} > {output} 2> {log}"
+        "printf '%s\n' {params.settings:q} > {output:q} 2> {log:q}"
 
 
 rule population:
@@ -20,6 +20,7 @@ rule population:
             "prior/*.py",
             "posteriors/content.py",
             "prediction/bands.py",
+            "prediction/transforms.py",
             "prediction/noise_origin.py",
             "pareto.py",
             "prediction/rapidity.py",
@@ -39,8 +40,8 @@ rule population:
         folder=subpath(output.posterior, parent=True),
         results=subpath(output.posterior, ancestor=3),
     shell:
-        "logged {log} deabayes population {input.population} --results {params.results}"
-        " -o {params.folder}"
+        "logged {log:q} deabayes population {input.population:q} --results {params.results:q}"
+        " -o {params.folder:q}"
 
 
 rule population_figures:
@@ -57,4 +58,4 @@ rule population_figures:
     params:
         results=subpath(output[0], parent=True),
     shell:
-        "logged {log} deabayes figures {params.results} -o {output}"
+        "logged {log:q} deabayes figures {params.results:q} -o {output:q}"

@@ -5,6 +5,8 @@ rule predict:
         modules=modules(
             "prediction/calibrated.py",
             "prediction/bands.py",
+            "prediction/transforms.py",
+            "prediction/outcomes.py",
             "prediction/noise_origin.py",
             "prediction/rapidity.py",
             "fitted.py",
@@ -22,5 +24,5 @@ rule predict:
         "<results>/{study}/{candidate}/logs/predict.log",
     threads: 1
     shell:
-        "logged {log} deabayes predict {input.posterior} --prepared {input.prepared} -o {output.predictions}"
-        " --errors {output.errors}"
+        "logged {log:q} deabayes predict {input.posterior:q} --prepared {input.prepared:q} -o {output.predictions:q}"
+        " --errors {output.errors:q}"

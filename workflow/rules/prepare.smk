@@ -1,3 +1,14 @@
+PREPARATION = modules(
+    "reading/*.py",
+    "preparation/*.py",
+    "passes.py",
+    "units.py",
+    "experiment.py",
+    "instruments.py",
+    "parameter.py",
+)
+
+
 rule study:
     output:
         "<results>/{study}/study.yaml",
@@ -6,24 +17,20 @@ rule study:
     params:
         settings=settings_of,
     shell:
-        "printf '%s\n' {params.settings:q} > {output} 2> {log}"
+        "printf '%s\n' {params.settings:q} > {output:q} 2> {log:q}"
 
 
 rule prepare:
     input:
         study="<results>/{study}/study.yaml",
         raw=raw_files,
-        modules=modules(
-            "reading/*.py",
-            "preparation/*.py",
-            "passes.py",
-            "units.py",
-            "experiment.py",
-        ),
+        modules=PREPARATION,
     output:
         directory("<results>/{study}/prepared"),
     log:
         "<results>/{study}/logs/prepare.log",
     threads: 1
+    params:
+        sums=raw_sums,
     shell:
-        "logged {log} deabayes prepare {input.study} -o {output}"
+        "logged {log:q} deabayes prepare {input.study:q} -o {output:q}"

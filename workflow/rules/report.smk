@@ -1,5 +1,6 @@
 rule figures:
     input:
+        study="<results>/{study}/study.yaml",
         comparison="<results>/{study}/comparison.csv",
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
@@ -15,7 +16,7 @@ rule figures:
     params:
         results=subpath(output[0], parent=True),
     shell:
-        "logged {log} deabayes figures {params.results} -o {output}"
+        "logged {log:q} deabayes figures {params.results:q} -o {output:q}"
 
 
 rule report:
@@ -37,5 +38,5 @@ rule report:
         folders=study_folders,
         left_out=left_out_options(),
     shell:
-        "logged {log} deabayes report {params.folders} -o {output.page} --tables {output.tables}"
+        "logged {log:q} deabayes report {params.folders:q} -o {output.page:q} --tables {output.tables:q}"
         " {params.left_out:q}"

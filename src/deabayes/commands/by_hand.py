@@ -12,7 +12,8 @@ from deabayes.commands.find import find_study
 from deabayes.commands.output import keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
-from deabayes.study import Study, fit_settings, load_study, write_study
+from deabayes.posteriors.found import fitted_posteriors
+from deabayes.study import Study, load_study, settings_on_file, write_study
 from deabayes.units import NUMBER_AND_UNIT
 
 OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
@@ -212,8 +213,8 @@ def download(studies: Sequence[str], config: Path) -> Iterator[str]:
 
 
 def _keep_settings(study: Study, path: Path) -> None:
-    """Write study.yaml, unless the workflow's says the same: a newer one makes it fit again."""
-    if not path.is_file() or fit_settings(load_study(path)) != fit_settings(study):
+    """Write study.yaml, unless the workflow's says the same: a newer one has it prepare again."""
+    if not path.is_file() or settings_on_file(load_study(path)) != settings_on_file(study):
         write_study(study, path)
 
 
@@ -233,7 +234,7 @@ def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
     if len(sources) > 1:
         missing = [source for source in sources if not Path(source).is_file()]
         raise UserError(f"{missing[0]}: no such posterior file")
-    found = sorted((results / sources[0]).glob("*/posterior.nc"))
+    found = fitted_posteriors(results / sources[0])
     if not found:
         raise _unknown(sources[0], "posterior file", results)
     return found

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.faults import UserError
 from deabayes.figures.analysis_results import AnalysisResults
+from deabayes.posteriors.found import fitted_posteriors
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +38,8 @@ class StudyResults:
 
     @cached_property
     def candidates(self) -> tuple[CandidateResults, ...]:
-        """Fitted candidates, fewest parameters first."""
-        found = [CandidateResults(self, p.parent) for p in self.folder.glob("*/posterior.nc")]
+        """Fitted candidates of the study, fewest parameters first."""
+        found = [CandidateResults(self, path.parent) for path in fitted_posteriors(self.folder)]
         if not found:
             raise UserError(
                 f"{self.folder}: holds no fitted candidate (*/posterior.nc); "
@@ -101,8 +102,8 @@ class StudyResults:
     @cached_property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that a figure may have been drawn from."""
-        patterns = ("prepared/*.nc", "*/posterior.nc", "*/*.csv", "*/predictions/*.nc", "*.csv",
-                    "analyses/index.json", "analyses/*/*")  # fmt: skip
+        patterns = ("study.yaml", "prepared/*.nc", "*/posterior.nc", "*/*.csv", "*.csv",
+                    "*/predictions/*.nc", "analyses/index.json", "analyses/*/*")  # fmt: skip
         return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
 
 

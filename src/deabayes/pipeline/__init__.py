@@ -13,6 +13,7 @@ from deabayes.pipeline.judge import (
     predict_candidate,
     score_candidate,
 )
+from deabayes.pipeline.made_of import fit_made_of, sums
 from deabayes.pipeline.population import fit_population
 from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
 from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
@@ -27,6 +28,7 @@ __all__ = [
     "entries_of",
     "export_posterior",
     "fit_ensemble",
+    "fit_made_of",
     "fit_population",
     "further_experiments",
     "pool_candidate",
@@ -36,4 +38,5 @@ __all__ = [
     "score_candidate",
     "seed_of",
     "select_rows",
+    "sums",
 ]

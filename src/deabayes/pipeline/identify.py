@@ -6,14 +6,14 @@ import hashlib
 import json
 import shutil
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deabayes.faults import UserError
-from deabayes.pipeline.prepare import read_experiments
+from deabayes.pipeline.prepare import calibrated_files, read_experiments
 from deabayes.study import Study, fit_settings
 
 if TYPE_CHECKING:
@@ -146,10 +146,12 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
 
     Raises
     ------
-    UserError : a file from before they held their prior, and that of `prior_from` is gone.
+    UserError : a file from before they held their prior, and that of `prior_from` is gone;
+        calibrated records that are not those of the fit.
     """
     from deabayes.own_models.loading import restore
     from deabayes.posterior import build
+    from deabayes.posteriors.fitted_records import check_fitted_records
     from deabayes.posteriors.inherited_prior import GROUP, with_inherited_prior
     from deabayes.posteriors.storage import specimen_from_json
     from deabayes.study import from_settings
@@ -157,8 +159,10 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
     restore(tree.attrs)
     study = from_settings(json.loads(tree.attrs["study"]))
     candidate, specimen = tree.attrs["candidate"], specimen_from_json(tree.attrs["specimen"])
+    experiments = read_experiments(prepared)
+    check_fitted_records(tree, experiments)
     if study.prior_from is None or GROUP in tree.children:
-        target = build(study, candidate, specimen, read_experiments(prepared))
+        target = build(study, candidate, specimen, experiments)
         return study, with_inherited_prior(target, tree)
     if not Path(study.prior_from).is_file():
         raise UserError(
@@ -182,16 +186,25 @@ def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritan
 def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
     """Where a candidate's checkpoints live.
 
-    Keyed by data, settings and code, so that stale ones are never resumed.
+    Keyed by all that its draws follow from, so that stale ones are never resumed.
     """
-    package = Path(__file__).parents[1]
     digest = hashlib.sha256(candidate.encode())
-    settings = json.dumps(fit_settings(study), sort_keys=True, default=str)
-    digest.update(settings.encode())
-    above = {"analyses", "commands", "export", "figures", "report"}
-    for path in [*sorted(package.rglob("*.py")), *sorted(Path(prepared).glob("*.nc"))]:
-        if path.parent.name not in above:
-            digest.update(path.read_bytes())
-    if study.model is not None:
-        digest.update(study.model.read_bytes())
+    for part in _what_draws_follow_from(study, prepared):
+        digest.update(hashlib.sha256(part).digest())
     return results / ".chain" / digest.hexdigest()[:16]
+
+
+def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
+    """Settings, specimen, calibrated records, what the prior is made of, code."""
+    from deabayes.posteriors.storage import specimen_to_json
+    from deabayes.reading.specimen import read_specimen
+
+    yield json.dumps(fit_settings(study), sort_keys=True, default=str).encode()
+    yield specimen_to_json(read_specimen(study.specimen)).encode()
+    package = Path(__file__).parents[1]
+    above = {"analyses", "commands", "export", "figures", "report"}
+    code = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in above]
+    given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
+    for path in [*calibrated_files(prepared), *given, *code]:
+        yield path.name.encode()
+        yield path.read_bytes()

@@ -73,19 +73,23 @@ def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
 def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Path) -> list[str]:
     """Predict every record of the study; write predictions/{experiment}.nc and errors.csv.
 
+    Predictions of records that the study no longer has are removed.
+
     Returns a line on every record that some draws have no response to.
     """
     import pandas as pd
 
     from deabayes.fitted import Fitted
-    from deabayes.posteriors.storage import read_tree, write_dataset
+    from deabayes.posteriors.fitted_records import check_fitted_records
+    from deabayes.posteriors.storage import read_tree, write_datasets
     from deabayes.prediction.bands import to_dataset
     from deabayes.prediction.errors_table import error_row
 
-    tree = read_tree(posterior)
+    tree, experiments = read_tree(posterior), read_experiments(prepared)
+    check_fitted_records(tree, experiments)
     fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
-    rows, failures = [], []
-    for index, experiment in enumerate(read_experiments(prepared)):
+    datasets, rows, failures = {}, [], []
+    for index, experiment in enumerate(experiments):
         rng = np.random.default_rng([1, index])
         samples = fitted.sample(experiment, rng)
         flags = fitted.extrapolation(experiment)
@@ -95,10 +99,11 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
             "noise_group": fitted.noise_of(experiment).group,
             "candidate": fitted.candidate,
         }
-        write_dataset(to_dataset(experiment, samples, attributes), output / f"{experiment.name}.nc")
+        datasets[experiment.name] = to_dataset(experiment, samples, attributes)
         rows.append(error_row(experiment, samples, flags))
         if samples.failure:
             failures.append(f"{fitted.candidate}, {experiment.name}: {samples.failure}")
+    write_datasets(datasets, output, mark="experiment")
     table = pd.DataFrame(rows).sort_values(["role", "protocol", "experiment"])
     write_atomically(lambda path: table.to_csv(path, index=False), errors)
     return failures

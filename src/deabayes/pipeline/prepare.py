@@ -16,16 +16,17 @@ from deabayes.study import Study
 def prepare_study(study: Study, output: Path) -> list[Experiment]:
     """Read, check and prepare every record of a study into `output/{experiment}.nc`.
 
-    A frequency response gives two, its gain and its phase.
+    A frequency response gives two, its gain and its phase. Nothing is written before all are
+    prepared; what was there of records that the study no longer has is removed.
     """
+    from deabayes.posteriors.storage import write_datasets
     from deabayes.preparation import measured_rows, prepare
-    from deabayes.preparation.prepared import write_prepared
+    from deabayes.preparation.prepared import to_dataset
     from deabayes.reading.folder import read_folder
 
     folder = read_folder(study.specimen, study.data_root)
     rows = select_rows(study, folder.table)
-    output.mkdir(parents=True, exist_ok=True)
-    experiments = []
+    experiments, datasets = [], {}
     for row in rows:
         raw, steps = folder.record(row), study.preparation.get(row.protocol)
         for each in measured_rows(row, raw):
@@ -33,8 +34,9 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
             said = {warning.partition(": ")[2] for warning in experiment.warnings}
             unseen = [w for w in folder.warnings(row) if w.partition(": ")[2] not in said]
             experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
-            write_prepared(experiment, output / f"{experiment.name}.nc", raw)
+            datasets[experiment.name] = to_dataset(experiment, raw)
             experiments.append(experiment)
+    write_datasets(datasets, output, mark="record_sha256")
     return experiments
 
 
@@ -46,6 +48,14 @@ def read_experiments(prepared: Path) -> list[Experiment]:
     if not paths:
         raise UserError(f"{prepared}: holds no prepared record; run `deabayes prepare` first")
     return [read_prepared(path) for path in paths]
+
+
+def calibrated_files(prepared: Path) -> list[Path]:
+    """The files of the prepared records that are fitted, by name."""
+    from deabayes.preparation.prepared import read_prepared
+
+    files = sorted(Path(prepared).glob("*.nc"))
+    return [path for path in files if read_prepared(path).role == "calibrate"]
 
 
 def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:

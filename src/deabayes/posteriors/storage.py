@@ -35,6 +35,28 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
     write_netcdf_atomically(dataset, path)
 
 
+def write_datasets(datasets: Mapping[str, xr.Dataset], folder: Path, mark: str) -> None:
+    """Write `{name}.nc` of each; what an earlier run left of other names is removed.
+
+    Parameters
+    ----------
+    mark : attribute that such a file has, so that nothing else in the folder is touched.
+    """
+    for name, dataset in datasets.items():
+        write_dataset(dataset, folder / f"{name}.nc")
+    for path in folder.glob("*.nc"):
+        if path.stem not in datasets and _has(path, mark):
+            path.unlink()
+
+
+def _has(path: Path, attribute: str) -> bool:
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as dataset:
+            return attribute in dataset.attrs
+    except (OSError, ValueError):  # no netCDF file
+        return False
+
+
 def read_tree(path: str | Path) -> xr.DataTree:
     """Read a posterior file into memory, or say why it is none."""
     path = Path(path)

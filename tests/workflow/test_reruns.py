@@ -1,0 +1,133 @@
+"""What an edit runs again, and what it leaves: nothing is sampled twice for nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from base64 import b64encode
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.unit.own_model_page import write_page
+from tests.unit.study_folders import replace_in
+from tests.workflow.test_workflow_snakemake import snakemake
+
+BUDGET = "sampling: {ensembles: 2, walkers: 24, max_steps: 60, particles: 64, seed: 1}\n"
+ONE = "results/stack/lag_0/posterior.nc"
+BOTH = (ONE, "results/stack/lag_1/posterior.nc")
+RECORDS = Path("data/stack/records")
+SAMPLING = {"fit", "pool"}
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's study of one candidate, fitted with too small a budget."""
+    place = write_page(tmp_path_factory.mktemp("stack"))
+    with (place / "config.yaml").open("a") as config:
+        config.write(BUDGET)
+    replace_in(place / "config.yaml", "[lag_0, lag_1]", "[lag_0]")
+    shutil.copy(place / RECORDS / "creep_1500V.csv", place / RECORDS / "creep_more.csv")
+    run = snakemake(place, "--cores", "1", ONE)
+    assert run.returncode == 0, run.stderr
+    return place
+
+
+@pytest.fixture
+def place(fitted: Path) -> Iterator[Path]:
+    """The same, put back as it was after a test has edited it."""
+    paths = [path for part in ("data", "models") for path in sorted((fitted / part).rglob("*"))]
+    kept = [path for path in [*paths, fitted / "config.yaml"] if path.is_file()]
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in kept}
+    yield fitted
+    for path, (content, changed) in before.items():
+        path.write_bytes(content)
+        os.utime(path, ns=(changed, changed))
+
+
+def planned(place: Path, *targets: str) -> dict[str, int]:
+    """How many jobs of each rule would run."""
+    run = snakemake(place, "--cores", "1", "--dry-run", *targets)
+    assert run.returncode == 0, run.stderr
+    rules = re.findall(r"^(?:local)?rule (\w+):", run.stdout, flags=re.MULTILINE)
+    return {rule: rules.count(rule) for rule in rules}
+
+
+def test_without_an_edit_nothing_runs(place: Path) -> None:
+    assert planned(place, ONE) == {}
+
+
+def test_a_new_candidate_is_fitted_alone(place: Path) -> None:
+    replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
+    jobs = planned(place, *BOTH)
+    assert (jobs["fit"], jobs["pool"]) == (2, 1)
+    assert "prepare" in jobs and "code" not in jobs
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("config.yaml", "    candidates", "    validate: []\n    candidates"),
+        ("data/stack/records/creep_1500V.csv", "\n", "\n\n"),
+        (
+            "data/stack/experiments.csv",
+            "creep_1500V,creep,",
+            "more,creep,records/creep_more.csv,validate,voltage,displacement\ncreep_1500V,creep,",
+        ),
+    ],
+    ids=["none held out", "blank line", "one more"],
+)
+def test_held_out_records_fit_nothing_again(place: Path, file: str, old: str, new: str) -> None:
+    text = (place / file).read_text()
+    assert old in text
+    (place / file).write_text(text.replace(old, new, 1))
+    jobs = planned(place, ONE, "results/stack/prepared")
+    assert "prepare" in jobs and not SAMPLING & set(jobs)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("config.yaml", "seed: 1", "seed: 2"),
+        ("config.yaml", "    candidates", "    calibrate: [creep_1500V]\n    candidates"),
+        ("data/stack/specimen.yaml", "value: ", "value: 1"),
+        ("data/stack/records/creep_1000V.csv", "0", "1"),
+        ("models/stack.py", '"wide"', '"vast"'),
+    ],
+    ids=["seed", "calibrated", "specimen", "record", "model"],
+)
+def test_what_a_fit_is_made_of_is_fitted_again(place: Path, file: str, old: str, new: str) -> None:
+    """Also where another candidate is asked for at once, which makes study.yaml again."""
+    text = (place / file).read_text()
+    assert old in text
+    (place / file).write_text(text.replace(old, new, 1))
+    try:
+        assert set(planned(place, ONE)) >= SAMPLING
+        replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
+        assert planned(place, *BOTH)["fit"] == 4
+    finally:
+        (place / file).write_text(text)
+
+
+def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
+    record = place / RECORDS / "creep_1000V.csv"
+    changed = record.stat().st_mtime - 1e6
+    replace_in(record, record.read_text().splitlines()[-1], "0.9,1000,0.0001")
+    os.utime(record, (changed, changed))
+    jobs = planned(place, ONE)
+    assert {"prepare", "fit", "pool"} <= set(jobs)
+
+
+def test_what_a_power_cut_left_is_made_again_as_the_page_says(place: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "resume.md").read_text()
+    assert "`snakemake --unlock`" in page and "--rerun-incomplete" in page
+    held = place / "results" / "stack" / "lag_0" / "ensembles" / "1.nc"
+    (place / ".snakemake" / "incomplete").mkdir(exist_ok=True)
+    marker = b64encode(str(held.relative_to(place)).encode()).decode()
+    (place / ".snakemake" / "incomplete" / marker).touch()
+    run = snakemake(place, "--cores", "1", "--dry-run", ONE)
+    assert run.returncode != 0 and "--rerun-incomplete" in run.stderr + run.stdout
+    run = snakemake(place, "--cores", "1", "--dry-run", "--rerun-incomplete", ONE)
+    (place / ".snakemake" / "incomplete" / marker).unlink()
+    assert run.returncode == 0 and "ensembles/1.nc" in run.stdout

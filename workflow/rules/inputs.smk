@@ -1,0 +1,173 @@
+"""What the rules are given: named functions of inputs and parameters."""
+
+import json
+from pathlib import Path
+
+import yaml
+from deabayes.faults import UserError
+from deabayes.pipeline import fit_made_of, sums
+from deabayes.population.settings import to_settings as population_to_settings
+from deabayes.reading.folder import read_folder
+from deabayes.study import settings_on_file
+
+
+def settings_of(wildcards):
+    """One study's settings: a parameter of its job, so that editing one reruns only that one."""
+    settings = settings_on_file(STUDIES[wildcards.study])
+    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+
+
+def settings_of_population(wildcards):
+    """One population's settings, for the same reason."""
+    settings = population_to_settings(POPULATIONS[wildcards.population])
+    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+
+
+def posteriors_of_members(wildcards):
+    """The posteriors that a population puts together."""
+    population = POPULATIONS[wildcards.population]
+    return expand(
+        "<results>/{study}/{candidate}/posterior.nc",
+        study=population.studies,
+        candidate=population.candidate,
+    )
+
+
+def prepared_of_members(wildcards):
+    """The prepared records of a population's specimens."""
+    studies = POPULATIONS[wildcards.population].studies
+    return expand("<results>/{study}/prepared", study=studies)
+
+
+def raw_files(wildcards):
+    """The study's specimen, table and records, wherever the records are."""
+    study = STUDIES[wildcards.study]
+    try:
+        folder = read_folder(study.specimen, study.data_root, check_records=False)
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
+    records = [folder.locate(row) or folder.path / row.record for row in folder.table]
+    tables = [folder.path / name for name in ("specimen.yaml", "experiments.csv")]
+    return [str(path) for path in dict.fromkeys([*tables, *records])]
+
+
+def raw_sums(wildcards):
+    """What the raw files hold: a record may be replaced by an older file."""
+    return json.dumps(sums(Path(path) for path in raw_files(wildcards)))
+
+
+def made_of(wildcards):
+    """What a fit of the study is made of, its code aside, as a sum."""
+    try:
+        return fit_made_of(STUDIES[wildcards.study])
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
+
+
+def own_model(wildcards):
+    """The file that defines the study's system, where that is the user's own."""
+    model = STUDIES[wildcards.study].model
+    return [] if model is None else [str(model)]
+
+
+def own_models():
+    """The files that define systems of the studies."""
+    files = [study.model for study in STUDIES.values() if study.model is not None]
+    return sorted({str(file) for file in files})
+
+
+def inherited_posterior(wildcards):
+    """The posterior named by `prior_from`."""
+    source = STUDIES[wildcards.study].prior_from
+    return [] if source is None else [source]
+
+
+def posterior_from_outside(wildcards):
+    """The same, if it is none of this workflow's."""
+    results = Path(workflow.pathvars.items["results"])
+    found = inherited_posterior(wildcards)
+    return [path for path in found if not Path(path).is_relative_to(results)]
+
+
+def until_there(needed, made):
+    """An input that is waited for, and that makes no job run again whose output is there.
+
+    `ancient` alone would also leave out an output that is missing, in a run that makes the input
+    again: Snakemake then looks at nothing else of the jobs after it.
+    """
+
+    def found(wildcards):
+        values = dict(wildcards.items())
+        (path,), (output,) = expand(needed, **values), expand(made, **values)
+        there = Path(workflow.pathvars.apply(output)).exists()
+        return ancient(path) if there else path
+
+    return found
+
+
+def pooling_threads(wildcards, input):
+    """Half of the cores, one ensemble each: a pool does not sample all the time it runs."""
+    most = len(input.ensembles)
+    try:
+        cores = workflow.cores
+    except WorkflowError:  # of a remote executor, which may be told of none
+        cores = None
+    return max(1, min(cores // 2, most)) if cores else most
+
+
+def ensembles_of(wildcards):
+    """One file per ensemble of a candidate."""
+    count = STUDIES[wildcards.study].sampling.ensembles
+    return expand(
+        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
+        study=wildcards.study,
+        candidate=wildcards.candidate,
+        ensemble=range(1, count + 1),
+    )
+
+
+def posteriors_of(wildcards):
+    """The posteriors of all candidates of a study."""
+    return per_candidate(wildcards.study, "posterior.nc")
+
+
+def scores_of(wildcards):
+    """The scores of all candidates of a study."""
+    return per_candidate(wildcards.study, "scores.json")
+
+
+def checks_of(wildcards):
+    """Evidence by nested sampling of all candidates of a study that asks for it."""
+    asked = STUDIES[wildcards.study].evidence_check == "nested"
+    return per_candidate(wildcards.study, "nested.json") if asked else []
+
+
+def further_experiments_of(wildcards):
+    """The experiments a study asks for, as YAML on one line."""
+    entries = STUDIES[wildcards.study].further_experiments
+    return json.dumps({name: dict(settings) for name, settings in entries.items()})
+
+
+def errors_of(wildcards):
+    """The error tables of all candidates of a study."""
+    return per_candidate(wildcards.study, "errors.csv")
+
+
+def per_candidate(study, name):
+    """One file of each candidate of a study."""
+    return expand(
+        "<results>/{study}/{candidate}/{name}",
+        study=study,
+        candidate=STUDIES[study].candidates,
+        name=name,
+    )
+
+
+def study_folders(wildcards, input):
+    """The results folders of the studies whose figures are drawn."""
+    return [str(Path(figures).parent) for figures in input.figures]
+
+
+def left_out_options():
+    """The studies left out, as options of `deabayes report`."""
+    return [word for line in LEFT_OUT for word in ("--left-out", line)]
