@@ -30,6 +30,7 @@ STARTS = {
 }
 """What the pipeline's function for a rule calls."""
 PLUMBING = {
+    "compiled",
     "faults",
     "files",
     "given_drive",
