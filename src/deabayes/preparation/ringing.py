@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.preparation.grid import CORNER_FRACTION
 from deabayes.preparation.polyline import corners
 from deabayes.preparation.working import WorkingRecord
 
-CORNER_FRACTION = 0.05
 SWING = 0.02
 """Of the response's range: less is no swing."""
 OVER_NOISE = 10.0
