@@ -1,6 +1,7 @@
 """What happens before sampling proper, and when proposals are refitted."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -138,3 +139,26 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
     assert asked[0] == 1000
     assert asked[:3] == sorted(asked[:3])
     assert asked[3] == 2000
+
+
+@pytest.mark.parametrize(("times", "refits"), [((100, 2, 100), 4), ((2, 2, 100), 3)])
+def test_a_late_refit_pays_where_one_run_is_held_up(times, refits, monkeypatch):
+    """Of 12 000 steps, 4000 after the third refit, 4600 are left: enough for two of three runs."""
+    rng = np.random.default_rng(10)
+    made = []
+
+    def another(ensembles, rng, coordinates):
+        made.append(fit(rng.standard_normal((400, 2)), 1, rng))
+        return [made[-1] for _ in ensembles]
+
+    def verdict(ensembles, settings, quantities=None):
+        return SimpleNamespace(converged=False, agree=False, autocorrelation_times=np.array(times))
+
+    monkeypatch.setattr(pooling, "better_proposals", another)
+    monkeypatch.setattr(pooling, "judge", verdict)
+    monkeypatch.setattr(pooling, "leave_out", lambda ensembles, rng: True)
+    own = fit(rng.standard_normal((4000, 2)), 1, rng)
+    runs = [slow_run(rng, 32, 400, number, own) for number in times]
+    settings = Sampling(ensembles=3, walkers=32, max_steps=12000)
+    pooling.pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
+    assert len(made) == refits

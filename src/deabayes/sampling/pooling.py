@@ -28,7 +28,7 @@ EXTENDED = 0
 REFIT, INSPECTED = 0, 2
 MOST_REFITS = 6
 LEFT_AFTER_REFIT = 2.0
-"""Times what it throws away that the budget must leave after a refit."""
+"""Times what it throws away, or what the usual run needs, that the budget must leave after it."""
 GROWTH = 1.5
 """Of the runs' length in autocorrelation times since the last refit, before the next."""
 DROPPED_AFTER_REFIT = 0.1
@@ -80,7 +80,8 @@ def pool(
     Proposals are refitted again, a few times at most, while runs are far from long enough and
     the budget leaves much more than a refit throws away, and then only to longer runs than the
     last time or where a proposal leaves out what runs have found since; where none gets better
-    by it, nothing is thrown away.
+    by it, nothing is thrown away. Where one run is held up and the usual one is not, what is left
+    of the budget need be enough for the usual one only.
 
     Parameters
     ----------
@@ -101,7 +102,8 @@ def pool(
     total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
-        refit_pays = refits < MOST_REFITS and most - total > LEFT_AFTER_REFIT * total
+        enough = LEFT_AFTER_REFIT * min(total, _usually_wanted(total, convergence, settings))
+        refit_pays = refits < MOST_REFITS and most - total > enough
         rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
         refit_pays = refit_pays and (times > GROWTH * seen or leave_out(current, rng))
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
@@ -201,6 +203,15 @@ def _wanted(total: int, convergence: Convergence, settings: Sampling) -> float:
     """Steps since the refit that would be long enough at the present autocorrelation time."""
     shortest = max(float(np.min(convergence.autocorrelation_times)), 1e-3)
     return 1.1 * total * settings.autocorrelation_times / shortest
+
+
+def _usually_wanted(total: int, convergence: Convergence, settings: Sampling) -> float:
+    """Steps that the usual run would need: a walker caught where no proposal goes is one's alone.
+
+    Refitted to what one run has found, proposals of all go there.
+    """
+    usual = max(float(np.median(convergence.autocorrelation_times)), 1e-3)
+    return 1.1 * total * settings.autocorrelation_times / usual
 
 
 def _hopeless(total: int, convergence: Convergence, settings: Sampling) -> bool:
