@@ -15,7 +15,7 @@ import numpy as np
 
 from deabayes.sampling import chains
 from deabayes.sampling.moves import DifferentialEvolutionMove, initial_state, recipe
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.smc import from_prior, log_standard_normal
 
 DIMENSION, WALKERS, STEPS = 16, 128, 4000

@@ -7,7 +7,7 @@ from scipy.special import ndtr
 from deabayes.sampling.cloud import Cloud
 from deabayes.sampling.first_pass import WARM_UP_SCHEDULE
 from deabayes.sampling.guide import Guide
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.smc import from_prior, log_standard_normal
 
 TIMES = np.linspace(0.0, 320.0, 33)

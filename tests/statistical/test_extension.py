@@ -7,7 +7,7 @@ import pytest
 from tests.statistical.test_sampling_stages import slow_run
 
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(ensembles=3, walkers=32, max_steps=4000)

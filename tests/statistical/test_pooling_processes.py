@@ -11,7 +11,7 @@ from tests.statistical.test_sampling_stages import slow_run
 from deabayes.sampling.checkpoint import Store
 from deabayes.sampling.forked import run_apart
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.run import Run, Target
 from deabayes.study import Sampling
 

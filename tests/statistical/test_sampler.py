@@ -26,7 +26,8 @@ from deabayes.sampling.moves import (
     recipe,
 )
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import Lines, Part, Proposal, fit
+from deabayes.sampling.proposal import Lines, Part, Proposal
+from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.smc import anneal, from_prior, log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
 from deabayes.sampling.warp import fit_warp

@@ -12,8 +12,9 @@ from deabayes.sampling.ensemble import Ensemble
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.pooling import pool
-from deabayes.sampling.proposal import Part, Proposal, fit
-from deabayes.sampling.refit import better_proposals, divergence, leave_out
+from deabayes.sampling.proposal import Part, Proposal
+from deabayes.sampling.proposal_fit import fit
+from deabayes.sampling.refit import better_proposals, divergence, leave_out, worst_covered
 from deabayes.sampling.smc import log_standard_normal
 from deabayes.study import Sampling
 
@@ -93,6 +94,22 @@ def test_a_proposal_leaves_out_what_other_runs_found():
     assert leave_out([run], rng)
     found = better_proposals([run], rng, Coordinates())[0]
     assert not leave_out([replace(run, proposal=found)], rng)
+
+
+@pytest.mark.parametrize("caught", [0, 3])
+def test_a_place_that_one_walker_found_is_proposed_by_the_refit(caught):
+    """It sits twelve sds out for a quarter of a run; others, and what they leave out, are alike."""
+    rng = np.random.default_rng(11)
+    own = fit(rng.standard_normal((20000, 2)), 1, rng)
+    runs = [slow_run(rng, 32, 800, 400, own) for _ in range(2)]
+    chain, log_posterior = runs[1].chain.copy(), runs[1].log_posterior.copy()
+    chain[600:, caught] = [12.0, 0.0] + 0.01 * rng.standard_normal((200, 2))
+    log_posterior[600:, caught] = -3.0
+    runs[1] = replace(runs[1], chain=chain, log_posterior=log_posterior)
+    assert worst_covered(runs) == caught
+    found = better_proposals(runs, rng, Coordinates())
+    far = np.array([[12.0, 0.0]])
+    assert all(each.log_density(far)[0] > own.log_density(far)[0] + 5.0 for each in found)
 
 
 def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):

@@ -14,7 +14,7 @@ from deabayes.sampling.checkpoint import (
 )
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.ensemble import Ensemble, align
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 
 
 def test_arrays_come_back_and_no_partial_file_stays(tmp_path):

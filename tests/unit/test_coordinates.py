@@ -13,7 +13,7 @@ from deabayes.experiment import Quantity, Specimen
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.pairs import GentPair, NoisePair
-from deabayes.sampling.proposal import fit
+from deabayes.sampling.proposal_fit import fit
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
 
 

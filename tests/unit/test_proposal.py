@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.proposal import (
-    MOST_TRIES,
-    Part,
-    Proposal,
-    acceptance,
-    enough_tries,
-    fit,
-)
+from deabayes.sampling.proposal import Part, Proposal
+from deabayes.sampling.proposal_fit import MOST_TRIES, acceptance, enough_tries, fit
 from deabayes.sampling.warp import fit_warp
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.guide import Guide
-from deabayes.sampling.proposal import Lines, Proposal, fit
+from deabayes.sampling.proposal import Lines, Proposal
+from deabayes.sampling.proposal_fit import fit
 
 LogDensity = Callable[[FloatArray], FloatArray]
 

@@ -22,7 +22,8 @@ from deabayes.sampling.cloud import LogDensity, Schedule
 from deabayes.sampling.ensemble import Ensemble
 from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.progress import progress_bar
-from deabayes.sampling.proposal import Proposal, fit
+from deabayes.sampling.proposal import Proposal
+from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.run import DROPPED_SHARE, Run, Target, stage_seed
 from deabayes.sampling.smc import Population, from_prior, settle
 from deabayes.study import Sampling

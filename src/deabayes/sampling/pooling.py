@@ -102,8 +102,7 @@ def pool(
     total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
-        enough = LEFT_AFTER_REFIT * min(total, _usually_wanted(total, convergence, settings))
-        refit_pays = refits < MOST_REFITS and most - total > enough
+        refit_pays = refits < MOST_REFITS and _affordable(total, most, convergence, settings)
         rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
         refit_pays = refit_pays and (times > GROWTH * seen or leave_out(current, rng))
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
@@ -199,27 +198,29 @@ def _continue(
     )
 
 
-def _wanted(total: int, convergence: Convergence, settings: Sampling) -> float:
-    """Steps since the refit that would be long enough at the present autocorrelation time."""
-    shortest = max(float(np.min(convergence.autocorrelation_times)), 1e-3)
-    return 1.1 * total * settings.autocorrelation_times / shortest
+def _wanted(total: int, times: float, settings: Sampling) -> float:
+    """Steps since the refit that would be long enough where so many are `times` of them."""
+    return 1.1 * total * settings.autocorrelation_times / max(times, 1e-3)
 
 
-def _usually_wanted(total: int, convergence: Convergence, settings: Sampling) -> float:
-    """Steps that the usual run would need: a walker caught where no proposal goes is one's alone.
-
-    Refitted to what one run has found, proposals of all go there.
+def _affordable(total: int, most: int, convergence: Convergence, settings: Sampling) -> bool:
+    """Whether the budget leaves enough after a refit: for the usual run, as a walker caught where
+    no proposal goes is one run's alone, and proposals refitted to what that run found go there.
     """
-    usual = max(float(np.median(convergence.autocorrelation_times)), 1e-3)
-    return 1.1 * total * settings.autocorrelation_times / usual
+    usual = _wanted(total, float(np.median(convergence.autocorrelation_times)), settings)
+    return most - total > LEFT_AFTER_REFIT * min(total, usual)
 
 
 def _hopeless(total: int, convergence: Convergence, settings: Sampling) -> bool:
-    return _wanted(total, convergence, settings) > 3 * total
+    return _longest(total, convergence, settings) > 3 * total
+
+
+def _longest(total: int, convergence: Convergence, settings: Sampling) -> float:
+    return _wanted(total, float(np.min(convergence.autocorrelation_times)), settings)
 
 
 def _next_total(total: int, renewed: int, convergence: Convergence, settings: Sampling) -> int:
     """Steps since the last of so many refits to reach in the next round."""
     if total == 0:
         return MINIMUM_STEPS * 2 ** (renewed - 1)
-    return int(np.clip(_wanted(total, convergence, settings), 1.3 * total, 2.5 * total))
+    return int(np.clip(_longest(total, convergence, settings), 1.3 * total, 2.5 * total))
