@@ -19,8 +19,9 @@ STRETCHES = 5.0 / np.sqrt(2.0), 1.0 / (5.0 * 5.0 / np.sqrt(2.0))
 """lambda_x and lambda_z of the film at rest: 45 degrees, prestretch 5."""
 
 
-def film(candidate: str) -> LogPosterior:
-    return build(Study("study", Path(), (candidate,)), candidate, PLAIN, [force(5.0)])
+def film(candidate: str, **priors: object) -> LogPosterior:
+    study = Study("study", Path(), (candidate,), priors=priors)
+    return build(study, candidate, PLAIN, [force(5.0)])
 
 
 def inherited(candidate: str) -> LogPosterior:

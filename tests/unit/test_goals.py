@@ -59,15 +59,28 @@ def test_coverage_and_its_control(tmp_path, share, expected):
 
 
 @pytest.mark.parametrize(
-    ("dense", "width", "expected"), [(0.92, 1.2, ["yes", "yes"]), (0.85, 1.3, ["NO", "NO"])]
+    ("change", "width", "expected"),
+    [("+0.020 ± 0.015", 1.2, ["yes", "yes"]), ("-0.050 ± 0.015", 1.3, ["NO", "NO"])],
 )
-def test_sampling_faster_and_noise_that_is_not_there(tmp_path, dense, width, expected):
+def test_sampling_faster_and_noise_that_is_not_there(tmp_path, change, width, expected):
     names = [membrane_summary.MEANING[variant] for variant in ("ou", "dense", "iid")]
-    covered = [f"{share} (0.8 to 1)" for share in (0.9, dense, 0.9)]
     rows = {"data and fit": names, "units": 1, "replicates": 100}
-    rows |= {"coverage of 90 % intervals": covered, "width over the right model's": width}
+    rows |= {"coverage of 90 % intervals": "0.9 (0.8 to 1)"}
+    rows |= {membrane_summary.WIDTHS: [None, None, width]}
+    rows |= {membrane_summary.CHANGE: [None, change, None]}
     pd.DataFrame(rows).to_csv(tmp_path / "membrane_recovery.csv", index=False)
     asked = found(tmp_path)
     faster = asked[asked["asked"].str.startswith("five times faster")]
     assert list(faster["met"]) == expected
-    assert faster["measured"].iloc[0] == f"{dense - 0.9:+.3f}, 100 specimens"
+    assert list(faster["measured"]) == [f"{change}, 100 specimens", f"{width:.2f}, 100 specimens"]
+
+
+def test_the_same_specimens_are_compared():
+    """Of four, two are sampled faster: one interval of four gains the truth, whatever others do."""
+    usual = pd.DataFrame(
+        {"replicate": [0, 1, 2, 3], "rank:mu": 1, "rank:tau": 1, "in90:mu": [1, 0, 0, 0]}
+        | {"in90:tau": [1, 1, 0, 0]}
+    )
+    dense = usual.iloc[:2].assign(**{"in90:mu": [1, 1]})
+    change = membrane_summary._change({("dense", 1): dense, ("ou", 1): usual}, "dense", 1)
+    assert change == "+0.250 ± 0.250"
