@@ -15,13 +15,6 @@ SPLIT_GAIN = 6.0
 LARGEST_SHARE = 0.999
 """Of a component's variance in the prior's: equal ones say that the records are silent, and
 noise of the draws must not make them say less than nothing."""
-NOISE = 2.0
-"""Standard errors of a variance by which it must be less than the prior's to say anything."""
-WIDTHS = 1.0, 0.8, 0.6, 0.45, 0.35
-"""Of a reference, in the prior's standard deviations: bounds that are 1.7 of those away would cut
-off 40 % of the variance of one as wide, 4 % of one of 0.6."""
-LEAST_KEPT = 0.95
-"""Of a reference's variance in every direction: independent draws leave 0.98 of all of it."""
 
 
 @dataclass(frozen=True)
@@ -53,59 +46,10 @@ class Likelihood:
         return np.asarray(weights @ (within + (self.means - centre) ** 2))
 
 
-@dataclass(frozen=True)
-class Reference:
-    """A normal inside of a prior's support, by which posteriors are divided.
-
-    Attributes
-    ----------
-    centre, factor : (d,) and (d, d): white = factor^-1 (phi - centre) is N(0, I) under it.
-    shift, scale : the same once more, of prior draws in white that are weighted by the normal over
-        the prior: what the support's bounds cut off is not there in posteriors either.
-    """
-
-    centre: FloatArray
-    factor: FloatArray
-    shift: FloatArray
-    scale: FloatArray
-
-    @classmethod
-    def within(cls, prior_phi: FloatArray, log_prior: FloatArray) -> Reference:
-        """As wide as the prior, or narrower until bounds cut off little (`LEAST_KEPT`).
-
-        Parameters
-        ----------
-        prior_phi, log_prior : (N, d) draws of the prior and their log density, (N,).
-        """
-        centre = prior_phi.mean(axis=0)
-        whole = _root(np.atleast_2d(np.cov(prior_phi, rowvar=False)))
-        for width in WIDTHS:
-            found = cls(centre, width * whole, np.zeros(len(centre)), np.eye(len(centre)))
-            white, weights = found.weighted(prior_phi, log_prior)
-            shift = weights @ white
-            scale = _root(np.einsum("k,ki,kj->ij", weights, white - shift, white - shift))
-            if np.linalg.svd(scale, compute_uv=False)[-1] ** 2 > LEAST_KEPT:
-                break
-        return cls(centre, width * whole, shift, scale)
-
-    def weighted(self, phi: FloatArray, log_prior: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """White of draws (K, d), and their weights, the normal over the prior, (K,), of sum one."""
-        white = _solved(self.factor, phi - self.centre)
-        log_weights = -0.5 * np.sum(white**2, axis=1) - log_prior
-        weights = np.exp(log_weights - log_weights.max())
-        return _solved(self.scale, white - self.shift), weights / weights.sum()
-
-    def back(self, means: FloatArray, covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Means (J, d) and covariances (J, d, d) of normals in white, as those of phi."""
-        root = self.factor @ self.scale
-        centre = self.centre + self.factor @ self.shift
-        return centre + means @ root.T, root @ covariances @ root.T
-
-
 def fit(
     phi: FloatArray,
     log_prior: FloatArray,
-    reference: Reference,
+    prior_phi: FloatArray,
     independent: float,
     rng: np.random.Generator,
 ) -> Likelihood:
@@ -120,40 +64,31 @@ def fit(
     Parameters
     ----------
     phi, log_prior : (K, d) and (K,), draws and their prior's log density as one of phi.
-    reference : N(p, P).
+    prior_phi : (N, d) draws of the prior.
     independent : how many independent draws the K are worth.
     """
-    white, weights = reference.weighted(phi, log_prior)
+    from scipy.linalg import solve_triangular
+
+    centre = prior_phi.mean(axis=0)
+    factor = np.linalg.cholesky(np.atleast_2d(np.cov(prior_phi, rowvar=False)))
+    white = solve_triangular(factor, (phi - centre).T, lower=True).T
+    log_rest = log_prior + 0.5 * np.sum(white**2, axis=1)
+    weights = np.exp(-(log_rest - log_rest.min()))
+    weights /= weights.sum()
     effective = independent / (len(phi) * np.sum(weights**2))
     even = white[systematic(weights, rng)]
     shares, means, covariances = _mixture(even, effective, rng)
     misfit = _misfit(even, shares, means, covariances)
-    log_v, a, b = _divided(shares, means, covariances, 1.0 - NOISE * np.sqrt(2.0 / effective))
-    return Likelihood(log_v, *reference.back(a, b), effective, misfit)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.cholesky(covariance))
-
-
-def _solved(factor: FloatArray, values: FloatArray) -> FloatArray:
-    """factor^-1 of each row of values (K, d)."""
-    from scipy.linalg import solve_triangular
-
-    return np.asarray(solve_triangular(factor, values.T, lower=True).T)
+    log_v, a, b = _divided(shares, means, covariances)
+    return Likelihood(log_v, centre + a @ factor.T, factor @ b @ factor.T, effective, misfit)
 
 
 def _divided(
-    shares: FloatArray, means: FloatArray, covariances: FloatArray, silent: float
+    shares: FloatArray, means: FloatArray, covariances: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """log v_j, a_j and B_j of a mixture over N(0, I).
-
-    Parameters
-    ----------
-    silent : variances from which they are taken for the prior's.
-    """
+    """log v_j, a_j and B_j of a mixture over N(0, I)."""
     values, vectors = np.linalg.eigh(covariances)
-    values = np.where(values > min(silent, LARGEST_SHARE), LARGEST_SHARE, values)
+    values = np.minimum(values, LARGEST_SHARE)
     wide = values / (1.0 - values)
     turned = np.einsum("jkl,jk->jl", vectors, means)
     found = turned / (1.0 - values)
@@ -173,12 +108,13 @@ def _mixture(
     """
     import warnings
 
+    from scipy.linalg import solve_triangular
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 
     centre = white.mean(axis=0)
-    factor = _root(np.atleast_2d(np.cov(white, rowvar=False)))
-    own = _solved(factor, white - centre)
+    factor = np.linalg.cholesky(np.atleast_2d(np.cov(white, rowvar=False)))
+    own = solve_triangular(factor, (white - centre).T, lower=True).T
     worth = rng.permutation(own)[: max(int(effective), 10 * white.shape[1])]
     best, lowest = None, np.inf
     for components in range(1, MOST_COMPONENTS + 1):

@@ -12,7 +12,7 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
-from deabayes.population.likelihood import Likelihood, Reference, fit
+from deabayes.population.likelihood import Likelihood, fit
 from deabayes.posteriors.storage import stacked
 from deabayes.prior.joint import Prior
 
@@ -51,13 +51,11 @@ class Member:
     ) -> Member:
         """From draws theta (K, d) of the parameters whose prior `prior` is."""
         rng = np.random.default_rng(SEED)
-        drawn = prior.sample(rng, PRIOR_DRAWS)
-        (phi, log_prior), (prior_phi, log_of_prior) = (
-            (coordinate.forward(each), prior.log_density(each) + coordinate.log_derivative(each))
-            for each in (theta, drawn)
+        phi, prior_phi = (
+            coordinate.forward(draws) for draws in (theta, prior.sample(rng, PRIOR_DRAWS))
         )
-        reference = Reference.within(prior_phi, log_of_prior)
-        likelihood = fit(phi, log_prior, reference, independent, rng)
+        log_prior = prior.log_density(theta) + coordinate.log_derivative(theta)
+        likelihood = fit(phi, log_prior, prior_phi, independent, rng)
         moments = prior_phi.mean(axis=0), prior_phi.std(axis=0)
         return cls(study, phi, log_prior, prior, *moments, independent, likelihood)
 

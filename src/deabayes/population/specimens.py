@@ -186,8 +186,9 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
         silent = [name for name, c in member.contraction.items() if c < SILENT]
         if silent:
             found.append(
-                f"{member.study}: its records say nothing of {', '.join(silent)}; there, mean and "
-                "spread are what the other specimens tell, and its own estimate is theirs"
+                f"{member.study}: its records say nothing of {', '.join(silent)}, and its prior's "
+                "bounds and order, which are divided out approximately, make mean and spread look "
+                "better known than they are; leave the parameter out of the population"
             )
     if outside > LARGEST_OUTSIDE:
         found.append(
