@@ -42,7 +42,7 @@ NEARLY_ZERO = 1e-9
 """Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
 HEIGHTS = 1.0, 0.92, 0.84
 """Of the film's stresses, in those of the reference: 0.85 and 0.72 times as far for the paper's
-film. Proposals are as good with any between 1.1 and 0.6."""
+film. Proposals are as good with any between 1.1 and 0.7."""
 LEAST_SHARE, RARELY, LOOKED_AT = 0.005, 0.01, 2000
 """A term is seen whose share of the stress is rarely less, by so many draws of the prior. Where
 one is not, coordinates that hold both have a wall."""
