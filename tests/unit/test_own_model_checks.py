@@ -27,6 +27,13 @@ DERIVED = """
 """
 
 
+ANOTHER_EACH_TIME = (
+    'simulate.calls = getattr(simulate, "calls", 0) + 1; '
+    "return answer * (1.0 + 0.01 * simulate.calls)"
+)
+"""As a random one would, but with no chance to be the same."""
+
+
 def answering(ending: str) -> tuple[str, str]:
     """The change after which the response is what `ending` makes of `answer`."""
     return ANSWER, f"{ANSWERED}            {ending}\n"
@@ -93,7 +100,7 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], str]] = {
         f"{RECORD}the model answers a draw differently when others are asked for with it",
     ),
     "random": (
-        [answering("return answer * (1.0 + 0.01 * np.random.rand())")],
+        [answering(ANOTHER_EACH_TIME)],
         f"{RECORD}the model answers the same draws differently when asked again",
     ),
     "changed draws": (
