@@ -110,6 +110,22 @@ def test_what_a_fit_is_made_of_is_fitted_again(place: Path, file: str, old: str,
         (place / file).write_text(text)
 
 
+def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
+    """The run that made study.yaml again was ended before it came to `compile` and to the pool."""
+    before = (place / "config.yaml").read_text()
+    replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
+    summary = place / "results/stack/lag_0/summary.csv"
+    kept = summary.read_bytes()
+    assert snakemake(place, "--cores", "1", "results/stack/prepared").returncode == 0
+    summary.unlink()
+    try:
+        assert planned(place, str(summary.relative_to(place))) == {"pool": 1}
+    finally:
+        summary.write_bytes(kept)
+        (place / "config.yaml").write_text(before)
+        snakemake(place, "--cores", "1", "results/stack/prepared")
+
+
 def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
     record = place / RECORDS / "creep_1000V.csv"
     changed = record.stat().st_mtime - 1e6

@@ -30,8 +30,8 @@ POOLING = POOLED + modules(
 
 rule compile:
     input:
-        studies=expand("<results>/{study}/study.yaml", study=STUDIES),
-        prepared=expand("<results>/{study}/prepared", study=STUDIES),
+        studies=until_compiled("<results>/{study}/study.yaml"),
+        prepared=until_compiled("<results>/{study}/prepared"),
         modules=MODEL,
         own=own_models(),
     output:

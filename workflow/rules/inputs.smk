@@ -105,6 +105,20 @@ def until_there(needed, made):
     return found
 
 
+def until_compiled(needed):
+    """The same for a file of every study and `compiled`.
+
+    A run may end after an edit has reached study.yaml and before `compile` has its turn: were the
+    next to make `compiled` again, it would look at nothing after it, and end with success.
+    """
+
+    def found(wildcards):
+        paths = expand(needed, study=STUDIES)
+        return [until_there(path, "<results>/logs/compiled")(wildcards) for path in paths]
+
+    return found
+
+
 def pooling_threads(wildcards, input):
     """Half of the cores, one ensemble each: a pool does not sample all the time it runs."""
     most = len(input.ensembles)
