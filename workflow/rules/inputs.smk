@@ -114,7 +114,9 @@ def until_compiled(needed):
 
     def found(wildcards):
         paths = expand(needed, study=STUDIES)
-        return [until_there(path, "<results>/logs/compiled")(wildcards) for path in paths]
+        return [
+            until_there(path, "<results>/logs/compiled")(wildcards) for path in paths
+        ]
 
     return found
 

@@ -12,7 +12,7 @@ from deabayes.preparation.working import IntArray, WorkingRecord
 
 ROUNDING = 1e-6
 SEEN = 4.0
-"""Standard errors above which a drift is one."""
+"""Standard errors above which a change over cycles is one."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +55,37 @@ def window_means(record: WorkingRecord, found: Cycles, points: int, window: floa
 def drift(means: WindowMeans, group: IntArray) -> float:
     """By how much the response at any phase changes from the first to the last cycle of a group.
 
-    From lines through the cycles at each phase, of which the mean and the first harmonic over
-    phases are taken: noise of single windows is no drift. Zero within four standard errors.
+    From the slopes of lines through the cycles at each phase.
+    """
+    number = group - group.mean()
+    return _largest(means, group, number) * (group.size - 1)
+
+
+def off_middle(means: WindowMeans, group: IntArray) -> float:
+    """By how much the mean over a group is off its middle cycle, at any phase.
+
+    From parabolas a + b n + c n^2 through the G cycles at each phase, n counted from the middle:
+    c (G^2 - 1) / 12, as b cancels. Of a group of three it is the difference itself.
+    """
+    square = (group - group.mean()) ** 2
+    return _largest(means, group, square - square.mean()) * float(square.mean())
+
+
+def _largest(means: WindowMeans, group: IntArray, pattern: FloatArray) -> float:
+    """The largest coefficient of a pattern over the cycles of a group, fitted at each phase.
+
+    Of the coefficients the mean and the first harmonic over phases are taken: noise of single
+    windows is none. Zero within four standard errors.
     """
     whole = np.flatnonzero(np.all(np.isfinite(means.samples[group]), axis=0))
-    if group.size < 2 or whole.size < 8:
+    norm = float(pattern @ pattern)
+    if norm == 0.0 or whole.size < 8:
         return 0.0
-    number = group - group.mean()
-    slopes = number @ means.response[group][:, whole] / np.sum(number**2)
+    fitted = pattern @ means.response[group][:, whole] / norm
     phase = 2.0 * np.pi * whole / means.samples.shape[1]
     basis = np.column_stack([np.ones(whole.size), np.cos(phase), np.sin(phase)])
-    smooth = basis @ np.linalg.lstsq(basis, slopes, rcond=None)[0]
+    smooth = basis @ np.linalg.lstsq(basis, fitted, rcond=None)[0]
     free = whole.size - basis.shape[1]
-    error = np.sqrt(np.sum((slopes - smooth) ** 2) / free * basis.shape[1] / whole.size)
+    error = np.sqrt(np.sum((fitted - smooth) ** 2) / free * basis.shape[1] / whole.size)
     largest = float(np.max(np.abs(smooth)))
-    return largest * (group.size - 1) if largest > SEEN * error else 0.0
+    return largest if largest > SEEN * error else 0.0
