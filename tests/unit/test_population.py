@@ -60,7 +60,7 @@ def test_records_far_narrower_than_the_prior_keep_their_width() -> None:
     covariance = np.array([[1.0, -0.999], [-0.999, 1.0]]) * 1e-4**2
     phi = rng.multivariate_normal([0.3, -0.2], covariance, 4000)
     prior_phi = rng.standard_normal((20000, 2))
-    found = fit(phi, -0.5 * np.sum(phi**2, axis=1), prior_phi, 4000.0, rng)
+    found = fit(phi, -0.5 * np.sum(phi**2, axis=1), prior_phi, np.array([True, True]), 4000.0, rng)
     np.testing.assert_allclose(found.variances, np.diag(covariance), rtol=0.1)
     correlation = found.covariances[0, 0, 1] / np.prod(np.sqrt(np.diag(found.covariances[0])))
     assert correlation == pytest.approx(-0.999, abs=2e-4)
@@ -147,11 +147,13 @@ def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
 
 def test_silent_records_and_skewed_posteriors_are_named(known: World) -> None:
     members = [replace(m, contraction={"a": 0.02, "b": 0.9}) for m in known.model.members]
+    members[5] = replace(members[5], told=np.array([False, True]))
     likelihood = replace(members[0].likelihood, misfit=0.2)
     members[0] = replace(members[0], likelihood=likelihood)
     fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
     words = warnings_of(replace(known.model, members=tuple(members)), [fine] * 6, 0.2)
-    assert sum("say nothing of a, and its prior" in word for word in words) == 6
+    assert sum("say little of a; bounds and order" in word for word in words) == 5
+    assert sum("strip_5: its records say nothing of a; there" in word for word in words) == 1
     assert any("not well described" in word and "strip_0" in word for word in words)
     assert any("drawn again" in word for word in words)
 
@@ -196,6 +198,62 @@ def test_a_silent_specimen_leaves_the_population_alone() -> None:
     assert np.ptp(found) < 0.2
 
 
+@pytest.mark.parametrize("ordered", [None, "tau"])
+def test_silent_specimens_with_bounded_priors_leave_the_population_alone(
+    ordered: str | None,
+) -> None:
+    """Ten of them: their bounds and order are none that the population's mean has."""
+    rng = np.random.default_rng(13)
+    law = LogUniform(0.1, 1e3)
+    prior = Prior([parameter(f"tau_{k}", law, "s", ordered=ordered) for k in (1, 2)])  # type: ignore[arg-type]
+    coordinate = Coordinate.of(prior.parameters)
+    members = [
+        Member.of(f"{k}", prior.sample(rng, 4000), prior, coordinate, 1000.0) for k in range(10)
+    ]
+    model = PopulationModel.of(coordinate, members)
+    middle, sd = members[0].phi.mean(axis=0), members[0].phi.std(axis=0)
+    centres = middle + np.linspace(-2.0, 2.0, 41)[:, None] * sd
+    assert not any(member.told.any() for member in members)
+    assert np.ptp(model.log_likelihood(centres, np.full((41, 2), 0.1)).sum(axis=1)) < 0.1
+
+
+def test_one_silent_parameter_leaves_the_others_as_they_are() -> None:
+    """E tells of log E = 9.5 +- 0.1, nothing of the time."""
+    rng = np.random.default_rng(14)
+    prior = Prior(
+        [parameter("E", LogNormal(1e4, 1.0)), parameter("tau", LogUniform(0.1, 1e3), "s")]
+    )
+    coordinate = Coordinate.of(prior.parameters)
+    theta = prior.sample(rng, 8000)
+    precision = 0.1**-2 + 1.0
+    middle = (9.5 * 0.1**-2 + np.log(1e4)) / precision
+    theta[:, 0] = np.exp(middle + rng.standard_normal(8000) / np.sqrt(precision))
+    found = Member.of("one", theta, prior, coordinate, 8000.0)
+    assert found.told.tolist() == [True, False]
+    assert found.likelihood.means[:, 0] == pytest.approx(9.5, abs=0.02)
+    assert np.sqrt(found.likelihood.variances[0]) == pytest.approx(0.1, rel=0.05)
+    assert found.likelihood.variances[1] > 500.0 * found.prior_sd[1] ** 2
+
+
+def test_what_a_normal_prior_hardly_lets_be_seen_still_counts() -> None:
+    """Readings as wide as three priors: their posterior is the prior to within its noise."""
+    rng = np.random.default_rng(15)
+    members = world(np.array([9.0, 1.0]), np.zeros(2), np.full((30, 2), 3.0), rng).model.members
+    assert all(member.told.all() for member in members)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0])
+def test_a_little_that_is_told_under_bounds_is_kept(shift: float) -> None:
+    """A likelihood three quarters as wide as the uniform prior, off its middle or not."""
+    rng = np.random.default_rng(16)
+    grid = np.linspace(-2.0, 2.0, 8001)
+    likelihood = np.exp(-0.5 * ((grid - shift) / 1.5) ** 2)
+    phi = rng.choice(grid, 8000, p=likelihood / likelihood.sum())[:, None]
+    joint = Prior([parameter("a", Uniform(-2.0, 2.0))])
+    member = Member.of("one", phi, joint, Coordinate.of(joint.parameters), 8000.0)
+    assert member.told.all()
+
+
 def test_two_peaks_keep_their_shares() -> None:
     """0.75 N(-1, 0.1^2) + 0.25 N(1.5, 0.4^2) under the prior N(0, 1)."""
     rng = np.random.default_rng(6)
@@ -204,7 +262,8 @@ def test_two_peaks_keep_their_shares() -> None:
     likelihood = peaks + 0.25 * np.exp(-0.5 * ((x - 1.5) / 0.4) ** 2) / 0.4
     posterior = likelihood * np.exp(-0.5 * x**2)
     phi = rng.choice(x, 8000, p=posterior / posterior.sum())[:, None]
-    found = fit(phi, -0.5 * phi[:, 0] ** 2, rng.standard_normal((20000, 1)), 8000.0, rng)
+    prior_phi = rng.standard_normal((20000, 1))
+    found = fit(phi, -0.5 * phi[:, 0] ** 2, prior_phi, np.array([True]), 8000.0, rng)
     assert len(found.log_weights) == 2
     shares = np.exp(found.log_weights) / np.exp(found.log_weights).sum()
     order = np.argsort(found.means[:, 0])

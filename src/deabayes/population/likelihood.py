@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import systematic
@@ -50,6 +51,7 @@ def fit(
     phi: FloatArray,
     log_prior: FloatArray,
     prior_phi: FloatArray,
+    told: NDArray[np.bool_],
     independent: float,
     rng: np.random.Generator,
 ) -> Likelihood:
@@ -61,26 +63,51 @@ def fit(
     B_j (C_j^{-1} mu_j - P^{-1} p). Of normal and log-normal priors r is 1 and the division
     exact; where records are silent B_j grows without bound, instead of 1 / pi as a weight.
 
+    Bounds and order of another prior cut off the normal's tails, in the draws too, so that they
+    look narrower than it. Parameters of which nothing is told are therefore left flat.
+
     Parameters
     ----------
     phi, log_prior : (K, d) and (K,), draws and their prior's log density as one of phi.
     prior_phi : (N, d) draws of the prior.
+    told : (d,), of which parameters the records say anything (`silence.telling`).
     independent : how many independent draws the K are worth.
     """
     from scipy.linalg import solve_triangular
 
-    centre = prior_phi.mean(axis=0)
-    factor = np.linalg.cholesky(np.atleast_2d(np.cov(prior_phi, rowvar=False)))
-    white = solve_triangular(factor, (phi - centre).T, lower=True).T
+    centre, covariance = prior_phi.mean(axis=0), np.atleast_2d(np.cov(prior_phi, rowvar=False))
+    white = solve_triangular(np.linalg.cholesky(covariance), (phi - centre).T, lower=True).T
     log_rest = log_prior + 0.5 * np.sum(white**2, axis=1)
     weights = np.exp(-(log_rest - log_rest.min()))
     weights /= weights.sum()
     effective = independent / (len(phi) * np.sum(weights**2))
+    if not told.any():
+        nothing = _flat(np.zeros((1, 0)), np.zeros((1, 0, 0)), told, centre, covariance)
+        return Likelihood(np.zeros(1), *nothing, effective, 0.0)
+    factor = np.linalg.cholesky(covariance[np.ix_(told, told)])
+    white = solve_triangular(factor, (phi - centre)[:, told].T, lower=True).T
     even = white[systematic(weights, rng)]
     shares, means, covariances = _mixture(even, effective, rng)
     misfit = _misfit(even, shares, means, covariances)
     log_v, a, b = _divided(shares, means, covariances)
-    return Likelihood(log_v, centre + a @ factor.T, factor @ b @ factor.T, effective, misfit)
+    whole = _flat(a @ factor.T, factor @ b @ factor.T, told, centre, covariance)
+    return Likelihood(log_v, *whole, effective, misfit)
+
+
+def _flat(
+    means: FloatArray,
+    covariances: FloatArray,
+    told: NDArray[np.bool_],
+    centre: FloatArray,
+    covariance: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Means about the prior's centre and covariances of all parameters: flat where not told."""
+    widest = LARGEST_SHARE / (1.0 - LARGEST_SHARE)
+    all_means = np.tile(centre, (len(means), 1))
+    all_covariances = np.tile(np.diag(widest * np.diag(covariance)), (len(means), 1, 1))
+    all_means[:, told] += means
+    all_covariances[np.ix_(np.arange(len(means)), told, told)] = covariances
+    return all_means, all_covariances
 
 
 def _divided(

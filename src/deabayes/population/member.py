@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.likelihood import Likelihood, fit
+from deabayes.population.silence import telling
 from deabayes.posteriors.storage import stacked
 from deabayes.prior.joint import Prior
 
@@ -30,6 +32,7 @@ class Member:
     log_prior : (K,) log density, as one of phi, of the prior that they were sampled under.
     prior : of the population's parameters; its mean and sd in phi are `prior_mean`, `prior_sd`.
     independent : how many independent draws the K are worth.
+    told : (d,), of which parameters its records say anything.
     contraction : of every parameter, by its own records.
     """
 
@@ -41,6 +44,7 @@ class Member:
     prior_sd: FloatArray
     independent: float
     likelihood: Likelihood
+    told: NDArray[np.bool_]
     converged: bool = True
     provenance: str = "measured"
     contraction: Mapping[str, float] = field(default_factory=dict)
@@ -55,9 +59,10 @@ class Member:
             coordinate.forward(draws) for draws in (theta, prior.sample(rng, PRIOR_DRAWS))
         )
         log_prior = prior.log_density(theta) + coordinate.log_derivative(theta)
-        likelihood = fit(phi, log_prior, prior_phi, independent, rng)
+        told = telling(phi, prior_phi, independent)
+        likelihood = fit(phi, log_prior, prior_phi, told, independent, rng)
         moments = prior_phi.mean(axis=0), prior_phi.std(axis=0)
-        return cls(study, phi, log_prior, prior, *moments, independent, likelihood)
+        return cls(study, phi, log_prior, prior, *moments, independent, likelihood, told)
 
 
 def read_members(

@@ -12,11 +12,10 @@ from deabayes.faults import UserError
 from deabayes.pareto import UNRELIABLE_K_HAT, smoothed
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
+from deabayes.population.silence import SILENT
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 
 FEWEST_EFFECTIVE = 100.0
-SILENT = 0.1
-"""Contraction below which a specimen's records say nothing of a parameter."""
 OUTLYING = 0.005
 TAIL_DRAWS = 200
 MOST_TRIES = 200
@@ -183,17 +182,30 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
                 f"{member.study}: its posterior is not well described by normals (largest "
                 f"distance {member.likelihood.misfit:.2f}); mean and spread are approximate"
             )
-        silent = [name for name, c in member.contraction.items() if c < SILENT]
-        if silent:
-            found.append(
-                f"{member.study}: its records say nothing of {', '.join(silent)}, and its prior's "
-                "bounds and order, which are divided out approximately, make mean and spread look "
-                "better known than they are; leave the parameter out of the population"
-            )
+        found += _little_told(member, model.coordinate.names)
     if outside > LARGEST_OUTSIDE:
         found.append(
             f"new specimen: {outside:.0%} of the draws lay outside of the members' priors (order "
             "or bounds of parameters) and were drawn again; mean and spread do not know of that"
+        )
+    return found
+
+
+def _little_told(member: Member, names: tuple[str, ...]) -> list[str]:
+    """Of which parameters a member's records say nothing, or hardly anything."""
+    silent = [name for name, told in zip(names, member.told, strict=True) if not told]
+    faint = [n for n, c in member.contraction.items() if c < SILENT and n not in silent]
+    found = []
+    if silent:
+        found.append(
+            f"{member.study}: its records say nothing of {', '.join(silent)}; there, mean and "
+            "spread are what the other specimens tell, and so is its own estimate"
+        )
+    if faint:
+        found.append(
+            f"{member.study}: its records say little of {', '.join(faint)}; bounds and order of "
+            "its prior are divided out approximately, which may make mean and spread look better "
+            "known than they are"
         )
     return found
 
