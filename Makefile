@@ -72,6 +72,7 @@ docs: $(READY)  ## the documentation, in site/
 validate: $(READY)  ## the long statistical checks, a day or two; tables and figures go to docs/validation
 	@$(BIN)/python -m tests.validation.calibration voigt_kelvin_2 --replicates $(REPLICATES)
 	@$(BIN)/python -m tests.validation.calibration kv_gm_1 --replicates $(REPLICATES)
+	@$(BIN)/python -m tests.validation.calibration ogden_1 --replicates $(REPLICATES)
 	@for units in 1 2 3; do \
 		$(BIN)/python -m tests.validation.membrane_recovery $$units --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done

@@ -29,6 +29,7 @@ from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.pooling import PooledResult, pool
 from deabayes.study import Sampling, Settings, Study
+from tests.validation.structure_worlds import at_rest
 
 OUTPUT = Path("docs/validation")
 RANKS = 99
@@ -91,7 +92,12 @@ def template(
     return build(study, candidate, specimen, [replace(experiment, response=median)])
 
 
-FAMILIES = {"voigt_kelvin_2": tubular, "kv_gm_1": strip}
+def structure(candidate: str) -> LogPosterior:
+    """Forces at 57 displacements under 0 and 5 kV: `structure_worlds.at_rest`."""
+    return at_rest().target(int(candidate.removeprefix("ogden_")))
+
+
+FAMILIES = {"voigt_kelvin_2": tubular, "kv_gm_1": strip, "ogden_1": structure}
 
 
 def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray, LogPosterior]:
@@ -99,17 +105,19 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
     while True:
         z = rng.standard_normal((1, target.dimension))
         theta = target.prior.to_parameters(z)
-        response = target.responses(theta)["record"]
-        if np.all(np.isfinite(response)):
+        responses = target.responses(theta)
+        if all(np.all(np.isfinite(response)) for response in responses.values()):
             break
-    record = target.records[0]
-    draws = target.noise_draws(target.draws(theta), record.group)
-    correlated, white = target.noise.sample(
-        rng, record.experiment.coordinate, record.weights, draws
-    )
-    noisy = record.scale.with_residuals(response, correlated + white)[0]
-    experiment = replace(record.experiment, response=noisy)
-    return z[0], replace(target, records=(replace(record, experiment=experiment),))
+    records = []
+    for record in target.records:
+        draws = target.noise_draws(target.draws(theta), record.group)
+        correlated, white = target.noise.sample(
+            rng, record.experiment.coordinate, record.weights, draws
+        )
+        response = responses[record.experiment.name]
+        noisy = record.scale.with_residuals(response, correlated + white)[0]
+        records.append(replace(record, experiment=replace(record.experiment, response=noisy)))
+    return z[0], replace(target, records=tuple(records))
 
 
 def posterior(target: LogPosterior, seed: np.random.SeedSequence) -> PooledResult:
