@@ -24,8 +24,9 @@ class Posterior:
     the forward model.
     """
 
-    def __init__(self, tree: xr.DataTree) -> None:
+    def __init__(self, tree: xr.DataTree, path: Path | None = None) -> None:
         self._tree = tree
+        self._path = path
 
     def __repr__(self) -> str:
         attributes = self._tree.attrs
@@ -111,10 +112,12 @@ class Posterior:
             calibrated region, `noise_note` where no calibration record measured
             this response and the noise is another one's, or where its size is a
             calibration record's. `model_note` says which candidate solved it, where the
-            study names a wider one for some protocols.
+            study names a wider one for some protocols. `held_out_note` says where the
+            study's held-out records were missed by their bands.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction.bands import to_dataset
+        from deabayes.prediction.held_out import note_beside
 
         fitted = Fitted.from_tree(self._tree, size, seed)
         experiment = fitted.experiment(channels, response, conditions or {}, protocol)
@@ -127,6 +130,7 @@ class Posterior:
                 "converged": int(fitted.converged),
                 "model_note": fitted.model_note(experiment, protocol),
                 "noise_group": fitted.noise_of(experiment).group,
+                "held_out_note": note_beside(self._path) if self._path else "",
             },
         )
         return dataset.drop_vars(["observed", "pit"])
@@ -147,7 +151,7 @@ def open_posterior(path: str | Path) -> Posterior:
         If the file is missing, is no posterior file, or one of another version that keeps what
         this one does not know.
     """
-    return Posterior(read_tree(path))
+    return Posterior(read_tree(path), Path(path))
 
 
 __all__ = ["Posterior", "open_posterior"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -56,6 +57,32 @@ def test_what_is_to_be_known_of_it_is_said(place: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr().err
     assert re.search(r"out\.csv: extrapolation: voltage 0 to 8000 V lies outside", said)
     assert "displacement_median [m]" in Path("out.csv").read_text()
+
+
+ERRORS = """experiment,role,coverage_90
+creep_1kV,calibrate,0.3
+creep_2kV,validate,0.95
+sine_2kV,validate,0.62
+sine_1kV,validate,0.531
+"""
+
+
+@pytest.mark.parametrize("seconds", [60.0, -60.0])
+def test_bands_that_missed_what_was_held_out_are_said(
+    place: Path, capsys: pytest.CaptureFixture[str], seconds: float
+) -> None:
+    """As errors.csv beside the posterior has it, unless it is older: of another fit."""
+    (place / "errors.csv").write_text(ERRORS)
+    changed = (place / "posterior.nc").stat().st_mtime + seconds
+    os.utime(place / "errors.csv", (changed, changed))
+    predict("-o", "out.nc")
+    said = capsys.readouterr().err
+    words = (
+        "of 3 held-out records the 90 % bands of 2 are too narrow (they hold, of sine_1kV 53 %, "
+        "sine_2kV 62 %); those of a drive of your own may be as much so"
+    )
+    kept = xr.load_dataset("out.nc", engine="h5netcdf").attrs["held_out_note"]
+    assert (f"out.nc: {words}" in said, kept) == ((True, words) if seconds > 0 else (False, ""))
 
 
 def test_a_frequency_response_under_a_load(place: Path) -> None:

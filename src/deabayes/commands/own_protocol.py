@@ -104,6 +104,6 @@ def _to_be_known(prediction: xr.Dataset) -> Iterator[str]:
         yield "NOT CONVERGED, do not use these numbers"
     if attributes["extrapolation"]:
         yield f"extrapolation: {attributes['extrapolation']}"
-    for name in ("failure", "noise_note", "model_note"):
+    for name in ("failure", "noise_note", "model_note", "held_out_note"):
         if attributes[name]:
             yield str(attributes[name])

@@ -10,10 +10,10 @@ import numpy as np
 
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.prediction.held_out import missed
 from deabayes.quantities import plain
 
 FAILED_SHARE = 0.001
-NARROW_COVERAGE = 0.7
 NEAR_THE_BOUND = 0.95
 """Quantile of a correlation length's prior that its posterior median must not pass."""
 
@@ -197,11 +197,9 @@ def narrow_bands(results: CandidateResults) -> Iterator[Notice]:
     """Held-out records that the 90 % predictive band misses."""
     if results.errors is None:
         return
-    held_out = results.errors[results.errors["role"] == "validate"]
-    missed = held_out[held_out["coverage_90"] < NARROW_COVERAGE]
     details = [
         f"{row['experiment']}: the 90 % predictive band holds {100 * row['coverage_90']:.0f} %"
-        for _, row in missed.iterrows()
+        for _, row in missed(results.errors).iterrows()
     ]
     if details:
         yield _notice(results, "Bands too narrow for held-out records", details)
