@@ -16,6 +16,7 @@ TRUTH = {
     "tau_ou": 2.0,
     "sigma_ar1": 1.0,
     "tau_ar1": 2.0,
+    "sigma_offset": 0.7,
     "sigma_matern": 1.0,
     "tau_matern": 2.0,
     "degrees_of_freedom": 4.0,
@@ -53,7 +54,7 @@ def test_covariance_of_samples(name):
     assert covariance_chi_square(samples, covariance(name, coordinate, weights, wrong)) < 1e-3
 
 
-@pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "matern32"])
+@pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "matern32"])
 def test_the_two_parts_are_what_they_are_called(name):
     discrepancy, white = REGISTRY[name]().sample(
         np.random.default_rng(2), COORDINATE, WEIGHTS, truth(name)
@@ -80,7 +81,9 @@ def test_innovations_of_samples_are_standard_normal(name):
     assert stats.kstest(correlation, "norm").pvalue > 1e-3
 
 
-@pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "ar1", "matern32"])
+@pytest.mark.parametrize(
+    "name", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "ar1", "matern32"]
+)
 def test_a_wrong_correlation_time_is_noticed(name):
     rng = np.random.default_rng(4)
     coordinate = np.cumsum(rng.exponential(0.5, 40))
@@ -92,7 +95,9 @@ def test_a_wrong_correlation_time_is_noticed(name):
     assert stats.kstest(scores.ravel(), "norm").pvalue < 1e-3
 
 
-@pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "white", "student_t"])
+@pytest.mark.parametrize(
+    "name", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "white", "student_t"]
+)
 def test_the_truth_has_the_largest_expected_log_prob(name):
     """Gibbs' inequality, for each parameter."""
     rng = np.random.default_rng(5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-GAUSSIAN = ["white", "ornstein_uhlenbeck", "ar1", "matern32"]
+GAUSSIAN = ["white", "ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "ar1", "matern32"]
 
 
 def covariance(name, coordinate, weights, draw):
@@ -14,6 +14,9 @@ def covariance(name, coordinate, weights, draw):
     if name == "matern32":
         x = np.sqrt(3.0) * distance / draw["tau_matern"]
         return draw["sigma_matern"] ** 2 * (1.0 + x) * np.exp(-x) + white
+    if name == "ornstein_uhlenbeck_offset":
+        zero = draw["sigma_offset"] ** 2
+        return zero + covariance("ornstein_uhlenbeck", coordinate, weights, draw)
     suffix = {"ornstein_uhlenbeck": "ou", "ar1": "ar1"}[name]
     correlation = np.exp(-distance / draw[f"tau_{suffix}"])
     return draw[f"sigma_{suffix}"] ** 2 * correlation + white

@@ -16,6 +16,7 @@ from deabayes import figures
 from deabayes.faults import UserError
 from deabayes.figures import panels
 from deabayes.figures.results import StudyResults
+from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.quantities import (
     display_unit,
     interval,
@@ -212,7 +213,7 @@ def test_white_noise_is_that_of_the_averaged_record(
     assert after["correlated"] == pytest.approx(before["correlated"])
 
 
-@pytest.mark.parametrize("noise", ["ornstein_uhlenbeck", "matern32", "ar1", "white", "student_t"])
+@pytest.mark.parametrize("noise", NOISE_MODELS)
 def test_shares_and_lengths_of_every_noise_model(tmp_path: Path, noise: str) -> None:
     from deabayes.figures.noise_share import correlated_shares
 

@@ -170,7 +170,8 @@ class TestEveryModel:
                 assert p.prior.from_normal(stats.norm.ppf(0.95)) == pytest.approx(20.0)
             elif p.name.startswith("sigma"):
                 assert p.unit == "V"
-                median = 5.0 * (0.003 if p.name == "sigma_white" else 0.01)
+                shares = {"sigma_white": 0.003, "sigma_offset": 0.001}
+                median = 5.0 * shares.get(p.name, 0.01)
                 assert p.prior.from_normal(0.0) == pytest.approx(median)
 
     def test_a_record_without_range_or_extent_is_refused(self, name):
@@ -200,7 +201,7 @@ class TestEveryModel:
         coordinate, weights = record(rng, 40)
         usual = {"sigma_white": 1.0, "degrees_of_freedom": 10.0}
         names = [p.name for p in REGISTRY[name]().parameters("1", 1.0, 100.0)]
-        draws = {n: np.full(4000, usual.get(n, 0.5)) for n in names}
+        draws = {n: np.full(20000, usual.get(n, 0.5)) for n in names}
         model = REGISTRY[name]()
         for sample, variance in zip(
             model.sample(rng, coordinate, weights, draws),
@@ -259,11 +260,28 @@ def test_order_and_layout_of_the_arrays_do_not_matter():
 
 
 def test_only_independent_noise_is_marked_diagnostic():
-    correlated = {"ornstein_uhlenbeck", "ar1", "matern32"}
+    correlated = {"ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "ar1", "matern32"}
     marked = {n for n, m in REGISTRY.items() if m.diagnostic_only}
     assert marked >= {"white", "student_t"}
     assert not marked & correlated
     assert all(name == model.name for name, model in REGISTRY.items())
+
+
+def test_a_zero_that_is_known_is_no_offset():
+    """Also its limit: where it is as good as free, the level of a record tells nothing."""
+    rng = np.random.default_rng(14)
+    coordinate, weights = record(rng, 80)
+    draws = make_draws("ornstein_uhlenbeck", 5, rng)
+    residuals = rng.normal(size=(5, 80))
+    usual = REGISTRY["ornstein_uhlenbeck"]().log_prob(residuals, coordinate, weights, draws)
+    model = REGISTRY["ornstein_uhlenbeck_offset"]()
+
+    def found(sigma, shift=0.0):
+        offset = {"sigma_offset": np.full(5, sigma)}
+        return model.log_prob(residuals + shift, coordinate, weights, draws | offset)
+
+    np.testing.assert_allclose(found(0.0), usual, rtol=1e-12)
+    np.testing.assert_allclose(found(1e6), found(1e6, shift=3.0), rtol=1e-6)
 
 
 def test_student_t_has_no_variance_where_its_tails_are_heavy():

@@ -247,7 +247,9 @@ def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
     assert notice.details[0].startswith("relaxation.tau_ou: 30")
 
 
-@pytest.mark.parametrize("noise", ["ornstein_uhlenbeck", "matern32", "ar1"])
+@pytest.mark.parametrize(
+    "noise", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "matern32", "ar1"]
+)
 def test_the_notices_on_noise_know_every_model(tmp_path: Path, noise: str) -> None:
     fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise, correlated_noise=40e3)
     results = StudyResults(write_study(tmp_path, fake)).recommended

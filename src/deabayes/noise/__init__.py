@@ -9,6 +9,7 @@ REGISTRY: dict[str, type[NoiseModel]] = load(
     __name__,
     {
         "ornstein_uhlenbeck": "OrnsteinUhlenbeck",
+        "ornstein_uhlenbeck_offset": "OrnsteinUhlenbeckOffset",
         "white": "White",
         "ar1": "AutoRegressive",
         "matern32": "Matern32",

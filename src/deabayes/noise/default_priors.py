@@ -10,6 +10,7 @@ from deabayes.parameter import Parameter
 
 WHITE_FRACTION, WHITE_SIGMA = 0.003, 1.5
 CORRELATED_FRACTION, CORRELATED_SIGMA = 0.01, 1.2
+OFFSET_FRACTION = 0.001
 SHORTEST_LENGTH, LENGTH_FRACTION = 1e-4, 0.1
 
 
@@ -36,6 +37,19 @@ def correlated_amplitude(name: str, symbol: str, unit: str, scale: float) -> Par
         "standard deviation of correlated noise",
         LogNormal(CORRELATED_FRACTION * scale, CORRELATED_SIGMA),
         "assumed: drift and model error are 1 % of the response's range, within a factor 10",
+    )
+
+
+def offset_amplitude(unit: str, scale: float) -> Parameter:
+    """Standard deviation of the zeros of records."""
+    _check_positive("range of the response", scale)
+    return Parameter(
+        "sigma_offset",
+        r"\sigma_\mathrm{off}",
+        unit,
+        "standard deviation of what records' zeros are off by",
+        LogNormal(OFFSET_FRACTION * scale, CORRELATED_SIGMA),
+        "assumed: a record's zero is known to 0.1 % of the response's range, within a factor 10",
     )
 
 
