@@ -46,7 +46,29 @@ class OrnsteinUhlenbeckOffset(OrnsteinUhlenbeck):
     def log_prob(
         self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws
     ) -> FloatArray:
-        total = self.pointwise_log_prob(residuals, coordinate, weights, draws).sum(axis=1)
+        """By the rank-one update of K^-1, of which the usual law's density gives all forms.
+
+        log N(r; 0, K + w 1 1^T) = log N(r; 0, K) - log(1 + w s) / 2 + w u^2 / (2 (1 + w s)),
+        s = 1^T K^-1 1, u = 1^T K^-1 r. Four passes of a compiled kernel are faster than two of
+        which every innovation is kept.
+        """
+        law = super().log_prob
+        prior = variance(draws["sigma_offset"])
+        unit = np.sqrt(variance(draws["sigma_white"]) + variance(draws["sigma_ou"]))
+        level = np.broadcast_to(unit[:, None], residuals.shape)
+        with np.errstate(all="ignore"):
+            usual, none = (
+                law(values, coordinate, weights, draws)
+                for values in (residuals, np.zeros_like(residuals))
+            )
+            alone, less = (
+                none - law(values, coordinate, weights, draws)
+                for values in (level, residuals - level)
+            )
+            precision = 2.0 * alone / unit**2
+            pull = (none - usual + alone - less) / unit
+            known = 1.0 + prior * precision
+            total = usual - 0.5 * np.log(known) + 0.5 * prior * pull**2 / known
         return np.where(np.isfinite(total), total, -np.inf)
 
     def sample(
