@@ -284,6 +284,26 @@ def test_a_zero_that_is_known_is_no_offset():
     np.testing.assert_allclose(found(1e6), found(1e6, shift=3.0), rtol=1e-6)
 
 
+@pytest.mark.parametrize("far", [1.0, 1e3, 1e6])
+def test_a_zero_far_off_costs_no_digits(far):
+    """In units of the noise: the level, of which nothing is known, must not swamp what is."""
+    rng = np.random.default_rng(15)
+    coordinate, weights = record(rng, 80)
+    draws = {
+        "sigma_white": np.full(4, 0.5),
+        "sigma_ou": np.full(4, 1.0),
+        "tau_ou": np.full(4, 2.0),
+        "sigma_offset": np.full(4, far),
+    }
+    residuals = rng.normal(size=(4, 80)) + far
+    model = REGISTRY["ornstein_uhlenbeck_offset"]()
+    np.testing.assert_allclose(
+        model.log_prob(residuals, coordinate, weights, draws),
+        model.pointwise_log_prob(residuals, coordinate, weights, draws).sum(axis=1),
+        rtol=1e-8,
+    )
+
+
 def test_student_t_has_no_variance_where_its_tails_are_heavy():
     draws = {"sigma_white": np.ones(2), "degrees_of_freedom": np.array([1.5, 4.0])}
     _, white = REGISTRY["student_t"]().variances(draws, np.full(3, 0.5))
