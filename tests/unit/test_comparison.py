@@ -5,11 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from deabayes.comparison.blocks import BlockLoo, block_edges, block_terms
 from deabayes.comparison.decision import (
-    BlockLoo,
     Score,
-    block_edges,
-    block_terms,
     decide,
     elpd_difference,
     evidence_conflict,
@@ -97,6 +95,50 @@ def test_no_block_decides_alone():
     scattered = np.array([70.0, 9.0, -8.0, 9.0, -8.0, 9.0, -8.0, 9.0, -5.0])
     assert judge(score("b", 5, 70.0, scattered), small) == "conflict"
     assert judge(score("b", 5, 70.0, np.array([70.0])), score("a", 3, 0.0, [0.0])) == "conflict"
+
+
+def named(name, parameters, evidence, terms):
+    scored = score(name, parameters, evidence, terms)
+    names = tuple(f"block {k}" for k in range(len(terms)))
+    return dataclasses.replace(scored, loo=dataclasses.replace(scored.loo, names=names))
+
+
+LOST_END = np.array([9.0, 7.0, 10.0, 8.0, 11.0, 13.0, 9.0, 8.0, -51.0])
+
+
+@pytest.mark.parametrize(
+    ("evidence", "gained", "expected"),
+    [
+        (56.0, LOST_END, "block 8 (elpd -51.0): the others have +75.0 (SE 5.4)"),
+        (70.0, [70.0, 0.4, 0.4, 0.4], "block 0 (elpd +70.0): the others have +1.2 (SE 0.0)"),
+        (-3.0, [1.2, 5.0, 1.2, 1.2], "block 1 (elpd +5.0): the others have +3.6 (SE 0.0)"),
+        (56.0, np.r_[LOST_END[:-2], -51.0, -51.0], ""),  # two are against it
+        (9.0, ONES / 20, ""),  # none is
+    ],
+)
+def test_the_one_block_that_keeps_the_criteria_apart_is_named(evidence, gained, expected):
+    small = named("a", 3, 0.0, np.zeros(len(gained)))
+    verdict = decide([small, named("b", 5, evidence, gained)]).verdicts["b"]
+    assert verdict.startswith("not resolved by these data: elpd")
+    assert ("one block decides, " in verdict) == bool(expected)
+    assert verdict.endswith(expected)
+
+
+def test_the_block_counts_for_the_candidate_of_the_row():
+    """Here the larger one was chosen, and the smaller, ahead on one block only, contests it."""
+    scores = [
+        named("n1", 3, 0.0, ONES),
+        named("n2", 5, 9.0, ONES + 0.2 + 60.0 * (np.arange(20) == 4)),
+        named("n3", 7, 14.0, ONES + 0.45),
+    ]
+    decision = decide(scores)
+    assert decision.chosen == "n3" and decision.unresolved == ("n2",)
+    assert decision.verdicts["n2"].endswith("block 4 (elpd +59.8): the others have -4.8 (SE 0.0)")
+
+
+def test_a_resolved_order_names_no_block():
+    scores = [named("a", 3, 0.0, ONES), named("b", 5, 9.0, 1.5 * ONES)]
+    assert not any("one block" in verdict for verdict in decide(scores).verdicts.values())
 
 
 def test_decision_walks_up_and_names_the_unresolved():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison.decision import leave_one_block_out
+from deabayes.comparison.blocks import leave_one_block_out
 from deabayes.comparison.left_out import (
     leave_block_out,
     leave_one_experiment_out,

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from deabayes.comparison import ranking
-from deabayes.comparison.decision import BlockLoo
+from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.ranking import Ranked, common_blocks, comparison_table
 
 TIME = np.arange(200.0)
@@ -64,7 +64,7 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     rng = np.random.default_rng(1)
     pointwise = {name: 0.05 * rng.normal(size=(400, 20)) for name in "ab"}
     pointwise["b"][:, 10:] -= 0.15 * rng.exponential(size=(400, 1))
-    one = ranked("k_1")
+    one = ranked("k_1", records=[record("a"), record("b", 2.0)])
     one.target.pointwise_log_likelihood = lambda theta: pointwise
     one.target.prior = SimpleNamespace(to_normal=lambda theta: theta)
     asked = []
@@ -74,6 +74,19 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     assert [given[1:3] for given in asked] == [("b", slice(10, 20))]
     assert loo.terms[3] == -77.0 and loo.k_hat[3] > 0.7
     np.testing.assert_allclose(loo.terms[:3], 0.0, atol=0.2)
+    assert loo.names[2:] == ("the beginning of b, time 0 to 18 s", "b, time 20 to 38 s")
+
+
+def test_a_block_is_named_by_record_and_place():
+    strip = SimpleNamespace(
+        coordinate=np.linspace(1, 3, 21), coordinate_name="stretch", coordinate_unit="1"
+    )
+    places = [("pull", slice(0, 5)), ("pull", slice(5, 18)), ("pull", slice(18, 21))]
+    assert ranking.block_names({"pull": strip}, places) == (
+        "the beginning of pull, stretch 1 to 1.4",
+        "pull, stretch 1.5 to 2.7",
+        "the end of pull, stretch 2.8 to 3",
+    )
 
 
 SCORES = {

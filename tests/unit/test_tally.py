@@ -13,7 +13,8 @@ from tests.validation.tally import (
     verdict,
 )
 
-from deabayes.comparison.decision import BlockLoo, Decision, Score, decide
+from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.decision import Decision, Score, decide
 
 
 def score(order, evidence, terms, converged=True):

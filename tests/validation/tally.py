@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from deabayes.comparison.decision import BlockLoo, Decision, Score, decide, judge
+from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.decision import Decision, Score, decide, judge
 from tests.validation.order_signal import SHOWN
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")

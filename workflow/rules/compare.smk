@@ -34,6 +34,7 @@ rule compare:
         checks=checks_of,
         prepared="<results>/{study}/prepared",
         modules=modules(
+            "comparison/blocks.py",
             "comparison/decision.py",
             "comparison/ranking.py",
             "comparison/left_out.py",

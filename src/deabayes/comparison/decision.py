@@ -6,38 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deabayes.comparison.blocks import BlockLoo, deciding, favour, standard_error
 from deabayes.experiment import FloatArray
-from deabayes.pareto import smoothed
 
-SMALLEST_ELPD_GAIN = 4.0
-SAFE_ELPD_GAIN = 8.0
-"""A gain of g nats between two Gaussian predictions, the better of which is right, has a standard
-deviation of sqrt(2 g): from here on g is two of these and more."""
 SMALLEST_EVIDENCE_GAIN = 1.0
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
-
-
-@dataclass(frozen=True)
-class BlockLoo:
-    """Leave-one-block-out expected log predictive density.
-
-    `terms` (B,) are the blocks' contributions, the same blocks for every
-    candidate of a study; `k_hat` (B,) the Pareto shape of their importance weights.
-    """
-
-    terms: FloatArray
-    k_hat: FloatArray
-
-    @property
-    def elpd(self) -> float:
-        return float(np.sum(self.terms))
-
-    @property
-    def se(self) -> float:
-        return standard_error(self.terms)
 
 
 @dataclass(frozen=True)
@@ -57,96 +32,38 @@ class Score:
     log_evidence_nested_error: float = float("nan")
 
 
-def standard_error(terms: FloatArray) -> float:
-    """Standard error of a sum of block terms."""
-    return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else float("inf")
-
-
-def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
-    """First index of each block: contiguous stretches at least `length` long.
-
-    Blocks of two correlation lengths and more keep a left-out block from being
-    told by its neighbours (inference.md, Model order).
-    """
-    edges, start = [0], coordinate[0]
-    for index, value in enumerate(coordinate):
-        if value - start >= length and index > edges[-1]:
-            edges.append(index)
-            start = value
-    if len(edges) > 2 and coordinate[-1] - coordinate[edges[-1]] < length / 2:
-        edges.pop()
-    return np.asarray(edges, dtype=np.intp)
-
-
-def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
-    """Sum conditional log densities (S, N) over blocks: (S, B)."""
-    return np.add.reduceat(pointwise, edges, axis=1)
-
-
-def leave_one_block_out(terms: FloatArray) -> BlockLoo:
-    """Pareto-smoothed importance sampling over blocks (Vehtari, Gelman & Gabry 2017).
-
-    Draws of the full posterior have weights 1 / p(block | theta_s).
-
-    Parameters
-    ----------
-    terms : (S, B) log p(block | what precedes it, theta_s).
-    """
-    from scipy.special import logsumexp
-
-    weighed = [smoothed(-block) for block in terms.T]
-    elpd = [
-        logsumexp(weights + block) for (weights, _), block in zip(weighed, terms.T, strict=True)
-    ]
-    return BlockLoo(np.asarray(elpd), np.asarray([k_hat for _, k_hat in weighed]))
+def gains(larger: Score, smaller: Score) -> FloatArray:
+    """What `larger` gains over `smaller` on every left-out block, (B,) nats."""
+    assert larger.loo is not None and smaller.loo is not None
+    return larger.loo.terms - smaller.loo.terms
 
 
 def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
     """elpd(larger) - elpd(smaller) with its standard error, over paired blocks."""
-    assert larger.loo is not None and smaller.loo is not None
-    difference = larger.loo.terms - smaller.loo.terms
+    difference = gains(larger, smaller)
     return float(np.sum(difference)), standard_error(difference)
 
 
-def left_out_blocks_favour(larger: Score, smaller: Score) -> bool:
-    """Whether the larger candidate tells left-out blocks better.
-
-    Its elpd gain exceeds max(4, 2 SE); or it exceeds `SAFE_ELPD_GAIN`, and what is left of it
-    without the block that gains most max(4, SE). The standard error is for blocks that are
-    alike: where a fast unit shows in the first of them only, it is more than half of the sum,
-    however large that is. No block decides alone.
-    """
-    assert larger.loo is not None and smaller.loo is not None
-    gains = np.sort(larger.loo.terms - smaller.loo.terms)
-    if _exceeds(gains, SMALLEST_ELPD_GAIN, 2.0):
-        return True
-    return _exceeds(gains, SAFE_ELPD_GAIN, 0.0) and _exceeds(gains[:-1], SMALLEST_ELPD_GAIN, 1.0)
-
-
-def _exceeds(gains: FloatArray, nats: float, standard_errors: float) -> bool:
-    least = standard_errors * standard_error(gains) if standard_errors else 0.0
-    return float(np.sum(gains)) > max(nats, least)
+def evidence_favours(larger: Score, smaller: Score) -> bool | None:
+    """Whether the evidence is for the larger candidate; None where it or its error is not known."""
+    gain = larger.log_evidence - smaller.log_evidence
+    error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
+    if not np.isfinite([gain, error]).all():
+        return None
+    return gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)
 
 
 def judge(larger: Score, smaller: Score) -> str:
     """Compare two candidates: `larger`, `smaller` or `conflict`.
 
-    The larger wins only if it tells left-out blocks better (`left_out_blocks_favour`)
-    and the evidence agrees; the smaller wins if neither criterion speaks for the
-    larger. All else, and an evidence or error that is not known, is a conflict: these data do
-    not resolve it.
+    The larger wins only if it tells left-out blocks better (`blocks.favour`) and the evidence
+    agrees; the smaller wins if neither criterion speaks for the larger. All else, and an evidence
+    or error that is not known, is a conflict: these data do not resolve it.
     """
-    elpd_for_larger = left_out_blocks_favour(larger, smaller)
-    evidence_gain = larger.log_evidence - smaller.log_evidence
-    error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
-    if not np.isfinite([evidence_gain, error]).all():
+    by_evidence = evidence_favours(larger, smaller)
+    if by_evidence is None or favour(gains(larger, smaller)) != by_evidence:
         return "conflict"
-    evidence_for_larger = evidence_gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)
-    if elpd_for_larger and evidence_for_larger:
-        return "larger"
-    if not elpd_for_larger and not evidence_for_larger:
-        return "smaller"
-    return "conflict"
+    return "larger" if by_evidence else "smaller"
 
 
 @dataclass(frozen=True)
@@ -218,8 +135,25 @@ def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
         f"elpd {gain:+.1f} (SE {se:.1f}), log evidence {evidence:+.1f} against {chosen.candidate}"
     )
     if score.candidate in unresolved:
-        return f"not resolved by these data: {figures}"
+        return f"not resolved by these data: {figures}{_one_block(score, chosen)}"
     return f"not chosen: {figures}"
+
+
+def _one_block(score: Score, chosen: Score) -> str:
+    """Name the one block that keeps the two criteria apart; empty if it is not a single one."""
+    larger, smaller = sorted((chosen, score), key=lambda s: s.n_parameters)[::-1]
+    by_evidence = evidence_favours(larger, smaller)
+    if by_evidence is None:
+        return ""
+    gained = gains(score, chosen)
+    block = deciding(gains(larger, smaller), by_evidence)
+    if block is None or score.loo is None or not score.loo.names:
+        return ""
+    rest = np.delete(gained, block)
+    return (
+        f"; one block decides, {score.loo.names[block]} (elpd {gained[block]:+.1f}): the others "
+        f"have {np.sum(rest):+.1f} (SE {standard_error(rest):.1f})"
+    )
 
 
 def evidence_conflict(score: Score) -> str:

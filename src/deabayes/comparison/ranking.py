@@ -12,19 +12,16 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from deabayes.comparison.blocks import BlockLoo, block_edges, block_terms, leave_one_block_out
 from deabayes.comparison.decision import (
-    BlockLoo,
     Decision,
     Score,
-    block_edges,
-    block_terms,
     decide,
     elpd_difference,
     evidence_conflict,
-    leave_one_block_out,
 )
 from deabayes.comparison.left_out import leave_block_out
-from deabayes.experiment import FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.pareto import UNRELIABLE_K_HAT
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.storage import stacked
@@ -93,17 +90,35 @@ def block_loo(
     target = ranked.target
     pointwise = target.pointwise_log_likelihood(ranked.theta(LOO_DRAWS))
     terms = [block_terms(values, edges[name]) for name, values in pointwise.items()]
-    loo = leave_one_block_out(np.concatenate(terms, axis=1))
     places = [
         (name, slice(*ends))
         for name, values in pointwise.items()
         for ends in pairwise((*edges[name], values.shape[1]))
     ]
+    names = block_names({r.experiment.name: r.experiment for r in target.records}, places)
+    loo = leave_one_block_out(np.concatenate(terms, axis=1), names)
     z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
     for block in np.flatnonzero(~(loo.k_hat <= UNRELIABLE_K_HAT)):
         rng = np.random.default_rng([*seed.generate_state(4), block])
         loo.terms[block] = leave_block_out(target, *places[block], z, rng)
     return loo
+
+
+def block_names(
+    experiments: Mapping[str, Experiment], places: Sequence[tuple[str, slice]]
+) -> tuple[str, ...]:
+    """Where blocks are: `the end of creep_2kV, time 0.8 to 1 s`."""
+
+    def named(name: str, block: slice) -> str:
+        experiment = experiments[name]
+        at, unit = experiment.coordinate, experiment.coordinate_unit
+        edge = "the beginning of " if block.start == 0 else ""
+        edge = "the end of " if block.stop == at.size else edge
+        extent = f"{at[block.start]:.3g} to {at[block.stop - 1]:.3g}"
+        where = f"{edge}{name}, {experiment.coordinate_name} {extent}"
+        return where if unit == "1" else f"{where} {unit}"
+
+    return tuple(named(*place) for place in places)
 
 
 def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> list[Score]:
