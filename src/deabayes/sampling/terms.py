@@ -18,7 +18,8 @@ fix that much, its root takes the place of alpha_2 - alpha_1 (`Shares.spread`). 
 film handed on, one term's share from 1 to 60 %, a cubic in ln(v_2 / v_1) leaves 0.025 of the root,
 as a straight line does; of the exponents' difference 0.16, and a straight line 0.23.
 
-Of two terms handed on that are both seen, records fix more than that: see `film`.
+Of terms handed on records fix more than that: see `film`, for two that are both seen, and
+`film_terms`.
 """
 
 from __future__ import annotations
@@ -33,16 +34,21 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import Parts
 from deabayes.sampling.film import FilmStress
+from deabayes.sampling.film_terms import FilmTerms
 from deabayes.sampling.pairs import log_normals
 from deabayes.sampling.shares import Shares
 from deabayes.sampling.units import units_of
 from deabayes.springs.ogden import stress_of_one
+
+Stresses = Shares | FilmStress | FilmTerms
 
 NEARLY_ZERO = 1e-9
 """Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
 HEIGHTS = 1.0, 0.92, 0.84
 """Of the film's stresses, in those of the reference: 0.85 and 0.72 times as far for the paper's
 film. Proposals are as good with any between 1.1 and 0.7."""
+NEXT_HEIGHT = 0.05
+"""How much lower the next one is, where there are as many as terms."""
 LEAST_SHARE, RARELY, LOOKED_AT = 0.005, 0.01, 2000
 """A term is seen whose share of the stress is rarely less, by so many draws of the prior. Where
 one is not, coordinates that hold both have a wall."""
@@ -88,7 +94,7 @@ class LogParts:
         u[:, own] = self.block.to_normal(np.exp(u[:, own]))
 
 
-def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | Shares | FilmStress]:
+def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | Stresses]:
     """Those of a spring's terms, of which the exponents are uniform.
 
     Where the prior is of all terms' stress at a stretch, of parts of it. Where each term has a
@@ -98,7 +104,7 @@ def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | S
     ----------
     free : columns with priors of their own.
     """
-    found: list[LogParts | Shares | FilmStress] = []
+    found: list[LogParts | Stresses] = []
     for terms in units_of(target.prior):
         exponents, *companions = (tuple(row.tolist()) for row in terms.columns)
         prior = target.prior.parameters[exponents[0]].prior
@@ -118,18 +124,29 @@ def shown(scores: FloatArray) -> FloatArray:
 
 def _of_stresses(
     target: LogPosterior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
-) -> Shares | FilmStress:
-    """Of terms' stresses at one stretch; of the film's, where it was handed on with two terms."""
+) -> Stresses:
+    """Of terms' stresses at one stretch; of the film's at several, where it was handed on."""
     prior = target.prior.parameters[exponents[0]].prior
     stretches = target.prior.parameters[coefficients[0]].reference_stretches
     assert isinstance(prior, Uniform) and stretches is not None
-    if len(exponents) == 2 and prior.lower >= 0.0:
-        columns, logarithms = (exponents, coefficients), np.log(stretches)
+    columns, logarithms = (exponents, coefficients), np.log(stretches)
+    height = (logarithms[0] - logarithms[1]) / 2.0
+    if prior.lower >= 0.0 and _handed_on(target, *columns):
+        if len(exponents) > 2:
+            heights = height * (1.0 - NEXT_HEIGHT * np.arange(len(exponents)))
+            return FilmTerms(*columns, *_moments(prior), heights)
         if _both_seen(target, *columns, logarithms):
-            heights = np.array(HEIGHTS) * (logarithms[0] - logarithms[1]) / 2.0
-            return FilmStress(*columns, *_moments(prior), heights)
+            return FilmStress(*columns, *_moments(prior), height * np.array(HEIGHTS))
     ones = np.ones(len(exponents))
     return Shares(exponents, coefficients, 0.0 * ones, ones, shown, spread=True)
+
+
+def _handed_on(
+    target: LogPosterior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
+) -> bool:
+    """Whether a posterior handed on is of a film with a ridge."""
+    names = {target.names[column] for column in (*exponents, *coefficients)}
+    return any(b.learned is not None and names <= set(b.names) for b in target.prior.inherited)
 
 
 def _both_seen(
@@ -138,11 +155,7 @@ def _both_seen(
     coefficients: tuple[int, ...],
     logarithms: FloatArray,
 ) -> bool:
-    """Whether a posterior handed on, of a film with a ridge, has none of the terms vanish."""
-    names = {target.names[column] for column in (*exponents, *coefficients)}
-    films = [b for b in target.prior.inherited if b.learned is not None and names <= set(b.names)]
-    if not films:
-        return False
+    """Whether none of the terms handed on vanishes."""
     theta = target.prior.sample(np.random.default_rng(0), LOOKED_AT)
     stresses = theta[:, coefficients] * stress_of_one(theta[:, exponents], *logarithms)
     shares = stresses.min(axis=1) / stresses.sum(axis=1)
