@@ -12,11 +12,12 @@ TABLE = re.compile(r"<!-- table: (?P<path>\S+) -->")
 FIGURE = re.compile(r"<!-- figure: (?P<path>\S+) (?P<text>[^>]+?) -->")
 CODE = re.compile(r"<!-- code: (?P<path>\S+)(?P<names>( \w+)*) -->")
 COMMANDS = "<!-- commands -->"
+SYSTEMS = "<!-- systems -->"
 NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
 
 
 def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
-    """Fill the places of tables, figures (`<!-- figure: file.png what it shows -->`), commands.
+    """Fill the places of tables, figures (`<!-- figure: file.png text -->`), commands, systems.
 
     `<!-- code: file.py f g -->` quotes the functions f and g, without names the whole file.
     """
@@ -24,7 +25,9 @@ def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
     markdown = TABLE.sub(lambda match: table(docs, match["path"]), markdown)
     markdown = FIGURE.sub(lambda match: figure(docs, match["path"], match["text"]), markdown)
     markdown = CODE.sub(lambda match: code(docs / match["path"], match["names"].split()), markdown)
-    return markdown.replace(COMMANDS, commands()) if COMMANDS in markdown else markdown
+    for place, made in ((COMMANDS, commands), (SYSTEMS, systems)):
+        markdown = markdown.replace(place, made()) if place in markdown else markdown
+    return markdown
 
 
 def table(docs: Path, name: str) -> str:
@@ -65,4 +68,26 @@ def commands() -> str:
             command, info_name=f"deabayes {name}", max_content_width=100, terminal_width=100
         )
         parts.append(f"## `deabayes {name}`\n\n```text\n{command.get_help(context)}\n```")
+    return "\n\n".join(parts)
+
+
+def systems() -> str:
+    """Channels and quantities of every system: SI units and meanings."""
+    from deabayes.systems import REGISTRY, system_class
+
+    parts = []
+    for system in REGISTRY:
+        kind = system_class(system)
+        rows = [
+            f"| `{name}` | {unit} | {role} | {kind.meanings.get(name, '')} |"
+            for role, names in (
+                ("column, drives", kind.excitations),
+                ("column, responds", kind.responses),
+                ("quantity", kind.required_quantities),
+                ("quantity, may be given", kind.optional_quantities),
+            )
+            for name, unit in names.items()
+        ]
+        head = "| name | SI unit | is a | which is |\n| --- | --- | --- | --- |"
+        parts.append("\n".join([f"**`{system}`**\n", head, *rows]))
     return "\n\n".join(parts)

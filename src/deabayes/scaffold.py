@@ -59,6 +59,9 @@ per column, separated by commas, `;` or tabs:
 
     time [s],{excitation} [{excitation_unit}],{response} [{response_unit}]
 
+The columns that this system knows, in any unit of their kind:
+
+{channels}
 Excel (.xlsx, first sheet, same header), MATLAB (.mat) and TDMS files are read as well.
 """
 
@@ -89,8 +92,10 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
     place = folder.as_posix()
     words = {"name": scalar(name), "system": scalar(system), **_channels(system)}
     words |= {"folder": scalar(place), "shell_folder": shlex.quote(place)}
-    words["required"] = _quantity_lines(kind.required_quantities, "  ")
-    words["optional"] = _quantity_lines(kind.optional_quantities, "  # ") or "  # (none)\n"
+    words["required"] = _quantity_lines(kind.required_quantities, kind.meanings, "  ")
+    optional = _quantity_lines(kind.optional_quantities, kind.meanings, "  # ")
+    words["optional"] = optional or "  # (none)\n"
+    words["channels"] = _channel_lines({**kind.excitations, **kind.responses}, kind.meanings)
     (folder / "records").mkdir(parents=True)
     (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
     (folder / "experiments.csv").write_text(_table(system), encoding="utf-8")
@@ -120,11 +125,20 @@ def _channels(system: str) -> dict[str, str]:
     }
 
 
-def _quantity_lines(quantities: Mapping[str, str], indent: str) -> str:
-    return "".join(
-        f"{indent}{name}: {{value: ..., unit: {DISPLAY_UNITS.get(unit, unit)!r}, source: ...}}\n"
-        for name, unit in quantities.items()
-    )
+def _quantity_lines(quantities: Mapping[str, str], meanings: Mapping[str, str], indent: str) -> str:
+    def line(name: str, unit: str) -> str:
+        shown = DISPLAY_UNITS.get(unit, unit)
+        meaning = meanings.get(name, "")
+        comment = f"  # {meaning}" if meaning not in ("", name) else ""
+        return f"{indent}{name}: {{value: ..., unit: {shown!r}, source: ...}}{comment}\n"
+
+    return "".join(line(*quantity) for quantity in quantities.items())
+
+
+def _channel_lines(channels: Mapping[str, str], meanings: Mapping[str, str]) -> str:
+    lines = [f"{name} [{unit}]" for name, unit in channels.items()]
+    said = [f": {meanings[name]}" if name in meanings else "" for name in channels]
+    return "".join(f"    {line}{more}\n" for line, more in zip(lines, said, strict=True))
 
 
 def _table(system: str) -> str:

@@ -76,6 +76,8 @@ class System(ABC):
     required_quantities: ClassVar[Mapping[str, str]]
     """Quantity of the specimen -> SI unit."""
     optional_quantities: ClassVar[Mapping[str, str]] = {}
+    meanings: ClassVar[Mapping[str, str]] = {}
+    """Channel or quantity -> what it is where the name leaves that open; `deabayes new` says it."""
 
     candidate: str
     order: int

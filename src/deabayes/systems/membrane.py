@@ -41,14 +41,21 @@ DEFAULT_TOLERANCE = 1e-6
 DRIVE_TOLERANCE = 0.1
 """Of the tolerance: for the voltage, relative to its peak."""
 BREAKDOWN_STRETCH = 6.0
-SYMBOLS = {
-    "permittivity": r"\varepsilon",
-    "thickness": "H",
-    "prestretch": r"\lambda_p",
-    "side_length": "L",
-    "density": r"\rho",
+QUANTITIES = {
+    "permittivity": (r"\varepsilon", "permittivity, absolute: relative one times 8.854 pF/m"),
+    "thickness": ("H", "thickness before stretching"),
+    "prestretch": (r"\lambda_p", "stretch at rest, the same in both directions"),
+    "side_length": ("L", "side before stretching"),
+    "density": (r"\rho", "density"),
 }
-"""Quantities that become parameters where they carry an sd."""
+"""Quantities that become parameters where they carry an sd: symbols and meanings."""
+MEANINGS = {
+    "stretch": "side over the side before stretching: prestretch at rest",
+    "displacement": "growth of the whole side since rest, side_length (stretch - prestretch)",
+    "area": "of the whole membrane, (side_length stretch)^2",
+    "breakdown_stretch": "stretch beyond which a prediction counts as failed, default 6",
+    **{name: meaning for name, (_, meaning) in QUANTITIES.items()},
+}
 
 
 @dataclass(frozen=True)
@@ -91,6 +98,7 @@ class Membrane(System):
         "density": "kg/m^3",
         "breakdown_stretch": "1",
     }
+    meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     def __init__(
         self,
@@ -129,7 +137,7 @@ class Membrane(System):
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then the specimen's quantities that carry an sd and are used."""
         units = {**self.required_quantities, **self.optional_quantities}
-        used = {n: s for n, s in SYMBOLS.items() if n != "density" or self.model.inertia}
+        used = {n: s for n, s in QUANTITIES.items() if n != "density" or self.model.inertia}
         return (*self.model.parameters(), *uncertain_quantities(self.specimen, used, units))
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:

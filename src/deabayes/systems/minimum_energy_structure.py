@@ -34,8 +34,9 @@ from deabayes.systems.batch import once
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.structure_candidates import StructureModel, examples
-from deabayes.systems.structure_hinge import FRAME, measured_hinge
+from deabayes.systems.structure_hinge import measured_hinge
 from deabayes.systems.structure_motion import Motion, follow
+from deabayes.systems.structure_quantities import MEANINGS, OPTIONAL, REQUIRED, UNCERTAIN
 from deabayes.systems.structure_solid import solid
 from deabayes.systems.structure_static import STEEPEST, Structure
 
@@ -49,19 +50,6 @@ AT_VOLTAGE = 5e3
 CHUNK = 2048
 """Draws whose branches are held at once: 200 angles each."""
 PREHISTORIES = ("rest", "equilibrium")
-SYMBOLS = {
-    "relative_permittivity": r"\varepsilon_r",
-    "rest_angle": r"\theta_0",
-    "window_area": "A_0",
-    "film_thickness": "t_0",
-    "prestretch": r"\lambda_p",
-    "link_length": "L",
-    "mass_centre": "l_m",
-    "link_mass": "m_1",
-    "slider_mass": "m_2",
-    "rotational_inertia": "J",
-}
-"""Quantities that become parameters where they carry an sd."""
 
 
 class MinimumEnergyStructure(System):
@@ -88,23 +76,9 @@ class MinimumEnergyStructure(System):
     }
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}
-    required_quantities: ClassVar[Mapping[str, str]] = {
-        "link_length": "m",
-        "mass_centre": "m",
-        "link_mass": "kg",
-        "slider_mass": "kg",
-        "rotational_inertia": "kg*m^2",
-        "film_thickness": "m",
-        "prestretch": "1",
-        "window_area": "m^2",
-        "rest_angle": "rad",
-    }
-    optional_quantities: ClassVar[Mapping[str, str]] = {
-        "relative_permittivity": "1",
-        "gravity": "m/s^2",
-        "hinge_stiffness": "N*m/rad",
-        **FRAME,
-    }
+    required_quantities: ClassVar[Mapping[str, str]] = REQUIRED
+    optional_quantities: ClassVar[Mapping[str, str]] = OPTIONAL
+    meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     def __init__(
         self, candidate: str, specimen: Specimen, tolerance: float = DEFAULT_TOLERANCE
@@ -139,7 +113,7 @@ class MinimumEnergyStructure(System):
         """Material parameters, then the specimen's quantities that carry an sd."""
         units = {**self.required_quantities, **self.optional_quantities}
         known = "relative_permittivity" in self.specimen.quantities
-        uncertain = uncertain_quantities(self.specimen, SYMBOLS, units)
+        uncertain = uncertain_quantities(self.specimen, UNCERTAIN, units)
         stretch = self.specimen.quantities["prestretch"].value
         first = stretch * np.cos(self.specimen.quantities["rest_angle"].value)
         return (*self.model.parameters(known, (first, 1.0 / (stretch * first))), *uncertain)

@@ -39,6 +39,13 @@ QUANTITIES = {
     "gauge_length": ("L_0", "free length between the clamps"),
     "cross_section": ("A_0", "cross-section of the undeformed strip"),
 }
+MEANINGS = {
+    "stretch": "length over the length without load: 1 at rest",
+    "displacement": "elongation since rest, gauge_length (stretch - 1)",
+    "nominal_stress": "force over the cross-section of the undeformed strip; pulling is positive",
+    "force": "pulling is positive",
+    **{name: meaning for name, (_, meaning) in QUANTITIES.items()},
+}
 
 
 class TensileStrip(System):
@@ -61,6 +68,7 @@ class TensileStrip(System):
     responses: ClassVar[Mapping[str, str]] = {"nominal_stress": "Pa", "force": "N"}
     required_quantities: ClassVar[Mapping[str, str]] = {}
     optional_quantities: ClassVar[Mapping[str, str]] = {"gauge_length": "m", "cross_section": "m^2"}
+    meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     def __init__(
         self, candidate: str, specimen: Specimen, tolerance: float = DEFAULT_TOLERANCE

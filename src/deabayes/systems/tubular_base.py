@@ -21,26 +21,39 @@ from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.steady_sine import drive_of
 
 KILOVOLT, GRAM = 1e3, 1e-3
-QUANTITY_SYMBOLS: Mapping[str, str | tuple[str, str]] = {
-    "relative_permittivity": r"\varepsilon_r",
-    "thickness": "d",
-    "active_length": "L_0",
+QUANTITY_SYMBOLS = {
+    "relative_permittivity": (r"\varepsilon_r", "relative permittivity of the elastomer"),
+    "thickness": ("d", "thickness of the elastomer between two electrodes"),
+    "active_length": ("L_0", "length between the passive ends, at rest"),
     "sensor_delay": (r"T_\mathrm{s}", "time by which the sensor of the motion lags"),
 }
 """The quantities every candidate that strains computes with."""
 MASSES = ("total_mass", "active_mass", "sensor_mass")
 """Their sum (13) is the quantity `moving_mass`: no record can tell them apart."""
-INERTIA_SYMBOLS: Mapping[str, str | tuple[str, str]] = {
+INERTIA_SYMBOLS = {
     "moving_mass": (r"m_\mathrm{DE}+m_\mathrm{LVDT}", "mass that moves without a load"),
-    "cross_section": "A_0",
+    "cross_section": ("A_0", "cross-section of all elastomer that carries the load"),
 }
 """Those that `_inertia` adds; it needs the masses, the cross-section and the active length."""
 CIRCUIT_SYMBOLS = {
-    "series_resistance": "R_S",
-    "leakage_resistance": "R_L",
-    "capacitance": "C",
+    "series_resistance": ("R_S", "resistance of electrodes and leads"),
+    "leakage_resistance": ("R_L", "resistance through the elastomer"),
+    "capacitance": ("C", "capacitance at rest"),
 }
 """Those that a circuit adds and needs."""
+MEANINGS = {
+    "strain": "elongation of the active length over itself",
+    "displacement": "elongation of the active length",
+    "gain": "amplitude of the strain over that of the voltage, at the frequency of the voltage",
+    "phase": "of the measured strain, the sensor's lag included, to the voltage's sine",
+    "total_mass": "mass of the whole actuator",
+    "active_mass": "mass of its active part",
+    "sensor_mass": "mass of what moves with its end, without the load",
+    **{
+        name: meaning
+        for name, (_, meaning) in (QUANTITY_SYMBOLS | INERTIA_SYMBOLS | CIRCUIT_SYMBOLS).items()
+    },
+}
 
 
 class TubularBase(System):
@@ -78,6 +91,7 @@ class TubularBase(System):
         "capacitance": "F",
         "sensor_delay": "s",
     }
+    meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     circuit: bool
     """Whether the candidate holds R_S, R_L and C."""
