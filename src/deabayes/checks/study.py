@@ -14,6 +14,7 @@ from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
+from deabayes.preparation.addressed import misaddressed
 from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -40,6 +41,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     faults += _unknown_names(study)
     if read is None or faults:
         return faults, []
+    faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
     rows = _used_rows(study, read, faults)
     faults += _further_faults(study, rows)
     if study.calibrate is not None or study.validate is not None:
@@ -81,6 +83,7 @@ def check_names(study: Study) -> list[str]:
     except UserError as error:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = [*read.missing(read.table), *_unknown_names(study)]
+    faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
     faults += _further_faults(study, _used_rows(study, read, faults))
     built_candidates(study, read.specimen, faults)
     return faults

@@ -21,11 +21,14 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     """
     from deabayes.posteriors.storage import write_datasets
     from deabayes.preparation import measured_rows, prepare
+    from deabayes.preparation.addressed import misaddressed
     from deabayes.preparation.prepared import to_dataset
     from deabayes.reading.folder import read_folder
 
     folder = read_folder(study.specimen, study.data_root)
     rows = select_rows(study, folder.table)
+    if wrong := misaddressed(study.preparation, folder.table):
+        raise UserError("\n".join(f"study {study.name}, {fault}" for fault in wrong))
     experiments, datasets = [], {}
     for row in rows:
         raw, steps = folder.record(row), study.preparation.get(row.protocol)

@@ -39,8 +39,10 @@ REGISTRY: Mapping[str, Step] = load(
         "limit_current": "limit_current",
         "mask_after": "mask_after",
         "mask_before": "mask_before",
+        "mask_between": "mask_between",
         "mask_ramp_end": "mask_ramp_end",
         "mask_slack": "mask_slack",
+        "scale": "scale",
     },
 )
 """Step -> its function in the module of the same name."""

@@ -20,7 +20,7 @@ def baseline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
         rest a displacement is zero, an area or a stretch is not.
     """
     read = Settings("baseline", settings, record, ("until", "response"))
-    if read.has("response") and settings["response"] != record.row.response:
+    if read.of_another():
         return record
     until = read.quantity("until", record.coordinate_unit, record.excitation_start())
     rest = record.used & (record.coordinate <= until)

@@ -39,6 +39,12 @@ class Settings:
         """Whether the key is given a value."""
         return self.values.get(key) is not None
 
+    def of_another(self) -> bool:
+        """Whether the step is for another record or response than this one."""
+        row = self.record.row
+        mine = {"record": row.name, "response": row.response}
+        return any(self.has(key) and self.values[key] != own for key, own in mine.items())
+
     def quantity(self, key: str, unit: str, default: float | None = None) -> float:
         """A quantity in SI; `unit` is what its dimension must be."""
         if not self.has(key):
