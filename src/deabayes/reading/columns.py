@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,24 @@ def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
         Column(c.get("name"), c.get("unit"), float(c.get("offset", 0.0)), c.get("source"))
         for c in settings
     ]
+
+
+def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -> list[Column]:
+    """Columns of a file with the names, and units if any, that experiments.csv gives to some."""
+    columns = list(columns)
+    for given in named or ():
+        source = from_header([given.source or given.name])[0].name
+        places = [i for i, column in enumerate(columns) if source in (column.name, column.source)]
+        if len(places) != 1:
+            known = ", ".join(repr(c.name) for c in columns if c.name)
+            raise UserError(
+                f"{where}: {'two columns are' if places else 'no column is'} called {source!r}, as "
+                f"`columns` in experiments.csv says (there are {known}); correct one of them"
+            )
+        old = columns[places[0]]
+        unit = old.unit if given.unit is None else given.unit
+        columns[places[0]] = replace(old, name=given.name, unit=unit, source=source)
+    return columns
 
 
 def from_text(text: str) -> list[Column]:

@@ -13,11 +13,11 @@ from typing import Any
 
 from deabayes.experiment import FREQUENCY_RESPONSE
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.cells import DELIMITERS
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.schema import schema, violations
 from deabayes.reading.specimen import system_class
-from deabayes.reading.text import DELIMITERS
 
 FILE = "experiments.csv"
 WITHOUT_TIME = ("quasi_static", "frequency_response")
