@@ -83,7 +83,8 @@ def test_decimal_comma_far_down_is_seen(tmp_path: Path) -> None:
 
 def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time [s],force [N],oven [degC],remark\n0,1,20,ok\n1,2,21,\n", encoding="utf-8")
+    header = "time [s],force [N],oven [degC],remark,force (raw)"
+    path.write_text(f"{header}\n0,1,20,ok,7\n1,2,21,,8\n", encoding="utf-8")
     record = read_record(path)
     assert set(record.columns) == {"time", "force", "oven"}
     assert record.columns["oven"][0] == pytest.approx(293.15)

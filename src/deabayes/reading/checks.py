@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import closest
+from deabayes.faults import rename_hint
 from deabayes.parameter import Parameter
 from deabayes.quantities import with_unit
+from deabayes.reading.columns import CHANNELS
 
 SMALLEST_RECORD = 4
 Flags = NDArray[np.bool_]
@@ -27,11 +28,13 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
             f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
             "`unit` under record_format.columns in specimen.yaml"
         ]
-    missing = [(name, closest(name, columns)) for name in needed if name not in columns]
+    needed = list(needed)
+    unknown = [name for name in columns if name not in (*needed, *CHANNELS)]
     return [
-        f"{where}: column {name!r} is missing{f'; did you mean {meant!r}?' if meant else ''}; the "
-        f"record has {', '.join(columns)}; correct the header or experiments.csv"
-        for name, meant in missing
+        f"{where}: column {name!r} is missing; the record has {', '.join(columns)}"
+        f"{rename_hint(name, unknown) or '; correct the header or experiments.csv'}"
+        for name in needed
+        if name not in columns
     ]
 
 
