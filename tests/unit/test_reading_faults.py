@@ -318,6 +318,13 @@ def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
     assert "line 3, protocol" in text
 
 
+def test_a_constant_response_is_one_fault(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    column(2, "0.5")(folder)
+    (fault,) = scan_folder(folder)[1]
+    assert "column force: is constant" in fault
+
+
 def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     BREAKS["NaN"][0](folder)

@@ -9,7 +9,7 @@ import numpy as np
 
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
-from deabayes.reading import checks, voltage_checks
+from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.table import WITHOUT_TIME, channels_of
@@ -72,8 +72,8 @@ def record_warnings(
         for name in ("range", "resolution", "noise")
         for found in [instrument(specimen, name, row.response, unit)]
     }
-    found = checks.clipped_sensor(response, limits["range"], row.response, unit, where)
-    found += checks.coarse_quantisation(
+    found = sensor_checks.clipped_sensor(response, limits["range"], row.response, unit, where)
+    found += sensor_checks.coarse_quantisation(
         response, limits["resolution"], limits["noise"], row.response, unit, where
     )
     if "time" in needed_columns(row):
@@ -88,7 +88,9 @@ def record_warnings(
         )
     limit = instrument(specimen, "current_limit", "current", "A")
     if limit is not None and "current" in raw.columns:
-        found += checks.current_at_limit(raw.columns["current"], limit.value, row.protocol, where)
+        found += sensor_checks.current_at_limit(
+            raw.columns["current"], limit.value, row.protocol, where
+        )
     return found
 
 
