@@ -12,6 +12,7 @@ from deabayes.instruments import instrument
 from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.single_samples import standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
@@ -77,7 +78,11 @@ def record_warnings(
         response, limits["resolution"], limits["noise"], row.response, unit, where
     )
     if "time" in needed_columns(row):
-        found += checks.sampling_jitter(raw.columns["time"], where)
+        time = raw.columns["time"]
+        found += checks.sampling_jitter(time, where)
+        if row.protocol in STEPS:
+            driven = raw.columns[row.excitation]
+            found += standing_out(time, driven, response, row.response, unit, where)
     if _is_step_from_the_start(row, raw, row.excitation):
         found.append(f"{where}: {row.excitation} is constant, so the step is taken to happen at "
                      "the first sample")  # fmt: skip
