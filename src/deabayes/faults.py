@@ -35,3 +35,9 @@ def nearest(name: object, known: Iterable[object]) -> str:
         return ""
     meant = closest(name, names)
     return f"; known: {', '.join(sorted(names))}" if meant is None else f"; did you mean {meant!r}?"
+
+
+def rename_hint(name: object, unknown: Iterable[object]) -> str:
+    """Say which unknown name to call `name`: ``"; 'roll' is not known: rename it 'role'?"``."""
+    meant = closest(name, unknown)
+    return "" if meant is None else f"; {meant!r} is not known: rename it {str(name)!r}?"

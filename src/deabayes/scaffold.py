@@ -46,7 +46,7 @@ instruments:
 # Only for records without a `name [unit]` header:
 # record_format:
 #   delimiter: ","       # or ";", tab, whitespace
-#   header_lines: 2      # lines to skip, empty ones not counted
+#   header_lines: 2      # lines to skip, the header too if columns follow; empty ones not counted
 #   columns:             # all of them, from left to right; name "-" leaves one out
 #     - {{name: time, unit: s}}
 #     - {{name: {excitation}, unit: {excitation_unit}}}

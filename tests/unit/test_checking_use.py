@@ -9,6 +9,7 @@ from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.checks.folder import check_folder
 from deabayes.checks.study import check_study
+from deabayes.cli import main
 from deabayes.study import Study
 
 
@@ -37,3 +38,70 @@ def test_steps_that_no_record_takes_are_a_warning(tmp_path: Path) -> None:
     faults, warnings = check_study(study)
     assert not faults
     assert "preparation.sine: no record of the study is of this protocol" in warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "sound", "ends"),
+    [
+        ("candidates: [kv_gm_one]", True, "\n1 fault, 0 warnings in strip and study s\n"),
+        ("candidates: [kv_gm_1], noise: w", True, "\n1 fault, 0 warnings in strip and study s\n"),
+        ("candidates: [kv_gm_1], noise: w", False, "\n2 faults, 0 warnings in strip and study s\n"),
+        ("candidates: [kv_gm_1]", False, "\n1 fault, 0 warnings in strip\n"),
+    ],
+)
+def test_faults_of_a_study_are_counted(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    settings: str,
+    sound: bool,
+    ends: str,
+) -> None:
+    folder = make_folder(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    if not sound:
+        replace_in(folder / "experiments.csv", "calibrate,", "calibrated,")
+    Path("config.yaml").write_text(f"studies: {{s: {{specimen: strip, {settings}}}}}\n")
+    with pytest.raises(SystemExit, match="1"):
+        main(["check", "s"])
+    said = capsys.readouterr().out
+    assert said.endswith(ends) and said.count(" warnings in ") == 1
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_missing_quantities_are_said_with_the_faults_of_records(tmp_path: Path, both: bool) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(
+        folder / "specimen.yaml", "  gauge_length: {value: 80, unit: mm, source: ruler}\n", ""
+    )
+    for name in ("relax", "pull") if both else ("pull",):
+        replace_in(folder / "records" / f"{name}.csv", "\n1.0000,", "\n1.0500,now ")
+    faults = check_folder(folder).faults
+    assert len(faults) == 2 + both
+    assert sum("lacks gauge_length" in fault for fault in faults) == 1
+    assert check_study(Study("s", folder, ("kv_gm_1",)))[0] == list(faults)
+
+
+def test_nothing_is_asked_of_a_specimen_with_faults(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "gauge_length", "gage_length")
+    (fault,) = check_folder(folder).faults
+    assert "gage_length" in fault
+
+
+def test_what_is_left_to_fill_in_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "source: laboratory, licence: CC0", "licence: ...")
+    replace_in(folder / "specimen.yaml", "source: ruler", "source: ...")
+    licence, source = check_folder(folder).warnings
+    assert "specimen.yaml, provenance.licence: is '...', as `deabayes new` writes it" in licence
+    assert "specimen.yaml, quantities.gauge_length.source: is '...'" in source
+
+
+def test_what_preparation_warns_of_is_shown(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "experiments.csv", "load_unload", "quasi_static")
+    replace_in(folder / "records" / "pull.csv", "\n1.0000,20.0000,", "\n1.0000,16.0000,")
+    assert check_folder(folder).warnings == ()
+    (warning, *_) = check_study(Study("s", folder, ("ogden_1",)))[1]
+    assert warning.startswith("study s, pull: displacement goes back and forth")

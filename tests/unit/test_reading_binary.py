@@ -44,6 +44,13 @@ def test_excel_first_sheet(tmp_path: Path) -> None:
     assert "remark" not in record.columns
 
 
+def test_excel_rows_above_the_header_and_names_in_the_table(tmp_path: Path) -> None:
+    rows = [["rig 7"], ["Zeit", "voltage [V]"], *zip(TIME, VOLTAGE_KV, strict=True)]
+    path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])
+    named = from_text("Zeit = time [s]; voltage [kV]")
+    check(read_record(path, {"header_lines": 1}, columns=named))
+
+
 def test_excel_text_among_numbers_is_named(tmp_path: Path) -> None:
     path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, "n/a"]])
     with pytest.raises(UserError, match=r"a\.xlsx, column force, data row 2: 'n/a'"):

@@ -96,6 +96,23 @@ def cut_record(folder: Path) -> None:
 RELAX = "relax.csv"
 
 
+def stated(column: str, cell: str) -> Break:
+    """Say something of the pull in a column that models read as a number."""
+
+    def change(folder: Path) -> None:
+        replace_in(folder / "experiments.csv", "stretch_rate_per_s", column)
+        replace_in(folder / "experiments.csv", "0.05", cell)
+
+    return change
+
+
+NO_NUMBERS = {
+    ("load_g", '"3,0"'): "found '3,0'; write 3.0, with a decimal point, or leave the cell empty",
+    ("voltage_kV", '"0,1"'): "found '0,1'; write 0.1, with a decimal point",
+    ("voltage_kV", "three"): "found 'three'; give one in kV, without its unit",
+    ("amplitude_kV", "200 V"): "found '200 V'; give one in kV, without its unit",
+    ("frequency_Hz", "nan"): "found 'nan'; give one in Hz",
+}
 BREAKS: dict[str, tuple[Break, list[str]]] = {
     "missing record": (
         lambda folder: (folder / "records" / RELAX).unlink(),
@@ -113,13 +130,10 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         table("records/relax.csv", "records\\relax.csv"),
         ["no such file", "did you mean 'records/relax.csv'?"],
     ),
-    "number that is none": (
-        lambda f: [
-            replace_in(f / "experiments.csv", "stretch_rate_per_s", "frequency_Hz"),
-            replace_in(f / "experiments.csv", "0.05", "nan"),
-        ],
-        ["line 3, frequency_Hz: expected a number, found 'nan'", "leave the cell empty"],
-    ),
+    **{
+        f"{column} {cell}": (stated(column, cell), [f"line 3, {column}: expected a number, {said}"])
+        for (column, cell), said in NO_NUMBERS.items()
+    },
     "noise in a larger unit": (
         specimen("{value: 1, unit: mN}", "{value: 1, unit: MN}"),
         [RELAX, "column force: varies by 1.167", "noise of 1e+06 N", "specimen.yaml"],
@@ -146,7 +160,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "misspelt column": (
         header("time [s],displacment [mm],force [N]"),
-        ["column 'displacement' is missing", "did you mean 'displacment'"],
+        ["column 'displacement' is missing", "'displacment' is not known: rename it"],
     ),
     "unknown unit": (header("time [s],displacement [mm],force [Nn]"), ["column force", "'Nn'"]),
     "wrong dimension": (
@@ -157,6 +171,22 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     "bracket without end": (
         header("time [s],displacement [mm,force [N]"),
         [RELAX, "the unit of column 'displacement [mm' has no end", "'displacement [mm]'"],
+    ),
+    "round brackets": (
+        header("time [s],displacement [mm],Force (N)"),
+        ["the unit of column 'Force (N)' stands in round brackets; write 'force [N]'"],
+    ),
+    "upper case": (
+        header("time [s],displacement [mm],Force [N]"),
+        ["column 'force' is missing; the record has", "'Force' is not known: rename it 'force'?"],
+    ),
+    "channel of another experiment": (
+        header("time [s],displacement [mm],nominal_stress [kPa]"),
+        ["column 'force' is missing; the record has", "correct the header or experiments.csv"],
+    ),
+    "decimal commas among points": (
+        row(20, '1.9,60,"0,9"'),
+        ["column force, data row 20: '0,9' has a decimal comma", "decimal point (1 such rows)"],
     ),
     "time goes back": (row(20, "0.5,60,0.9"), ["column time", "data row 20", "goes back"]),
     "time repeats": (row(20, "1.8,60,0.9"), ["column time", "data row 20 repeats", "remove"]),
@@ -199,7 +229,13 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         ["line 2 (relax)", "no excitation 'displacment'", "'displacement'?"],
     ),
     "unknown response": (table("force,first", "forse,first"), ["no response 'forse'", "'force'?"]),
-    "missing table column": (table("role", "rolle"), ["column 'role' is missing", "'rolle'?"]),
+    "missing table column": (
+        table("role", "rolle"),
+        ["column 'role' is missing", "'rolle' is not known: rename it 'role'?"],
+    ),
+    "missing table column unlike any": (
+        table("role,", "for,"), ["column 'role' is missing; add it"],
+    ),
     **{
         f"column {written}": (
             table("stretch_rate_per_s", written),
@@ -257,7 +293,6 @@ def test_bad_input_is_named_with_a_remedy(tmp_path: Path, case: str) -> None:
         ("kV", "2.0", "voltage_kV", "2.1"),
         ("V", "2000", "amplitude_kV", "1"),
         ("V", "2.0", "voltage_kV", "0"),
-        ("V", "2.0", "voltage_kV", "about"),
         ("V", "nan", "voltage_kV", "2"),
     ],
 )
@@ -281,6 +316,13 @@ def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
     assert "gage_length" in text
     assert "data row 20" in text
     assert "line 3, protocol" in text
+
+
+def test_a_constant_response_is_one_fault(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    column(2, "0.5")(folder)
+    (fault,) = scan_folder(folder)[1]
+    assert "column force: is constant" in fault
 
 
 def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from deabayes.faults import UserError
+from deabayes.reading.columns import from_text
 from deabayes.reading.records import read_record
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -82,7 +83,8 @@ def test_decimal_comma_far_down_is_seen(tmp_path: Path) -> None:
 
 def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("time [s],force [N],oven [degC],remark\n0,1,20,ok\n1,2,21,\n", encoding="utf-8")
+    header = "time [s],force [N],oven [degC],remark,force (raw)"
+    path.write_text(f"{header}\n0,1,20,ok,7\n1,2,21,,8\n", encoding="utf-8")
     record = read_record(path)
     assert set(record.columns) == {"time", "force", "oven"}
     assert record.columns["oven"][0] == pytest.approx(293.15)
@@ -100,6 +102,7 @@ def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path
         (b"time (s),force (N)\n0,1\n", ["'time [s]' instead of 'time (s)'"]),
         (b"time [s],force\n0,1\n", ["column force", "no unit", "'force [N]'"]),
         (b"0,1\n1,2\n", ["starts with numbers", "record_format"]),
+        (b"0,0;-0,5;1,5\n", ["starts with numbers", "record_format"]),
         (b"time [s],force [Nn]\n0,1\n1,2\n", ["column force", "unknown unit 'Nn'", "'N'"]),
         (b"time [s],force [V]\n0,1\n1,2\n", ["column force", "a voltage", "a force"]),
         (b"time [s],force [N]\n0,1\n1,2\n2", ["last row '2' has 1 of 2", "truncated"]),
@@ -107,9 +110,12 @@ def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path
         (b"time [s],force [N]\n0,1\n1,ERR\n2,3\n", ["column force, data row 2", "'ERR'"]),
         (b"time [s],force [N],force [N]\n0,1,1\n1,2,2\n", ["'force' occurs twice"]),
         (b"time [s],Kraft \xfc [N]\n0,1\n1,2\n", ["line 1", "not UTF-8", "0xfc", "save the file"]),
-        (b"\xff\xfet\x00i\x00m\x00e\x00\n\x00", ["is UTF-16", "{encoding: utf-16}"]),
-        (b"PK\x03\x04\xff\xfe\n0,1\n", ["is not a text file", "right ending"]),
-        (b"PK\x03\x04" + bytes(40), ["not a text file"]),
+        ("time [s],a [m]\n".encode("utf-16-le"), ["without a byte order mark", "utf-16-le}"]),
+        ("time [s],a [m]\n".encode("utf-16-be"), ["without a byte order mark", "utf-16-be}"]),
+        (b"PK\x03\x04\xff\xfe\n0,1\n", ["not a text file", "Excel workbook", "name a workbook"]),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", ["old Excel workbook", "export it as CSV"]),
+        (b"\x89HDF\r\n", ["not a text file", "name that .mat"]),
+        (b"\xfa\x00\x01\x02", ["not a text file", "null bytes", "export it as CSV"]),
     ],
 )
 def test_broken_files_are_named_with_a_remedy(
@@ -170,6 +176,54 @@ def test_utf_16_without_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes("time [s],force [N]\n0,1\n1,2\n".encode("utf-16-le"))
     assert read_record(path, {"encoding": "utf-16"}).columns["time"].size == 2
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
+@pytest.mark.parametrize("stated", [{}, {"encoding": "latin-1"}, {"encoding": "utf-16"}])
+def test_a_byte_order_mark_says_more_than_what_is_stated(
+    tmp_path: Path, encoding: str, stated: dict[str, str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(PLAIN.encode(encoding))
+    assert list(read_record(path, stated).columns) == ["time", "voltage", "displacement"]
+
+
+def test_an_encoding_stated_for_a_file_of_another(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(PLAIN, encoding="utf-8")
+    with pytest.raises(UserError, match=r"a\.csv: is not utf-16, which specimen\.yaml states"):
+        read_record(path, {"encoding": "utf-16"})
+
+
+@pytest.mark.parametrize("above", ["rig 7\n", "# rig 7\n", "\nrig; 7, [s]\n\n"])
+def test_header_lines_without_columns_stand_above_the_header(tmp_path: Path, above: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"made on Monday, by hand\n{above}{PLAIN}", encoding="utf-8")
+    assert list(read_record(path, {"header_lines": 2}).columns)[1:] == ["voltage", "displacement"]
+    with pytest.raises(UserError, match=r"counts the lines above the header .* state fewer"):
+        read_record(path, {"header_lines": 3})
+
+
+def test_the_line_of_an_unreadable_header_below_others(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\nrig\n\nZeit \xfc [s],a [m]\n0,1\n")
+    with pytest.raises(UserError, match=r"a\.csv, line 4: the header is not UTF-8"):
+        read_record(path, {"header_lines": 1})
+
+
+@pytest.mark.parametrize(
+    "header", ["Zeit;Hoch spannung;Weg [m]", "Zeit [h];Hoch spannung [V];Weg [m]"]
+)
+def test_columns_that_the_table_names(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{header}\n0;0;0,0005\n0,5;2,5;0,0015\n1;2,5;0,002\n", encoding="utf-8")
+    named = from_text("Zeit = time [s]; Hoch spannung = voltage [kV]; Weg = displacement")
+    record = read_record(path, columns=named)
+    np.testing.assert_allclose(record.columns["voltage"], [0.0, 2500.0, 2500.0])
+    np.testing.assert_allclose(record.columns["displacement"], [5e-4, 1.5e-3, 2e-3])
+    np.testing.assert_allclose(record.columns["time"], [0.0, 0.5, 1.0])
+    with pytest.raises(UserError, match=r"no column is called 'Wege', as `columns` .*'Weg'"):
+        read_record(path, columns=from_text("Wege = displacement [m]"))
 
 
 @pytest.mark.parametrize(

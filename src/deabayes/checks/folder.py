@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,20 +40,22 @@ class CheckReport:
         """Whether the folder can be used."""
         return not self.faults
 
-    def text(self, with_faults: bool = True) -> str:
-        """The report in plain text; faults last, or left out for standard error."""
+    def text(self, with_faults: bool = True, with_count: bool = True) -> str:
+        """The report in plain text; faults last, or left out for standard error, and counted."""
         parts = ["\n".join(self.understood)] if self.understood else []
         if self.warnings:
             parts.append("\n".join(["Warnings", *(f"  - {line}" for line in self.warnings)]))
         if self.faults and with_faults:
             parts.append("\n".join(["Faults", *(f"  - {line}" for line in self.faults)]))
-        found = _count(self.faults, "fault"), _count(self.warnings, "warning")
-        parts.append(f"{', '.join(found)} in {self.folder}")
+        if with_count:
+            parts.append(f"{counted(self.faults, self.warnings)} in {self.folder}")
         return "\n\n".join(parts)
 
 
-def _count(sentences: tuple[str, ...], what: str) -> str:
-    return f"{len(sentences)} {what}{'' if len(sentences) == 1 else 's'}"
+def counted(faults: Sized, warnings: Sized) -> str:
+    """How many there are: ``1 fault, 2 warnings``."""
+    kinds = ((faults, "fault"), (warnings, "warning"))
+    return ", ".join(f"{len(found)} {kind}{'s' * (len(found) != 1)}" for found, kind in kinds)
 
 
 def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
@@ -60,10 +63,9 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
     read, faults = scan_folder(Path(folder), data_root)
     if read is None:
         return CheckReport(Path(folder), (), tuple(faults), ())
-    if not faults:
-        faults = without_candidate(read)
+    faults += without_candidate(read)
     understood = _specimen_lines(read)
-    warnings = _wide(read)
+    warnings = [*_wide(read), *_left_to_fill_in(read)]
     for row in read.table:
         lines, found = _record_lines(read, row)
         understood += lines
@@ -88,6 +90,20 @@ def _wide(read: StudyFolder) -> list[str]:
         "sd is in the value's unit, not in per cent"
         for name, ratio in ratios.items()
         if ratio > 1.0
+    ]
+
+
+def _left_to_fill_in(read: StudyFolder) -> list[str]:
+    """Texts that `deabayes new` wrote and nobody replaced."""
+    texts = {f"provenance.{key}": text for key, text in read.specimen.provenance.items()}
+    for kind in ("quantities", "instruments"):
+        for name, quantity in getattr(read.specimen, kind).items():
+            texts[f"{kind}.{name}.source"] = quantity.source
+    return [
+        f"{read.path}/specimen.yaml, {key}: is '...', as `deabayes new` writes it; fill it in, or "
+        "remove the key"
+        for key, text in texts.items()
+        if text.strip() in ("...", "…")
     ]
 
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from deabayes.checks.amounts import few_points, unused_steps
 from deabayes.checks.candidates import built_candidates
+from deabayes.checks.predictable import without_candidate
+from deabayes.checks.prepared import prepared_records
 from deabayes.checks.prior_scale import unexpected
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
@@ -40,7 +42,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     read, faults = scan_folder(study.specimen, study.data_root)
     faults += _unknown_names(study)
     if read is None or faults:
-        return faults, []
+        return faults + ([] if read is None else without_candidate(read)), []
     faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
     rows = _used_rows(study, read, faults)
     faults += _further_faults(study, rows)
@@ -54,7 +56,8 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
     )
     faults, warnings = [*faults, *unused[0]], [*warnings, *unused[1]]
-    experiments, unprepared = _prepared(study, read, rows)
+    experiments, unprepared, said = prepared_records(study, read, rows)
+    warnings += said
     faults += unprepared or few_points(study, systems, experiments)
     if not faults:
         faults += _without_model(study, systems, experiments)
@@ -87,23 +90,6 @@ def check_names(study: Study) -> list[str]:
     faults += _further_faults(study, _used_rows(study, read, faults))
     built_candidates(study, read.specimen, faults)
     return faults
-
-
-def _prepared(
-    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow]
-) -> tuple[list[Experiment], list[str]]:
-    """The records as the likelihood will see them; each fault of a step, said once."""
-    from deabayes.preparation import measured_rows, prepare
-
-    experiments, found = [], {}
-    for row in rows:
-        try:
-            raw, steps = read.record(row), study.preparation.get(row.protocol)
-            for each in measured_rows(row, raw):
-                experiments.append(prepare(each, raw, read.specimen, steps))
-        except UserError as error:
-            found[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
-    return experiments, list(found.values())
 
 
 def _without_model(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,15 +55,23 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 
 
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
-    from deabayes.checks.folder import check_folder
+    """The report on its folder, then what is said of the study."""
+    from deabayes.checks.folder import check_folder, counted
+    from deabayes.checks.study import check_study
 
-    say(check_folder(study.specimen, study.data_root).text(with_faults=False))
-    warnings = checked(study, compare=True)
-    if warnings:
+    report = check_folder(study.specimen, study.data_root)
+    faults, warnings = check_study(study, compare=True)
+    faults = faults or _prior_faults(study, config)
+    of_folder = tuple(fault for fault in report.faults if fault in faults)
+    its_own = len(faults) > len(of_folder)
+    say(replace(report, faults=of_folder).text(with_faults=False, with_count=not its_own))
+    if its_own:
+        count = counted(faults, [*report.warnings, *warnings])
+        say(f"\n{count} in {report.folder} and study {study.name}")
+    elif warnings:
         say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
     for warning in warnings:
         say(f"  - {warning}")
-    faults = _prior_faults(study, config)
     if faults:
         raise Faults(faults)
 

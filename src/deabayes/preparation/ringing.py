@@ -11,10 +11,8 @@ from deabayes.experiment import FloatArray
 from deabayes.preparation.grid import CORNER_FRACTION
 from deabayes.preparation.polyline import corners
 from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.single_samples import least_swing, without_single_samples
 
-SWING = 0.02
-"""Of the response's range: less is no swing."""
-OVER_NOISE = 10.0
 FEWEST_TURNS = 2
 DECAYED = 0.5
 EARLY = 0.75
@@ -34,11 +32,13 @@ def ringing(record: WorkingRecord) -> Ringing | None:
     """The fastest ringing within a stretch without a corner of the excitation, if there is any.
 
     Turns of the response are counted that lie more than 2 % of its range, and ten times its
-    noise, apart: at least a peak and a trough. They must end or lose half of their height within
-    the stretch; what does not, such as mains hum, is no ringing.
+    noise, apart: at least a peak and a trough, neither of them a single sample that stands out.
+    They must end or lose half of their height within the stretch; what does not, such as mains
+    hum, is no ringing.
     """
     time, response = record.coordinate[record.used], record.response[record.used]
-    swing = max(SWING * float(np.ptp(response)), OVER_NOISE * _noise(response))
+    swing = least_swing(response)
+    response = without_single_samples(response, swing)
     interval = float(np.median(np.diff(time)))
     inner = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION, interval)
     edges = [record.excitation_start(), *map(float, inner), np.nextafter(time[-1], np.inf)]
@@ -76,9 +76,3 @@ def _turns(values: list[float], swing: float) -> list[int]:
             turns += [low] if direction else []
             direction, high = 1, index
     return turns
-
-
-def _noise(values: FloatArray) -> float:
-    """Standard deviation of what differs from one sample to the next."""
-    steps = np.abs(np.diff(values, 2))
-    return float(1.4826 * np.median(steps) / np.sqrt(6.0)) if steps.size else 0.0

@@ -10,17 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.faults import UserError, nearest
-from deabayes.reading.columns import COMMENT, Column, Table, from_format, from_header, unit_hint
+from deabayes.reading.columns import (
+    COMMENT,
+    Column,
+    Table,
+    from_format,
+    from_header,
+    renamed,
+    unit_hint,
+)
 
 
-def read_xlsx(path: Path, record_format: Mapping[str, Any] | None = None) -> Table:
-    """Read the first sheet; its first row that is not empty is the ``name [unit]`` header."""
+def read_xlsx(
+    path: Path,
+    record_format: Mapping[str, Any] | None = None,
+    named: Sequence[Column] | None = None,
+) -> Table:
+    """Read the first sheet; the first row, or the first below `header_lines`, is the header.
+
+    Rows that are empty or comments do not count. `named` are names and units that
+    experiments.csv gives to columns of the header.
+    """
     rows = opened(_first_sheet, path, "an Excel file")
+    rows = rows[int((record_format or {}).get("header_lines", 0)) :]
     columns = from_format(record_format)
     if columns is None:
-        columns, rows = _header(rows[0] if rows else (), path), rows[1:]
+        columns, rows = _header(rows[0] if rows else (), path, named), rows[1:]
     else:
-        rows = rows[int((record_format or {}).get("header_lines", 0)) :]
+        columns = renamed(columns, named, str(path))
     if not rows:
         raise UserError(f"{path}: the first sheet holds no data rows; copy the record again")
     width = max(map(len, rows))
@@ -43,14 +60,14 @@ def _first_sheet(path: Path) -> list[tuple[object, ...]]:
         workbook.close()
 
 
-def _header(row: Sequence[object], path: Path) -> list[Column]:
-    columns = from_header(row)
+def _header(row: Sequence[object], path: Path, named: Sequence[Column] | None) -> list[Column]:
+    columns = renamed(from_header(row), named, str(path))
     if row and all(column.unit is None for column in columns):
         cells = [str(cell) for cell in row if cell is not None]
         hint = unit_hint(cells) or "; write it as 'time [s]', 'voltage [kV]'"
         raise UserError(
             f"{path}: no column of the first row {', '.join(cells)[:60]!r} has a unit{hint}; "
-            "remove titles above it"
+            "remove titles above it, or count them as header_lines"
         )
     return columns
 

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import closest
+from deabayes.faults import rename_hint
 from deabayes.parameter import Parameter
 from deabayes.quantities import with_unit
+from deabayes.reading.columns import CHANNELS
 
 SMALLEST_RECORD = 4
-Flags = NDArray[np.bool_]
 
 
 def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
@@ -27,11 +26,13 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
             f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
             "`unit` under record_format.columns in specimen.yaml"
         ]
-    missing = [(name, closest(name, columns)) for name in needed if name not in columns]
+    needed = list(needed)
+    unknown = [name for name in columns if name not in (*needed, *CHANNELS)]
     return [
-        f"{where}: column {name!r} is missing{f'; did you mean {meant!r}?' if meant else ''}; the "
-        f"record has {', '.join(columns)}; correct the header or experiments.csv"
-        for name, meant in missing
+        f"{where}: column {name!r} is missing; the record has {', '.join(columns)}"
+        f"{rename_hint(name, unknown) or '; correct the header or experiments.csv'}"
+        for name in needed
+        if name not in columns
     ]
 
 
@@ -120,8 +121,8 @@ def less_than_noise(
     values: FloatArray, noise: float, channel: str, unit: str, where: str
 ) -> list[str]:
     """A response that varies by less than the sd of its sensor's noise, which no noise does."""
-    if np.ptp(values) >= noise:
-        return []
+    if np.ptp(values) >= noise or constant_channel(values, channel, where):
+        return []  # a constant one is said to be so, whatever its unit
     return [
         f"{where}, column {channel}: varies by {np.ptp(values):.4g} {unit}, less than the noise of "
         f"{noise:.4g} {unit} in specimen.yaml; correct the unit of one of them"
@@ -145,52 +146,6 @@ def not_positive(values: FloatArray, channel: str, where: str) -> list[str]:
     ]
 
 
-def current_at_limit(current: FloatArray, limit: float, protocol: str, where: str) -> list[str]:
-    """An amplifier that runs into its current limit."""
-    share = float(np.mean(np.abs(current) >= 0.98 * limit))
-    if share == 0.0:
-        return []
-    effect = (
-        "the voltage is distorted" if protocol == "sine" else "the voltage rises slower than asked"
-    )
-    return [f"{where}: the amplifier is at its current limit of {with_unit(limit, 'A')} in "
-            f"{share:.2%} of the record, so {effect}"]  # fmt: skip
-
-
-def clipped_sensor(
-    values: FloatArray, limit: float | None, channel: str, unit: str, where: str
-) -> list[str]:
-    """A sensor at the end of its range: values at the limit, or a flat top in a noisy record."""
-    if limit is not None:
-        share = float(np.mean(np.abs(values) >= 0.999 * limit))
-        if share > 0.0:
-            reach = with_unit(limit, unit, channel)
-            return [f"{where}, column {channel}: {share:.2%} of the values lie at the sensor's "
-                    f"range of {reach}, the sensor is clipped"]  # fmt: skip
-    if np.mean(np.diff(values) == 0.0) > 0.5:
-        return []  # quantised so coarsely that plateaus say nothing
-    for name, end in (("largest", np.max(values)), ("smallest", np.min(values))):
-        run = longest_run(_without_start_at_rest(values, values == end))
-        if run >= 5:
-            held = with_unit(float(end), unit, channel)
-            return [f"{where}, column {channel}: the {name} value {held} is held for {run} "
-                    "samples in a row, the sensor may be clipped"]  # fmt: skip
-    return []
-
-
-def _without_start_at_rest(values: FloatArray, held: Flags) -> Flags:
-    """`held` (M,) without the run that begins a noise-free record: at rest, nothing moves yet.
-
-    Where there is noise, differences of neighbours change their sign in two of three
-    places, and a sensor at rest does not stand still.
-    """
-    moved = np.cumsum(~held) > 0
-    steps = np.diff(values[moved])
-    signs = np.sign(steps[steps != 0.0])
-    noisy = signs.size < 2 or np.mean(signs[1:] != signs[:-1]) > 0.4
-    return held if noisy else held & moved
-
-
 def sampling_jitter(time: FloatArray, where: str) -> list[str]:
     """Uneven sampling and gaps."""
     intervals = np.diff(time)
@@ -205,29 +160,6 @@ def sampling_jitter(time: FloatArray, where: str) -> list[str]:
         sentences.append(f"{where}: sampling jitter, {share:.0%} of the intervals differ from "
                          f"{usual:.3g} s by more than 20 %")  # fmt: skip
     return sentences
-
-
-def coarse_quantisation(
-    values: FloatArray,
-    resolution: float | None,
-    noise: float | None,
-    channel: str,
-    unit: str,
-    where: str,
-) -> list[str]:
-    """Quantisation coarser than the noise: stated, or seen as equal neighbours."""
-    if resolution is not None and noise is not None and resolution > noise:
-        return [f"{where}, column {channel}: the resolution "
-                f"{with_unit(resolution, unit, channel)} is coarser than the noise "
-                f"{with_unit(noise, unit, channel)}"]  # fmt: skip
-    share = float(np.mean(np.diff(values) == 0.0))
-    if share <= 0.5:
-        return []
-    steps = np.diff(np.unique(values))
-    step = float(np.min(steps)) if steps.size else 0.0
-    seen = with_unit(step, unit, channel, digits=3)
-    return [f"{where}, column {channel}: quantised in steps of {seen}, coarser than the noise "
-            f"({share:.0%} of neighbouring samples are equal)"]  # fmt: skip
 
 
 def shorter_than_time_constant(duration: float, longest: float, where: str) -> list[str]:
@@ -248,9 +180,3 @@ def too_short_for(
     # The prior's upper quartile: half of its mass lies within a factor or so of it.
     longest = max(float(p.prior.from_normal(np.array(0.6745))) for p in constants)
     return shorter_than_time_constant(max(durations), longest, where)
-
-
-def longest_run(flags: Flags) -> int:
-    """Length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,8 @@ COMMANDS: Mapping[str, str] = {"control_voltage": "voltage"}
 
 HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
+OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
+"""A number that is no number with the other decimal sign."""
 COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
 """What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
 
@@ -88,6 +90,24 @@ def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
     ]
 
 
+def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -> list[Column]:
+    """Columns of a file with the names, and units if any, that experiments.csv gives to some."""
+    columns = list(columns)
+    for given in named or ():
+        source = from_header([given.source or given.name])[0].name
+        places = [i for i, column in enumerate(columns) if source in (column.name, column.source)]
+        if len(places) != 1:
+            known = ", ".join(repr(c.name) for c in columns if c.name)
+            raise UserError(
+                f"{where}: {'two columns are' if places else 'no column is'} called {source!r}, as "
+                f"`columns` in experiments.csv says (there are {known}); correct one of them"
+            )
+        old = columns[places[0]]
+        unit = old.unit if given.unit is None else given.unit
+        columns[places[0]] = replace(old, name=given.name, unit=unit, source=source)
+    return columns
+
+
 def from_text(text: str) -> list[Column]:
     """Columns from a cell of experiments.csv: ``t = time [s]; voltage [kV]``."""
     columns = []
@@ -109,12 +129,13 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     Faults : every fault of every column.
     """
     faults = list(table.faults)
+    unnamed = set(channels) - {column.name for column in table.columns}
     values: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     for column, array in zip(table.columns, table.arrays, strict=True):
         name = column.name
-        if column.unit is None and _broken_off(name) in channels:
-            faults.append(f"{where}: the unit of column {name!r} has no end; write '{name}]'")
+        if column.unit is None and (wrong := _unit_mistaken(name, unnamed)):
+            faults.append(f"{where}: the unit of column {name!r} {wrong}")
             continue
         if name in (None, "-") or (column.unit is None and name not in channels):
             continue
@@ -131,10 +152,15 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     return RawRecord(values, units, sha256)
 
 
-def _broken_off(name: str | None) -> str | None:
-    """What stands before a bracket that is not closed; None where there is none."""
+def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
+    """What is wrong with the brackets around the unit of one of `channels`, None if nothing is."""
     before, bracket, _ = (name or "").partition("[")
-    return before.strip() if bracket else None
+    if bracket and before.strip() in channels:
+        return f"has no end; write '{name}]'"
+    match = UNIT_IN_PARENTHESES.match(name or "")
+    if match and match["name"].lower() in channels:
+        return f"stands in round brackets; write '{match['name'].lower()} [{match['unit']}]'"
+    return None
 
 
 def _convert(
@@ -162,11 +188,20 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
     converted = pd.to_numeric(series, errors="coerce")
     bad = np.flatnonzero(converted.isna() & series.notna())
     if bad.size:
-        raise UserError(
-            f"{where}, data row {bad[0] + 1}: {str(series[bad[0]])!r} is not a number "
-            f"({bad.size} such rows); correct or remove them"
-        )
+        found, rows = str(series[bad[0]]), f"({bad.size} such rows)"
+        raise UserError(f"{where}, data row {bad[0] + 1}: {_no_number(found, rows)}")
     return np.asarray(converted, dtype=float)
+
+
+def _no_number(found: str, rows: str) -> str:
+    """What a text is that should be a number, and what to do."""
+    if OTHER_DECIMAL.fullmatch(found):
+        has, has_not = ("comma", "point") if "," in found else ("point", "comma")
+        return (
+            f"{found!r} has a decimal {has} where the numbers are read with a decimal {has_not} "
+            f"{rows}; write the whole file with one of them, and without separators of thousands"
+        )
+    return f"{found!r} is not a number {rows}; correct or remove them"
 
 
 def unit_hint(header: Iterable[str]) -> str:

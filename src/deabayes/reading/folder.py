@@ -188,4 +188,5 @@ def _specimen_file(folder: Path, faults: list[str]) -> SpecimenFile | None:
     known = not any(", system" in fault for fault in found)
     system = content.get("system") if known else None
     specimen = Specimen(str(content.get("name")), system if isinstance(system, str) else "", {}, {})
-    return SpecimenFile(specimen, content.get("record_format"), content.get("download"))
+    given = content.get("record_format"), content.get("download")
+    return SpecimenFile(specimen, *given, sound=False)

@@ -11,6 +11,12 @@ from typing import Any
 
 from deabayes.faults import UserError
 from deabayes.reading.columns import COMMENT
+from deabayes.reading.disguised import (
+    marked_encoding,
+    refuse_binary,
+    refuse_encoding,
+    refuse_null_bytes,
+)
 
 LONGEST_LINE = 8192
 COMMENT_AT_START = re.compile(COMMENT.pattern.encode() + rb"|sep=.?$")
@@ -22,13 +28,16 @@ UTF_8 = codecs.lookup("utf-8")
 
 
 def open_text(path: Path, settings: Mapping[str, Any]) -> io.BytesIO:
-    r"""The file as bytes with ``\n`` line ends; a stated encoding is turned into UTF-8."""
+    r"""The file as UTF-8 with ``\n`` line ends; its byte order mark says more than `settings`."""
     content = path.read_bytes()
     if not content:
         raise UserError(f"{path}: the file is empty; copy the record again")
-    encoding = str(settings.get("encoding", "utf-8"))
+    refuse_binary(content, path)
+    encoding = marked_encoding(content) or str(settings.get("encoding", "utf-8"))
     if codecs.lookup(encoding) != UTF_8:
+        refuse_encoding(content, encoding, path)
         content = content.decode(encoding, errors="replace").encode()
+    refuse_null_bytes(content, path)
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return io.BytesIO(content)

@@ -9,9 +9,10 @@ import numpy as np
 
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
-from deabayes.reading import checks, voltage_checks
+from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.single_samples import standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
@@ -72,12 +73,16 @@ def record_warnings(
         for name in ("range", "resolution", "noise")
         for found in [instrument(specimen, name, row.response, unit)]
     }
-    found = checks.clipped_sensor(response, limits["range"], row.response, unit, where)
-    found += checks.coarse_quantisation(
+    found = sensor_checks.clipped_sensor(response, limits["range"], row.response, unit, where)
+    found += sensor_checks.coarse_quantisation(
         response, limits["resolution"], limits["noise"], row.response, unit, where
     )
     if "time" in needed_columns(row):
-        found += checks.sampling_jitter(raw.columns["time"], where)
+        time = raw.columns["time"]
+        found += checks.sampling_jitter(time, where)
+        if row.protocol in STEPS:
+            driven = raw.columns[row.excitation]
+            found += standing_out(time, driven, response, row.response, unit, where)
     if _is_step_from_the_start(row, raw, row.excitation):
         found.append(f"{where}: {row.excitation} is constant, so the step is taken to happen at "
                      "the first sample")  # fmt: skip
@@ -88,7 +93,9 @@ def record_warnings(
         )
     limit = instrument(specimen, "current_limit", "current", "A")
     if limit is not None and "current" in raw.columns:
-        found += checks.current_at_limit(raw.columns["current"], limit.value, row.protocol, where)
+        found += sensor_checks.current_at_limit(
+            raw.columns["current"], limit.value, row.protocol, where
+        )
     return found
 
 

@@ -28,7 +28,8 @@ def read_record(
     path : .csv (or other text), .xlsx, .mat or .tdms.
     record_format : `record_format` of specimen.yaml, for files without a ``name [unit]`` header.
     channels : known channels and their SI units; default `CHANNELS`.
-    columns : names and units of this record's columns, before those of `record_format`.
+    columns : names and units that experiments.csv gives to columns of this record; of a .mat or
+        .tdms file those to read, before those of `record_format`.
 
     Raises
     ------
@@ -56,7 +57,7 @@ def _read_table(
     named = columns if columns is not None else from_format(record_format)
     match path.suffix.lower():
         case ".xlsx" | ".xlsm":
-            return read_xlsx(path, record_format)
+            return read_xlsx(path, record_format, columns)
         case ".mat":
             return read_mat(path, named)
         case ".tdms":
@@ -64,4 +65,4 @@ def _read_table(
         case ".xls":
             raise UserError(f"{path}: old Excel files cannot be read; save it as .xlsx or csv")
         case _:
-            return read_text(path, record_format)
+            return read_text(path, record_format, columns)

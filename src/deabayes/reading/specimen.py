@@ -37,6 +37,8 @@ class SpecimenFile:
     note: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     """Quantity -> unit it was written in, for display."""
+    sound: bool = True
+    """Whether all of it was read; else only what is needed to look for faults in records."""
 
 
 def read_specimen(folder: Path) -> Specimen:

@@ -7,27 +7,20 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from deabayes.experiment import FREQUENCY_RESPONSE
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.reading.cells import DELIMITERS, is_number
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
-from deabayes.reading.schema import schema, violations
+from deabayes.reading.schema import violations
 from deabayes.reading.specimen import system_class
-from deabayes.reading.text import DELIMITERS
+from deabayes.reading.table_header import NUMBERS, header_faults, misspelt
 
 FILE = "experiments.csv"
 WITHOUT_TIME = ("quasi_static", "frequency_response")
-READ_BY_MODELS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV",
-                  "deformation", "prehistory", "columns")  # fmt: skip
-"""Columns that need not be there and count where they are."""
-OF_ANY_RECORD = ("frequency_Hz", "columns")
-OF_A_VOLTAGE = ("voltage_kV", "amplitude_kV")
-ALIKE = 0.82
-"""Similarity from which another name is taken for a misspelt one of these."""
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
@@ -56,16 +49,18 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
         lines, header, cells = _read_cells(path)
     except UserError as error:
         return [], [str(error)]
-    faults = _header_faults(header, path)
+    faults = header_faults(header, path)
     if faults:
         return [], faults
-    faults = _misspelt(header, path, system)
+    faults = misspelt(header, path, system)
     rows: list[ExperimentRow] = []
     for line, values in zip(lines, cells, strict=True):
         where = f"{path}, line {line}"
         content = _content(header, values)
-        wrong = _too_many(header, values, where) + violations(content, "experiments", where)
-        wrong += _not_finite(content, where)
+        no_numbers = _no_numbers(content, where)
+        sound = {name: cell for name, cell in content.items() if name not in no_numbers}
+        wrong = _too_many(header, values, where) + violations(sound, "experiments", where)
+        wrong += no_numbers.values()
         row = None if wrong else _row(content)
         if row is not None and system is not None:
             wrong = _system_faults(row, system, where)
@@ -85,14 +80,22 @@ def _too_many(header: list[str], values: list[str], where: str) -> list[str]:
     return []
 
 
-def _not_finite(content: Mapping[str, Any], where: str) -> list[str]:
-    """Numbers that models read and that are none."""
-    return [
-        f"{where}, {name}: expected a number, found '{content[name]}'; correct it, or leave the "
-        "cell empty"
-        for name in READ_BY_MODELS
-        if isinstance(content.get(name), float) and not math.isfinite(content[name])
-    ]
+def _no_numbers(content: Mapping[str, Any], where: str) -> dict[str, str]:
+    """Columns that models read as numbers and that hold none -> the fault."""
+    return {
+        name: f"{where}, {name}: expected a number, found '{value}'; {_remedy(name, str(value))}, "
+        "or leave the cell empty"
+        for name, value in content.items()
+        if name in NUMBERS and not (isinstance(value, float) and math.isfinite(value))
+    }
+
+
+def _remedy(name: str, cell: str) -> str:
+    """How to write a number in place of a text."""
+    plain = cell.replace(",", ".")
+    if "," in cell and is_number(plain):
+        return f"write {plain}, with a decimal point"
+    return f"give one in {name.rpartition('_')[2]}, without its unit"
 
 
 def values_of(folder: Path, column: str) -> list[str]:
@@ -159,51 +162,6 @@ def _rows(text: str, delimiter: str, path: Path) -> dict[int, list[str]]:
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith("#")
-
-
-def _header_faults(header: list[str], path: Path) -> list[str]:
-    required = schema("experiments")["required"]
-    missing = [name for name in required if name not in header]
-    faults = [
-        f"{path}: column {name!r} is missing{nearest(name, [h for h in header if h])}"
-        for name in missing
-    ]
-    if missing and len(header) == 1:
-        return [f"{path}: only one column found; separate columns with a comma, ';' or a tab"]
-    repeated = [name for name, count in Counter(h for h in header if h).items() if count > 1]
-    return faults + [f"{path}: column {name!r} occurs twice; remove one" for name in repeated]
-
-
-def _misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
-    """Columns that would be passed over for their spelling or unit."""
-    spelling = {name.lower(): name for name in READ_BY_MODELS}
-    read = {name.lower(): name for name in _read_by(system)}
-    stems = {name.partition("_")[0]: name for name in read.values()}
-    faults = []
-    for name in header:
-        low = name.lower()
-        close = [read[each] for each in get_close_matches(low, read, 1, ALIKE)]
-        meant = spelling.get(low) or stems.get(low) or next(iter(close), None)
-        if meant and name not in READ_BY_MODELS and meant not in header:
-            faults.append(
-                f"{path}: no model reads column {name!r}; did you mean {meant!r}? Rename it so, "
-                "with values in that unit, or give it a less similar name"
-            )
-    return faults
-
-
-def _read_by(system: str | None) -> tuple[str, ...]:
-    """Columns whose misspelling matters to a system; one of the user's own may read any."""
-    from deabayes.systems import OWN, REGISTRY
-
-    if system in OWN:
-        return ()
-    if system not in REGISTRY:
-        return READ_BY_MODELS
-    kind = system_class(system)
-    held = {name for names in (kind.conditions or {}).values() for name in names}
-    driven = OF_A_VOLTAGE if "voltage" in {*held, *kind.excitations} else ()
-    return tuple(n for n in READ_BY_MODELS if n in (*held, *driven, *OF_ANY_RECORD))
 
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:

@@ -2,45 +2,47 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
-import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.columns import CHANNELS, Column, Table, from_format, from_header, unit_hint
+from deabayes.reading.cells import DELIMITERS, is_number, sniff_decimal, split
+from deabayes.reading.columns import Column, Table, from_format, renamed
+from deabayes.reading.header import read_header
 from deabayes.reading.lines import (
     encoding_fault,
     last_line,
-    lines,
     open_text,
     peek,
     skip_lines,
     without_comments,
 )
 
-DELIMITERS = ("\t", ";", ",")
 DELIMITER_NAMES = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", "": r"\s+", "space": r"\s+",
                    "comma": ",", "semicolon": ";"}  # fmt: skip
 NO_DELIMITERS = ".+-#\"'\n\r"
 MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
 """Cells without a value."""
-ONE_COLUMN = re.compile(r"\w+ *\[[^\[\]]*\]")
 SNIFFED_LINES = 50
-NO_TEXT = "{path}: is not a text file; give it its right ending or export as csv"
 
 
-def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Table:
+def read_text(
+    path: Path,
+    record_format: Mapping[str, Any] | None = None,
+    named: Sequence[Column] | None = None,
+) -> Table:
     """Read a delimited text file into columns as they are written.
 
     Parameters
     ----------
-    record_format : `encoding`, `delimiter`, `header_lines` (lines that are not
-        empty), `columns`, `decimal`; None for a file with a ``name [unit]`` header.
+    record_format : `encoding`, `delimiter`, `header_lines` (lines that are not empty, above the
+        data where there are `columns`, else above the header), `columns`, `decimal`; None for a
+        file with a ``name [unit]`` header.
+    named : names and units that experiments.csv gives to columns of this file.
 
     Raises
     ------
@@ -50,15 +52,17 @@ def read_text(path: Path, record_format: Mapping[str, Any] | None = None) -> Tab
     if faults := format_faults(settings, str(path)):
         raise Faults(faults)
     try:
-        return _read(open_text(path, settings), path, settings)
+        return _read(open_text(path, settings), path, settings, named)
     except csv.Error as error:
         raise UserError(
             f"{path}: is not a table of text ({error}); copy it again or export it as csv"
         ) from None
 
 
-def _read(stream: io.BytesIO, path: Path, settings: Mapping[str, Any]) -> Table:
-    columns, delimiter = _columns(stream, path, settings)
+def _read(
+    stream: io.BytesIO, path: Path, settings: Mapping[str, Any], named: Sequence[Column] | None
+) -> Table:
+    columns, delimiter = _columns(stream, path, settings, named)
     sample = peek(stream, SNIFFED_LINES)
     if not sample:
         raise UserError(f"{path}: holds no data rows after the header; copy the record again")
@@ -70,49 +74,24 @@ def _read(stream: io.BytesIO, path: Path, settings: Mapping[str, Any]) -> Table:
 
 
 def _columns(
-    stream: io.BytesIO, path: Path, settings: Mapping[str, Any]
+    stream: io.BytesIO, path: Path, settings: Mapping[str, Any], named: Sequence[Column] | None
 ) -> tuple[list[Column], str]:
     """Columns and delimiter; the stream is left where the data begin."""
     columns = from_format(settings)
     delimiter = _named_delimiter(settings.get("delimiter"))
+    header_lines = int(settings.get("header_lines", 0))
     if columns is None:
-        header = _header_line(stream, path)
-        delimiter = delimiter or sniff_delimiter(header)
-        return _header_columns(header, delimiter, path), delimiter
-    skipped = skip_lines(stream, int(settings.get("header_lines", 0)), path)
+        return read_header(stream, path, header_lines, delimiter, named)
+    skipped = skip_lines(stream, header_lines, path)
     delimiter = delimiter or _data_delimiter(peek(stream, 1), len(columns))
     _check_skipped(skipped, delimiter, len(columns), path)
-    return columns, delimiter
-
-
-def sniff_delimiter(header: str) -> str:
-    """Tab, semicolon or comma: the one that splits a header into the most ``name [unit]`` cells."""
-
-    def cells(mark: str) -> tuple[int, int]:
-        found = split(header, mark)
-        return sum("[" in cell for cell in found), len(found)
-
-    return max(DELIMITERS, key=cells)
+    return renamed(columns, named, str(path)), delimiter
 
 
 def _data_delimiter(lines: Sequence[str], width: int) -> str:
     """The delimiter that splits the first data line into `width` cells."""
     marks = (*DELIMITERS, r"\s+")
     return next((m for m in marks if lines and len(split(lines[0], m)) == width), ",")
-
-
-def sniff_decimal(lines: Sequence[str], delimiter: str) -> str:
-    """Decimal comma when numbers hold a comma and none holds a point."""
-    cells = [cell for line in lines for cell in split(line, delimiter) if _is_number(cell)]
-    comma = any("," in cell for cell in cells)
-    return "," if comma and not any("." in cell for cell in cells) else "."
-
-
-def split(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, unquoted."""
-    if delimiter == r"\s+":
-        return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
 def format_faults(record_format: Mapping[str, Any] | None, where: str) -> list[str]:
@@ -133,68 +112,13 @@ def _named_delimiter(name: str | None) -> str | None:
     return None if name is None else DELIMITER_NAMES.get(name.strip(" ").lower(), name.strip(" "))
 
 
-def _header_line(stream: io.BytesIO, path: Path) -> str:
-    for number, line in lines(stream):
-        if line.startswith(b"PK\x03\x04"):
-            raise UserError(NO_TEXT.format(path=path))
-        if line.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            raise UserError(
-                f"{path}: is UTF-16; save the file as UTF-8, or state it in specimen.yaml: "
-                "record_format: {encoding: utf-16}"
-            )
-        try:
-            text = line.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise UserError(
-                f"{path}, line {number}: the header is not UTF-8 (byte 0x{line[error.start]:02x}); "
-                "save the file as UTF-8, or give its encoding in specimen.yaml, such as "
-                "record_format: {encoding: latin-1}"
-            ) from None
-        if "\x00" in text:
-            raise UserError(NO_TEXT.format(path=path))
-        return text
-    raise UserError(f"{path}: holds nothing but empty lines and comments; copy the record again")
-
-
-def _header_columns(header: str, delimiter: str, path: Path) -> list[Column]:
-    cells = split(header, delimiter)
-    if all(_is_number(cell) for cell in cells):
-        raise UserError(
-            f"{path}: starts with numbers ({header[:40]!r}) where a header such as "
-            "'time [s],voltage [kV]' is needed; add it, or describe the columns under "
-            "record_format in specimen.yaml"
-        )
-    columns = from_header(cells)
-    if len(columns) == 1 and not ONE_COLUMN.fullmatch(header.strip()):
-        raise UserError(
-            f"{path}: only one column found in the header {header[:60]!r}; "
-            "separate columns with a comma, ';' or a tab"
-        )
-    if all(column.unit is None for column in columns):
-        hint = unit_hint(cells) or "; write it as 'time [s],voltage [kV]'"
-        known = [cell for cell in cells if cell in CHANNELS]
-        hint = f"; write '{known[0]} [{CHANNELS[known[0]]}]'" if known else hint
-        raise UserError(f"{path}: no column of the header {header[:60]!r} has a unit{hint}")
-    if columns[-1].name is None:
-        columns.pop()  # a delimiter at the end of the header
-    return columns
-
-
 def _check_skipped(line: str, delimiter: str, count: int, path: Path) -> None:
     cells = split(line, delimiter)
-    if len(cells) == count and all(_is_number(cell) for cell in cells):
+    if len(cells) == count and all(is_number(cell) for cell in cells):
         raise UserError(
             f"{path}: the last header line is {line[:40]!r}, which is data; "
             "correct header_lines under record_format in specimen.yaml"
         )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
@@ -210,7 +134,7 @@ def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -
             f"{path}: the last row {last[:60]!r} has {len(split(last, delimiter))} of {width} "
             "columns, the file is truncated; copy it again or remove that row"
         )
-    if not any(_is_number(cell) for cell in found):
+    if not any(is_number(cell) for cell in found):
         raise UserError(
             f"{path}: the first data row is {first[:60]!r}, which holds no number; correct "
             "the row, or the header (header_lines under record_format in specimen.yaml)"

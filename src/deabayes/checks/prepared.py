@@ -1,0 +1,46 @@
+"""A study's records as its preparation leaves them, and what there is to say of that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from deabayes.faults import UserError
+
+if TYPE_CHECKING:
+    from deabayes.experiment import Experiment
+    from deabayes.reading.folder import StudyFolder
+    from deabayes.reading.raw import ExperimentRow
+    from deabayes.study import Study
+
+
+def prepared_records(
+    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow]
+) -> tuple[list[Experiment], list[str], list[str]]:
+    """The records as the likelihood will see them; each fault of a step, said once; warnings.
+
+    Warnings are those of the steps: what a record itself is warned of is its folder's.
+    """
+    from deabayes.preparation import measured_rows, prepare
+
+    experiments: list[Experiment] = []
+    faults: dict[str, str] = {}
+    warnings: list[str] = []
+    for row in rows:
+        try:
+            raw, steps = read.record(row), study.preparation.get(row.protocol)
+            for each in measured_rows(row, raw):
+                experiments.append(prepare(each, raw, read.specimen, steps))
+                warnings += _of_steps(study, each, experiments[-1])
+        except UserError as error:
+            faults[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
+    return experiments, list(faults.values()), warnings
+
+
+def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[str]:
+    of_the_record = f"{row.record} ({row.name})"
+    return [
+        f"study {study.name}, {row.name}: {warning}"
+        for warning in experiment.warnings
+        if not warning.startswith(of_the_record)
+    ]

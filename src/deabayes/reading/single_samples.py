@@ -1,0 +1,75 @@
+"""Single samples that stand out: a glitch of the sensor, which no motion makes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.quantities import with_unit
+
+SWING = 0.02
+"""Of the response's range: less is no swing."""
+OVER_NOISE = 10.0
+STEADY = 0.02
+"""Of the excitation's range: more is a change that a response follows."""
+LEVEL = 0.25
+"""Of a sample's height over its neighbours: what differs more behind it may oscillate."""
+BEHIND = 3
+
+
+def least_swing(response: FloatArray) -> float:
+    """What is clearly more than noise: 2 % of a response's range, and ten times its noise."""
+    return max(SWING * float(np.ptp(response)), OVER_NOISE * _noise(response))
+
+
+def single_samples(response: FloatArray, swing: float) -> NDArray[np.intp]:
+    """Indices of samples further than `swing` beyond both neighbours, with level ones behind.
+
+    What oscillates is not level behind a peak.
+    """
+    padded = np.pad(response, (1, BEHIND), mode="edge")
+    before = padded[: response.size]
+    behind = np.array([padded[k : k + response.size] for k in range(2, 2 + BEHIND)])
+    beyond = np.minimum(response - before, response - behind[0])
+    below = np.minimum(before - response, behind[0] - response)
+    height = np.maximum(beyond, below)
+    return np.flatnonzero((height > swing) & (np.ptp(behind, axis=0) <= LEVEL * height))
+
+
+def without_single_samples(response: FloatArray, swing: float) -> FloatArray:
+    """The response with each of its `single_samples` at the mean of its neighbours."""
+    found = single_samples(response, swing)
+    mended = response.copy()
+    mended[found] = 0.5 * (response[found - 1] + response[found + 1])
+    return mended
+
+
+def standing_out(
+    time: FloatArray,
+    excitation: FloatArray,
+    response: FloatArray,
+    channel: str,
+    unit: str,
+    where: str,
+) -> list[str]:
+    """Single samples that stand out of a response while the excitation stays as it is."""
+    found = single_samples(response, least_swing(response))
+    change = np.abs(np.diff(np.pad(excitation, (1, BEHIND), mode="edge")))
+    moved = np.max([change[k : k + response.size] for k in range(BEHIND + 1)], axis=0)
+    found = found[moved[found] <= STEADY * np.ptp(excitation)]
+    if not found.size:
+        return []
+    at = int(found[0])
+    value, beside = (with_unit(float(response[i]), unit, channel) for i in (at, at + 1))
+    others = f" (and {found.size - 1} more)" if found.size > 1 else ""
+    return [
+        f"{where}, column {channel}: the single sample at {time[at]:.6g} s, {value} before "
+        f"{beside}, stands out{others}; if the sensor failed there, leave its row out of a copy"
+    ]
+
+
+def _noise(values: FloatArray) -> float:
+    """Standard deviation of what differs from one sample to the next."""
+    steps = np.abs(np.diff(values, 2))
+    return float(1.4826 * np.median(steps) / np.sqrt(6.0)) if steps.size else 0.0
