@@ -29,6 +29,8 @@ def faults(entries: dict[str, str | None], populations: object = None, **sources
     """What is said of studies a, b, ... of a strip, each with its `prior_from`."""
     strip = {"specimen": "strip", "candidates": ["kv_gm_2"]}
     studies: dict[str, object] = {n: strip | {"prior_from": p} for n, p in entries.items()}
+    if "a" in studies:  # not on what the others are calibrated on
+        studies["a"] |= {"calibrate": ["pull"], "validate": []}
     studies["tube"] = {"specimen": "tube", "candidates": ["voigt_kelvin_1"]}
     studies["less"] = {"specimen": "strip", "candidates": ["kv_gm_1"]}
     Path("config.yaml").write_text(yaml.safe_dump({"studies": studies, "populations": populations}))
@@ -68,7 +70,7 @@ def test_what_cannot_be_a_prior_is_one_sentence(place: Path, source: str, said: 
 
 def test_circles(place: Path) -> None:
     found = faults({n: f"results/{m}/kv_gm_2/posterior.nc" for n, m in ("ab", "bc", "ca", "da")})
-    assert found.count("\n") == 0
+    assert found.count("its own prior") == 1
     assert found.startswith("prior_from: a from b, b from c, c from a: ")
     assert "a from a" in faults({"a": "results/a/kv_gm_2/posterior.nc"})
 

@@ -8,6 +8,7 @@ MODEL = modules(
     "instruments.py",
     "prior/*.py",
     "posterior.py",
+    "posteriors/counted_records.py",
     "posteriors/inheritance.py",
     "record_noise.py",
     "residual_scale.py",

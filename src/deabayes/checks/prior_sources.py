@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from deabayes.api import open_posterior
+from deabayes.checks.counted_twice import repeated_in_prior
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posterior import wider_systems
@@ -36,7 +37,8 @@ class Sources:
     left_out: Collection[str] = field(default_factory=tuple)
 
     def faults(self, study: Study) -> list[str]:
-        """A source that does not exist, waits for this study, or does not fit a candidate."""
+        """A source that does not exist, waits for this study, does not fit a candidate, or knows
+        a record already that the study calibrates on."""
         if study.prior_from is None:
             return []
         try:
@@ -47,7 +49,7 @@ class Sources:
         for candidate in study.candidates:
             misfit = _misfit(study, candidate, names)
             faults += [f"study {study.name}, {candidate}, {misfit}"] if misfit else []
-        return faults
+        return faults or repeated_in_prior(study, self._behind)
 
     def _named(self, source: str | None) -> tuple[str, str] | None:
         """The study and the candidate, or FOLDER and the population, that a path is of."""
@@ -68,6 +70,13 @@ class Sources:
         if Path(source).is_file():
             return open_posterior(source).as_prior().names
         raise UserError(f"{source}: {self._why_missing(named)}")
+
+    def _behind(self, source: str) -> tuple[Study, ...] | Path:
+        """The studies of the config whose records a posterior knows, else its file."""
+        name, candidate = self._named(source) or ("", "")
+        if name == FOLDER and candidate in self.populations:
+            return tuple(self.studies[each] for each in self.populations[candidate].studies)
+        return (self.studies[name],) if name in self.studies else Path(source)
 
     def _why_missing(self, named: tuple[str, str] | None) -> str:
         if named is None:

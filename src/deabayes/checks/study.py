@@ -40,7 +40,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     faults += _unknown_names(study)
     if read is None or faults:
         return faults, []
-    rows = _used_rows(study, read, faults)
+    rows = used_rows(study, read, faults)
     faults += _further_faults(study, rows)
     if study.calibrate is not None or study.validate is not None:
         every = ((row, read.record(row)) for row in rows)
@@ -81,7 +81,7 @@ def check_names(study: Study) -> list[str]:
     except UserError as error:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = [*read.missing(read.table), *_unknown_names(study)]
-    faults += _further_faults(study, _used_rows(study, read, faults))
+    faults += _further_faults(study, used_rows(study, read, faults))
     built_candidates(study, read.specimen, faults)
     return faults
 
@@ -177,7 +177,7 @@ def _unknown_names(study: Study) -> list[str]:
     return faults
 
 
-def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
+def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
     """The rows a study uses, in the roles it gives them."""
     kept = selected(read.table, study.select)
     if not kept:

@@ -130,11 +130,13 @@ def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
 
 def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) -> LogPosterior:
     from deabayes.posterior import build
+    from deabayes.posteriors.counted_records import refuse_counted_twice
 
     experiments = read_experiments(prepared)
     inherited = inherited_prior(study, specimen)
     if inherited is None:
         return build(study, candidate, specimen, experiments)
+    refuse_counted_twice(study.name, experiments, inherited.counted, str(study.prior_from))
     return build(study, candidate, specimen, experiments, inherited.prior, inherited.same_specimen)
 
 

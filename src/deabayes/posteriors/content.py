@@ -10,6 +10,7 @@ import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
 from deabayes.posterior import LogPosterior
+from deabayes.posteriors.counted_records import CountedRecord
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
@@ -30,7 +31,8 @@ class PosteriorContent:
     `z` (E, S, d) are thinned draws of the E independent ensembles in the
     prior's standard-normal coordinate, `log_posterior` (E, S) their density;
     `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
-    is the prior of parameters that only predictions need (see `posterior.further_prior`).
+    is the prior of parameters that only predictions need (see `posterior.further_prior`);
+    `counted_before` are the records that the prior knows.
     """
 
     study: Study
@@ -44,6 +46,7 @@ class PosteriorContent:
     warnings: Sequence[str]
     seed: np.random.SeedSequence
     further: Prior | None = None
+    counted_before: Sequence[CountedRecord] = ()
 
     @classmethod
     def of(
@@ -77,6 +80,7 @@ class PosteriorContent:
             ],
             seed,
             further,
+            inherited.counted if inherited else (),
         )
 
 
