@@ -219,6 +219,16 @@ def test_a_unit_that_is_a_thousand_off_is_a_warning(
     assert said is None or f"s, kv_gm_1, relax: force {said}, where" in found[0]
 
 
+def test_a_held_out_record_is_held_against_the_prior_too(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "force: {noise: {value: 1, unit: mN}, range: {value: 10,"
+               " unit: N}}", "force: {}")  # fmt: skip
+    replace_in(folder / "records" / "pull.csv", "force [N]", "force [kN]")
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    (found,) = [line for line in warnings if "prior expects" in line]
+    assert "s, kv_gm_1, pull: force reaches" in found
+
+
 def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     first, *rows = record_lines(1)

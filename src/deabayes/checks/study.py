@@ -67,7 +67,9 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     if not faults:
         warnings += [line for s in systems.values() for line in _too_short(study, s, records)]
     if compare and not faults:
-        warnings += unexpected(study, systems, experiments)
+        candidate, system = next(iter(systems.items()))
+        lines = unexpected(study, system, experiments)
+        warnings += [f"study {study.name}, {candidate}, {line}" for line in lines]
     return faults, warnings
 
 

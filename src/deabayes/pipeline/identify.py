@@ -112,13 +112,15 @@ def _pooled(
 def _content(
     study: Study, candidate: str, target: LogPosterior, pooled: PooledResult
 ) -> PosteriorContent:
+    from deabayes.checks.prior_scale import unexpected
     from deabayes.posterior import further_prior
     from deabayes.posteriors.content import PosteriorContent
 
     inherited = inherited_prior(study)
     further = further_prior(study, target, inherited.prior if inherited else None)
     seed = seed_of(study, candidate, "prior")
-    return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited)
+    odd = unexpected(study, target.system, [record.experiment for record in target.records])
+    return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited, odd)
 
 
 def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:

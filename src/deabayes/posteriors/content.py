@@ -58,8 +58,12 @@ class PosteriorContent:
         seed: np.random.SeedSequence,
         further: Prior | None = None,
         inherited: Inheritance | None = None,
+        unexpected: Sequence[str] = (),
     ) -> PosteriorContent:
-        """With at most `STORED_DRAWS` of the pooled draws per ensemble."""
+        """With at most `STORED_DRAWS` of the pooled draws per ensemble.
+
+        `unexpected` says which records are not what the prior expects.
+        """
         z, log_posterior = pooled.thinned(STORED_DRAWS)
         theta = target.prior.to_parameters(z.reshape(-1, z.shape[2]))
         experiments = [record.experiment for record in target.records]
@@ -74,6 +78,7 @@ class PosteriorContent:
             _with_doubts(convergence_summary(pooled), inherited),
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
+                *unexpected,
                 *shortness(target),
                 *_notes(target.prior, inherited),
                 *at_the_rim(target.prior, theta),
