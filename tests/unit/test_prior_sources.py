@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from tests.unit.study_folders import make_folder
@@ -12,6 +13,8 @@ from tests.unit.study_folders import make_folder
 from deabayes.checks.prior_sources import Sources
 from deabayes.cli import main
 from deabayes.population.settings import load_populations
+from deabayes.posteriors.inheritance import Inheritance
+from deabayes.prior.from_posterior import PriorFromPosterior
 from deabayes.study import load_studies
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,6 +90,20 @@ def test_other_results_folders(place: Path) -> None:
     source = "results/quick/b/kv_gm_2/posterior.nc"
     assert faults({"a": source, "b": None}, results=Path("results/quick")) == ""
     assert "there is no such file" in faults({"a": source, "b": None})
+
+
+def test_check_says_what_to_know_of_a_posterior(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Inheritance(PriorFromPosterior((), np.empty((0, 0))), True, ("prior_from: n",), ("d",))
+    monkeypatch.setattr("deabayes.checks.prior_sources.inherit_from", lambda *_: found)
+    monkeypatch.setattr(Sources, "faults", lambda *_: [])
+    Path("posterior.nc").touch()
+    faults({"a": "posterior.nc"})
+    main(("check", "a"))
+    said = capsys.readouterr().out
+    assert "warnings on study a" in said
+    assert "  - study a, prior_from: d\n  - study a, prior_from: n\n" in said
 
 
 def test_check_says_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

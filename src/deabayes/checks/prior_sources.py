@@ -12,6 +12,7 @@ from deabayes.checks.counted_twice import repeated_in_prior
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posterior import wider_systems
+from deabayes.posteriors.inheritance import inherit_from
 from deabayes.prior.overrides import check_same_order
 from deabayes.reading.specimen import read_specimen
 from deabayes.study import Study
@@ -124,6 +125,15 @@ class Sources:
                     passed.add(each)
                     ways.append([*way, each])
         return []
+
+
+def cautions_of_prior(study: Study) -> list[str]:
+    """What to know of the posterior that `prior_from` names, if it is there already."""
+    if study.prior_from is None or not Path(study.prior_from).is_file():
+        return []
+    found = inherit_from(Path(study.prior_from), read_specimen(study.specimen))
+    doubts = [f"prior_from: {doubt}" for doubt in found.doubts]
+    return [f"study {study.name}, {line}" for line in (*doubts, *found.notes)]
 
 
 def _misfit(study: Study, candidate: str, names: Sequence[str]) -> str:

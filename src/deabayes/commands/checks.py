@@ -55,14 +55,16 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
     from deabayes.checks.folder import check_folder
+    from deabayes.checks.prior_sources import cautions_of_prior
 
     say(check_folder(study.specimen, study.data_root).text(with_faults=False))
     warnings = checked(study, compare=True)
+    faults = _prior_faults(study, config)
+    warnings += [] if faults else cautions_of_prior(study)
     if warnings:
         say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
     for warning in warnings:
         say(f"  - {warning}")
-    faults = _prior_faults(study, config)
     if faults:
         raise Faults(faults)
 

@@ -59,6 +59,11 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
             f"prior_from: {', '.join(foreign)} of {theirs.name} say nothing of {specimen.name}; "
             "their priors are what it states itself"
         )
+    if theirs.system != specimen.system:
+        notes.append(
+            f"prior_from: {path} is of another system ({theirs.system}, here {specimen.system}); "
+            "what is called alike is taken for the same: is it?"
+        )
     if not json.loads(tree.attrs["convergence"])["converged"]:
         doubts.append(f"its prior is the posterior {path}, which did not converge")
     return Inheritance(
