@@ -103,7 +103,7 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
         )
     number, unit = match.groups()
     if DECIMAL_COMMA.match(unit):
-        point = text.replace(",", ".", 1)
+        point = f"{number}.{unit[1:]}"
         raise UserError(f"{where}: {text!r} has a decimal comma; write a point, as in {point!r}")
     if not unit and expected_unit != "1":
         raise UserError(f"{where}: {text!r} has no unit; write '{number} {expected_unit}'")
