@@ -24,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_folder(tmp_path)
     shutil.copytree(ROOT / "data" / "tubular", tmp_path / "tube")
+    (tmp_path / "fitted" / "kv_gm_2").mkdir(parents=True)
+    (tmp_path / "fitted" / "kv_gm_2" / "posterior.nc").touch()
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -58,6 +60,8 @@ def test_a_study_of_the_same_config_however_spelt(place: Path, spelt: str) -> No
         ("results/b/kv_gm_3/posterior.nc", "study 'b' has no candidate 'kv_gm_3'; did you mean"),
         ("results/b/kv_gm_2/posterir.nc", "there is no such file"),
         ("elsewhere/posterior.nc", "there is no such file"),
+        ("strip", "strip: is a folder without a posterior.nc"),
+        ("fitted", "fitted: is a folder; give fitted/kv_gm_2/posterior.nc"),
         ("results/populations/strips/posterior.nc", "'strips' is no population"),
         ("results/less/kv_gm_1/posterior.nc", "kv_gm_2, prior_from: it lacks tau_beta_2"),
         ("results/tube/voigt_kelvin_1/posterior.nc", "none of its parameters (E_0, E_1"),

@@ -68,7 +68,7 @@ class Sources:
             study = self.studies[named[0]]
             if named[1] in study.candidates:
                 return [parameter.name for parameter in _system(study, named[1]).parameters()]
-        if Path(source).is_file():
+        if Path(source).exists():  # a folder is told from its file
             return open_posterior(source).as_prior().names
         raise UserError(f"{source}: {self._why_missing(named)}")
 
