@@ -24,7 +24,7 @@ class Faults(UserError):
 
 def closest(name: object, known: Iterable[object]) -> str | None:
     """The known name most like `name`, None if none is; what is no text (a key 2024) as written."""
-    close = difflib.get_close_matches(str(name), [str(each) for each in known], n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(name), [str(each) for each in known], n=1, cutoff=0.6)
     return close[0] if close else None
 
 

@@ -66,6 +66,7 @@ Excel (.xlsx, first sheet, same header), MATLAB (.mat) and TDMS files are read a
 """
 
 ENTRY = """\
+# Add this under `studies:` in config.yaml, indented as it is:
   {name}:
     specimen: {folder}
     candidates: [{candidates}]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError, closest
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +51,9 @@ MEANINGS = {
     "K": "a temperature",
 }
 NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+DECIMAL_COMMA = re.compile(r",\d")
+"""How what follows a whole number begins, if it was to be a fraction."""
+COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
 UNIT_OF_NAME = re.compile(r"\[(?P<unit>[^\[\]]*)\]\s*$")
 
 
@@ -99,6 +102,9 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
             f"{where}: expected a number and a unit such as '2 {expected_unit}', found {text!r}"
         )
     number, unit = match.groups()
+    if DECIMAL_COMMA.match(unit):
+        point = f"{number}.{unit[1:]}"
+        raise UserError(f"{where}: {text!r} has a decimal comma; write a point, as in {point!r}")
     if not unit and expected_unit != "1":
         raise UserError(f"{where}: {text!r} has no unit; write '{number} {expected_unit}'")
     return float(to_si(float(number), unit, expected_unit, where))
@@ -136,6 +142,10 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
             raise UserError(f"{where}: expected numbers in {unit}, found spans of time ({first})")
         return np.asarray(array.astype("timedelta64[ns]") / np.timedelta64(1, "s"), dtype=float)
     if isinstance(first, str):
+        comma = next((each for each in array.flat if COMMA_NUMBER.fullmatch(str(each))), None)
+        if comma is not None:
+            raise UserError(f"{where}: found texts with a decimal comma ({comma!r}); give numbers "
+                            "(pandas reads such files with decimal=',')")  # fmt: skip
         parsed = [parse_quantity(str(each), unit, where) for each in array.flat]
         return np.asarray(parsed, dtype=float).reshape(array.shape)
     if array.dtype.kind not in "fiubO":
@@ -221,6 +231,16 @@ def _parse(unit: str, where: str) -> Any:
 
 
 def _nearest_unit(text: str) -> str:
-    same_letters = [usual for usual in USUAL_UNITS if usual.lower() == text.lower()]
-    hint = nearest(text, same_letters or USUAL_UNITS)
-    return hint if "did you mean" in hint else "; write it as pint does, such as 'kV' or 'mm^2'"
+    meant = [usual for usual in USUAL_UNITS if usual.lower() == text.lower()]
+    meant = meant or _in_small_letters(text) or [closest(text, USUAL_UNITS) or ""]
+    if meant[0]:
+        return f"; did you mean {meant[0]!r}?"
+    return "; write it as pint does, such as 'kV' or 'mm^2'"
+
+
+def _in_small_letters(text: str) -> list[str]:
+    """The symbol of a unit whose name was written with capitals: `Newton` is `N`."""
+    try:
+        return [f"{registry().parse_units(text.lower()):~C}"]
+    except Exception:  # as in `_parse`
+        return []

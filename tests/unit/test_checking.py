@@ -219,6 +219,16 @@ def test_a_unit_that_is_a_thousand_off_is_a_warning(
     assert said is None or f"s, kv_gm_1, relax: force {said}, where" in found[0]
 
 
+def test_a_held_out_record_is_held_against_the_prior_too(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "force: {noise: {value: 1, unit: mN}, range: {value: 10,"
+               " unit: N}}", "force: {}")  # fmt: skip
+    replace_in(folder / "records" / "pull.csv", "force [N]", "force [kN]")
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    (found,) = [line for line in warnings if "prior expects" in line]
+    assert "s, kv_gm_1, pull: force reaches" in found
+
+
 def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     first, *rows = record_lines(1)
@@ -251,6 +261,8 @@ def test_warnings_of_a_study_stand_under_a_heading(
 @pytest.mark.parametrize("system", REGISTRY)
 def test_new_study_only_needs_filling_in(tmp_path: Path, system: str) -> None:
     entry = new_study("mine", system, tmp_path)
+    said, entry = entry.split("\n", 1)
+    assert said.startswith("# Add this under `studies:`")
     assert entry.startswith("  mine:\n    specimen: ")
     assert "candidates: [" in entry
     report = check_folder(tmp_path / "mine")
@@ -259,6 +271,17 @@ def test_new_study_only_needs_filling_in(tmp_path: Path, system: str) -> None:
     assert "there is no such file" in left[0]
     with pytest.raises(UserError, match="exists already and is not overwritten"):
         new_study("mine", system, tmp_path)
+
+
+def test_a_candidate_of_another_system_is_said_to_be(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    for candidate in ("voigt_kelvin_2", "voigt_kelvin_2_inertia_circuit"):
+        (fault,) = check_study(Study("s", folder, (candidate,)))[0]
+        assert f"candidate '{candidate}' belongs to system 'tubular', and the" in fault
+    (fault,) = check_study(Study("s", folder, ("kvgm_2",)))[0]
+    assert "unknown candidate 'kvgm_2'; did you mean 'kv_gm_2'?" in fault
+    (fault,) = check_study(Study("s", folder, ("voigt",)))[0]
+    assert "unknown candidate 'voigt'; known: " in fault
 
 
 def test_new_study_refuses_names_and_systems(tmp_path: Path) -> None:

@@ -11,7 +11,14 @@ from tests.unit.test_predict_with import STUDY, creep, file
 
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError
-from deabayes.pipeline import compare_candidates, predict_candidate, score_candidate
+from deabayes.pipeline import (
+    analyse_study,
+    build_report,
+    compare_candidates,
+    draw_figures,
+    predict_candidate,
+    score_candidate,
+)
 from deabayes.posteriors.fitted_records import check_fitted_records
 from deabayes.posteriors.storage import write_tree
 from deabayes.preparation.prepared import write_prepared
@@ -29,6 +36,11 @@ STAGES: dict[str, Callable[[Path, Path, Path], object]] = {
         posterior, prepared, to / "predictions", to / "errors.csv"
     ),
 }
+SHOWN: dict[str, Callable[[Path, Path], object]] = {
+    "figures": draw_figures,
+    "analyse": analyse_study,
+    "report": lambda results, to: build_report([results], to / "index.html", to / "tables", ()),
+}
 
 
 def said(*experiments: Experiment) -> str:
@@ -44,6 +56,22 @@ def test_records_changed_since_the_fit_are_refused(stage: str, tmp_path: Path) -
     with pytest.raises(UserError, match=r"record creep is not as it was at the fit; fit again"):
         STAGES[stage](tmp_path / "posterior.nc", tmp_path / "prepared", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["posterior.nc", "prepared"]
+
+
+@pytest.mark.parametrize("stage", SHOWN)
+def test_results_are_not_shown_with_other_records(stage: str, tmp_path: Path) -> None:
+    write_tree(file(None), tmp_path / "study" / "voigt_kelvin_2" / "posterior.nc")
+    write_prepared(CHANGED, tmp_path / "study" / "prepared" / "creep.nc")
+    with pytest.raises(UserError, match=r"record creep is not as it was at the fit; fit again"):
+        SHOWN[stage](tmp_path / "study", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_report_of_nothing_fitted_writes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "study").mkdir()
+    with pytest.raises(UserError, match="holds no fitted candidate"):
+        SHOWN["report"](tmp_path / "study", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_each_record_is_said_with_what_became_of_it() -> None:

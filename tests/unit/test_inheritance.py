@@ -83,6 +83,13 @@ def test_what_did_not_converge_is_doubted(stored):
     assert str(path) in doubt and "did not converge" in doubt
 
 
+def test_another_system_is_said(stored):
+    assert not inherit_from(stored(), strip("a")).notes
+    tube = dataclasses.replace(strip("b"), system="tubular")
+    (note,) = (n for n in inherit_from(stored(), tube).notes if "another system" in n)
+    assert "(tensile_strip, here tubular)" in note
+
+
 def test_nothing_converges_that_builds_on_what_did_not(stored):
     doubted = inherit_from(stored(converged=False), strip())
     passed = {"converged": True, "reasons": []}

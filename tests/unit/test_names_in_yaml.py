@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.unit.study_folders import make_folder
+from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.cli import main
 from deabayes.faults import UserError, closest, nearest
@@ -34,6 +34,32 @@ def test_a_study_whose_name_is_no_text(tmp_path: Path, name: str) -> None:
     assert f"is {UNREAD[name]} to YAML; write it in quotes" in str(caught.value)
     (study,) = load_studies(config(tmp_path, f"studies: {{'{name}': {entry}}}"))
     assert study.name == name
+
+
+@pytest.mark.parametrize(
+    ("text", "under"),
+    [
+        ("studies: {s: STUDY}\nsampling: {ensembles: 2, mine: STUDY}", ", sampling"),
+        ("studies: {s: STUDY}\nmine: STUDY", ""),
+    ],
+)
+def test_a_study_that_is_not_under_studies(tmp_path: Path, text: str, under: str) -> None:
+    entry = "{specimen: strip, candidates: [kv_gm_1]}"
+    with pytest.raises(UserError) as caught:
+        load_studies(config(tmp_path, text.replace("STUDY", entry)))
+    assert f"config.yaml{under}: 'mine' is a study, which belongs under `studies:`" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize("value", ["40,0, unit: mm", "40,0 unit: mm", "40,05, unit: mm"])
+def test_a_decimal_comma(tmp_path: Path, value: str) -> None:
+    folder = make_folder(tmp_path)
+    replace_in(folder / "specimen.yaml", "value: 80, unit: mm", f"value: {value}")
+    with pytest.raises(UserError) as caught:
+        read_specimen(folder)
+    said = "gauge_length: the comma after `value: 40` ends the number; write a decimal point"
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", UNREAD)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from tests.unit.study_folders import make_folder
@@ -12,6 +13,8 @@ from tests.unit.study_folders import make_folder
 from deabayes.checks.prior_sources import Sources
 from deabayes.cli import main
 from deabayes.population.settings import load_populations
+from deabayes.posteriors.inheritance import Inheritance
+from deabayes.prior.from_posterior import PriorFromPosterior
 from deabayes.study import load_studies
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,6 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_folder(tmp_path)
     shutil.copytree(ROOT / "data" / "tubular", tmp_path / "tube")
+    (tmp_path / "fitted" / "kv_gm_2").mkdir(parents=True)
+    (tmp_path / "fitted" / "kv_gm_2" / "posterior.nc").touch()
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -29,6 +34,8 @@ def faults(entries: dict[str, str | None], populations: object = None, **sources
     """What is said of studies a, b, ... of a strip, each with its `prior_from`."""
     strip = {"specimen": "strip", "candidates": ["kv_gm_2"]}
     studies: dict[str, object] = {n: strip | {"prior_from": p} for n, p in entries.items()}
+    if "a" in studies:  # not on what the others are calibrated on
+        studies["a"] |= {"calibrate": ["pull"], "validate": []}
     studies["tube"] = {"specimen": "tube", "candidates": ["voigt_kelvin_1"]}
     studies["less"] = {"specimen": "strip", "candidates": ["kv_gm_1"]}
     Path("config.yaml").write_text(yaml.safe_dump({"studies": studies, "populations": populations}))
@@ -53,6 +60,8 @@ def test_a_study_of_the_same_config_however_spelt(place: Path, spelt: str) -> No
         ("results/b/kv_gm_3/posterior.nc", "study 'b' has no candidate 'kv_gm_3'; did you mean"),
         ("results/b/kv_gm_2/posterir.nc", "there is no such file"),
         ("elsewhere/posterior.nc", "there is no such file"),
+        ("strip", "strip: is a folder without a posterior.nc"),
+        ("fitted", "fitted: is a folder; give fitted/kv_gm_2/posterior.nc"),
         ("results/populations/strips/posterior.nc", "'strips' is no population"),
         ("results/less/kv_gm_1/posterior.nc", "kv_gm_2, prior_from: it lacks tau_beta_2"),
         ("results/tube/voigt_kelvin_1/posterior.nc", "none of its parameters (E_0, E_1"),
@@ -68,7 +77,7 @@ def test_what_cannot_be_a_prior_is_one_sentence(place: Path, source: str, said: 
 
 def test_circles(place: Path) -> None:
     found = faults({n: f"results/{m}/kv_gm_2/posterior.nc" for n, m in ("ab", "bc", "ca", "da")})
-    assert found.count("\n") == 0
+    assert found.count("its own prior") == 1
     assert found.startswith("prior_from: a from b, b from c, c from a: ")
     assert "a from a" in faults({"a": "results/a/kv_gm_2/posterior.nc"})
 
@@ -85,6 +94,20 @@ def test_other_results_folders(place: Path) -> None:
     source = "results/quick/b/kv_gm_2/posterior.nc"
     assert faults({"a": source, "b": None}, results=Path("results/quick")) == ""
     assert "there is no such file" in faults({"a": source, "b": None})
+
+
+def test_check_says_what_to_know_of_a_posterior(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Inheritance(PriorFromPosterior((), np.empty((0, 0))), True, ("prior_from: n",), ("d",))
+    monkeypatch.setattr("deabayes.checks.prior_sources.inherit_from", lambda *_: found)
+    monkeypatch.setattr(Sources, "faults", lambda *_: [])
+    Path("posterior.nc").touch()
+    faults({"a": "posterior.nc"})
+    main(("check", "a"))
+    said = capsys.readouterr().out
+    assert "warnings on study a" in said
+    assert "  - study a, prior_from: d\n  - study a, prior_from: n\n" in said
 
 
 def test_check_says_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -54,6 +54,8 @@ def test_arrays_keep_their_shape_and_the_input_is_untouched() -> None:
         ("rad/s", "Hz", ["an angular frequency", "a frequency"]),
         ("kv", "V", ["unknown unit 'kv'", "did you mean 'kV'"]),
         ("mm2", "m^2", ["unknown unit 'mm2'", "did you mean 'mm^2'"]),
+        ("Newton", "N", ["unknown unit 'Newton'", "did you mean 'N'?"]),
+        ("Millimeter", "m", ["did you mean 'mm'?"]),
         ("10 mm", "m", ["unknown unit '10 mm'"]),
         ("(", "m", ["unknown unit '('", "such as 'kV'"]),
         ("m**", "m", ["unknown unit 'm**'"]),
@@ -92,7 +94,7 @@ def test_parse_quantity(text: str | float, expected_unit: str, si: float) -> Non
         ("35", ["no unit", "'35 Pa'"]),
         ("kPa", ["expected a number and a unit", "'kPa'"]),
         ("35 mm", ["a length", "a stress"]),
-        ("3,5 kPa", ["unknown unit"]),
+        ("3,5 kPa", ["has a decimal comma", "'3.5 kPa'"]),
         (True, ["found True"]),
         (None, ["found None"]),
     ],
@@ -133,3 +135,11 @@ def test_masked_values_are_refused_where_any_is_masked() -> None:
 
 def test_one_registry() -> None:
     assert registry() is registry()
+
+
+def test_a_decimal_comma_is_named() -> None:
+    with pytest.raises(UserError, match=r"mu: '1,5' has a decimal comma"):
+        parse_quantity("1,5", "1", "mu")
+    texts = np.array(["0", "0,0004", "1,5"], dtype=object)
+    with pytest.raises(UserError, match=r"voltage: found texts with a decimal comma \('0,0004'\)"):
+        array_in_si(texts, "V", "voltage")

@@ -94,6 +94,9 @@ def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text(text.replace("/b/kv", "/bb/kv"))
     assert said(tmp_path).count("'bb' is no study; did you mean 'b'?") == 1
     (tmp_path / "config.yaml").write_text(text)
+    assert "record relax was calibrated on in study b" in said(tmp_path)
+    other = text.replace("  b:\n", "  b:\n    calibrate: [pull]\n    validate: []\n")
+    (tmp_path / "config.yaml").write_text(other)
     run = snakemake(tmp_path, "--cores", "1", "--dry-run")
     assert run.returncode == 0, run.stderr
 

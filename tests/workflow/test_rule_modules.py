@@ -22,7 +22,7 @@ FILES = {
 STARTS = {
     "prepare": ("preparation.prepare", "preparation.prepared", "reading.folder"),
     "fit": ("sampling.first_pass", "posterior", "posteriors.inheritance"),
-    "pool": ("sampling.pooling", "posteriors.file"),
+    "pool": ("sampling.pooling", "posteriors.file", "checks.prior_scale"),
     "score": ("comparison.scoring", "comparison.left_out"),
     "predict": ("fitted", "prediction.bands", "prediction.errors_table"),
     "compare": ("comparison.ranking",),

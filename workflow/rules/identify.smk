@@ -8,6 +8,7 @@ MODEL = modules(
     "instruments.py",
     "prior/*.py",
     "posterior.py",
+    "posteriors/counted_records.py",
     "posteriors/inheritance.py",
     "record_noise.py",
     "residual_scale.py",
@@ -21,6 +22,7 @@ MODEL = modules(
 POOLED = modules("sampling/pooling.py", "sampling/extension.py", "sampling/refit.py")
 SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
+    "checks/prior_scale.py",
     "prediction/noise_origin.py",
     "pareto.py",
     "posteriors/*.py",

@@ -19,6 +19,7 @@ rule population:
             "pipeline/population.py",
             "prior/*.py",
             "posteriors/content.py",
+            "posteriors/counted_records.py",
             "prediction/bands.py",
             "prediction/transforms.py",
             "prediction/noise_origin.py",

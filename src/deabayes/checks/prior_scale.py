@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.posterior import wider_systems
 from deabayes.prior.joint import Prior
 from deabayes.study import Study
 from deabayes.systems import System
@@ -22,29 +23,34 @@ BEYOND = 10.0
 """Factor beyond the outer draws from which units are suspected, not materials."""
 
 
-def unexpected(
-    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
-) -> list[str]:
-    """Warn of fitted records far larger, or smaller, than the first candidate's prior expects."""
-    candidate, system = next(iter(systems.items()))
+def unexpected(study: Study, system: System, experiments: Iterable[Experiment]) -> list[str]:
+    """Warn of records far larger, or smaller, than a candidate's prior expects, or opposite.
+
+    Held-out records are held against what predicts them (`predict_with`).
+    """
+    wider = wider_systems(study, system)
+    found: list[str] = []
+    for each in experiments:
+        held_out = each.role == "validate"
+        model = wider.get(each.protocol, system) if held_out else system
+        found += _unexpected(model, each, _draws(study, model))
+    return found
+
+
+def _draws(study: Study, system: System) -> dict[str, FloatArray]:
     prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
     theta = prior.sample(np.random.default_rng(0), DRAWS)
-    draws = dict(zip(prior.names, np.ascontiguousarray(theta.T), strict=True))
-    where = f"study {study.name}, {candidate}"
-    fitted = [each for each in experiments if each.role == "calibrate"]
-    return [line for each in fitted for line in _unexpected(system, each, draws, where)]
+    return dict(zip(prior.names, np.ascontiguousarray(theta.T), strict=True))
 
 
-def _unexpected(
-    system: System, each: Experiment, draws: Mapping[str, FloatArray], where: str
-) -> list[str]:
+def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray]) -> list[str]:
     kept = np.linspace(0, each.coordinate.size - 1, POINTS).round().astype(int)
     kept = np.unique([*kept, np.argmin(each.response), np.argmax(each.response)])
     at, measured = each.coordinate[kept], each.response[kept]
     with np.errstate(all="ignore"):
         curves = np.asarray(system.predict(each.excitation, at, each.response_name, draws))
     curves = curves[np.isfinite(curves).all(axis=1)]
-    place = f"{where}, {each.name}: "
+    place = f"{each.name}: "
     if len(curves) < FEWEST:
         return [f"{place}{len(curves)} of {DRAWS} draws of the prior have a response to it; are "
                 "the units of record and specimen right?"]  # fmt: skip

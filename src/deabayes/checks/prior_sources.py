@@ -8,9 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 
 from deabayes.api import open_posterior
+from deabayes.checks.counted_twice import repeated_in_prior
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posterior import wider_systems
+from deabayes.posteriors.inheritance import inherit_from
 from deabayes.prior.overrides import check_same_order
 from deabayes.reading.specimen import read_specimen
 from deabayes.study import Study
@@ -36,7 +38,8 @@ class Sources:
     left_out: Collection[str] = field(default_factory=tuple)
 
     def faults(self, study: Study) -> list[str]:
-        """A source that does not exist, waits for this study, or does not fit a candidate."""
+        """A source that does not exist, waits for this study, does not fit a candidate, or knows
+        a record already that the study calibrates on."""
         if study.prior_from is None:
             return []
         try:
@@ -47,7 +50,7 @@ class Sources:
         for candidate in study.candidates:
             misfit = _misfit(study, candidate, names)
             faults += [f"study {study.name}, {candidate}, {misfit}"] if misfit else []
-        return faults
+        return faults or repeated_in_prior(study, self._behind)
 
     def _named(self, source: str | None) -> tuple[str, str] | None:
         """The study and the candidate, or FOLDER and the population, that a path is of."""
@@ -65,9 +68,16 @@ class Sources:
             study = self.studies[named[0]]
             if named[1] in study.candidates:
                 return [parameter.name for parameter in _system(study, named[1]).parameters()]
-        if Path(source).is_file():
+        if Path(source).exists():  # a folder is told from its file
             return open_posterior(source).as_prior().names
         raise UserError(f"{source}: {self._why_missing(named)}")
+
+    def _behind(self, source: str) -> tuple[Study, ...] | Path:
+        """The studies of the config whose records a posterior knows, else its file."""
+        name, candidate = self._named(source) or ("", "")
+        if name == FOLDER and candidate in self.populations:
+            return tuple(self.studies[each] for each in self.populations[candidate].studies)
+        return (self.studies[name],) if name in self.studies else Path(source)
 
     def _why_missing(self, named: tuple[str, str] | None) -> str:
         if named is None:
@@ -115,6 +125,15 @@ class Sources:
                     passed.add(each)
                     ways.append([*way, each])
         return []
+
+
+def cautions_of_prior(study: Study) -> list[str]:
+    """What to know of the posterior that `prior_from` names, if it is there already."""
+    if study.prior_from is None or not Path(study.prior_from).is_file():
+        return []
+    found = inherit_from(Path(study.prior_from), read_specimen(study.specimen))
+    doubts = [f"prior_from: {doubt}" for doubt in found.doubts]
+    return [f"study {study.name}, {line}" for line in (*doubts, *found.notes)]
 
 
 def _misfit(study: Study, candidate: str, names: Sequence[str]) -> str:

@@ -44,7 +44,7 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     if read is None or faults:
         return faults + ([] if read is None else without_candidate(read)), []
     faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
-    rows = _used_rows(study, read, faults)
+    rows = used_rows(study, read, faults)
     faults += _further_faults(study, rows)
     if study.calibrate is not None or study.validate is not None:
         every = ((row, read.record(row)) for row in rows)
@@ -72,7 +72,9 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     if not faults:
         warnings += [line for s in systems.values() for line in _too_short(study, s, records)]
     if compare and not faults:
-        warnings += unexpected(study, systems, experiments)
+        candidate, system = next(iter(systems.items()))
+        lines = unexpected(study, system, experiments)
+        warnings += [f"study {study.name}, {candidate}, {line}" for line in lines]
     return faults, warnings
 
 
@@ -87,7 +89,7 @@ def check_names(study: Study) -> list[str]:
         return [*str(error).splitlines(), *_unknown_names(study)]
     faults = [*read.missing(read.table), *_unknown_names(study)]
     faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
-    faults += _further_faults(study, _used_rows(study, read, faults))
+    faults += _further_faults(study, used_rows(study, read, faults))
     built_candidates(study, read.specimen, faults)
     return faults
 
@@ -166,7 +168,7 @@ def _unknown_names(study: Study) -> list[str]:
     return faults
 
 
-def _used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
+def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
     """The rows a study uses, in the roles it gives them."""
     kept = selected(read.table, study.select)
     if not kept:

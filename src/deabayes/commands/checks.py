@@ -57,11 +57,13 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
     """The report on its folder, then what is said of the study."""
     from deabayes.checks.folder import check_folder, counted
+    from deabayes.checks.prior_sources import cautions_of_prior
     from deabayes.checks.study import check_study
 
     report = check_folder(study.specimen, study.data_root)
     faults, warnings = check_study(study, compare=True)
     faults = faults or _prior_faults(study, config)
+    warnings += [] if faults else cautions_of_prior(study)
     of_folder = tuple(fault for fault in report.faults if fault in faults)
     its_own = len(faults) > len(of_folder)
     say(replace(report, faults=of_folder).text(with_faults=False, with_count=not its_own))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deabayes.faults import UserError
+from deabayes.pipeline.as_fitted import check_as_fitted
 from deabayes.pipeline.identify import inherited_prior
 from deabayes.pipeline.prepare import read_experiments
 
@@ -28,6 +29,7 @@ def analyse_study(results: Path, output: Path) -> list[str]:
     from deabayes.analyses.base import StudyContext
     from deabayes.study import load_study
 
+    check_as_fitted(results)
     study = load_study(results / "study.yaml")
     candidates = fitted_candidates(study, results)
     inherited = inherited_prior(study)

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from deabayes.posteriors.inheritance import Inheritance
     from deabayes.sampling.pooling import PooledResult
 
+DRAWS_TO_TELL = 200
+"""Of the prior, where none has a response: to which records?"""
+
 
 def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
     """One explicit stream per (seed, study, candidate, stage, index)."""
@@ -38,19 +41,33 @@ def fit_ensemble(
     """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
     from deabayes.sampling.first_pass import run_ensemble
     from deabayes.sampling.guide import Guide
+    from deabayes.sampling.smc import EveryDrawFailed
 
     target = build_target(study, candidate, prepared)
-    result = run_ensemble(
-        target.log_likelihood_of_normal,
-        target.dimension,
-        study.sampling,
-        seed_of(study, candidate, "ensemble", ensemble),
-        chain_folder(study, candidate, prepared, output.parent.parent) / f"ensemble_{ensemble}",
-        progress,
-        Guide.of(target),
-        target.rough().log_likelihood_of_normal,
-    )
+    folder = chain_folder(study, candidate, prepared, output.parent.parent)
+    try:
+        result = run_ensemble(
+            target.log_likelihood_of_normal,
+            target.dimension,
+            study.sampling,
+            seed_of(study, candidate, "ensemble", ensemble),
+            folder / f"ensemble_{ensemble}",
+            progress,
+            Guide.of(target),
+            target.rough().log_likelihood_of_normal,
+        )
+    except EveryDrawFailed:
+        raise UserError(f"study {study.name}, {candidate}: {_without_response(target)}; are the "
+                        "units of records, specimen and priors right?") from None  # fmt: skip
     result.write(output)
+
+
+def _without_response(target: LogPosterior) -> str:
+    """Which records no draw of the prior has a response to."""
+    theta = target.prior.sample(np.random.default_rng(0), DRAWS_TO_TELL)
+    names = [record.experiment.name for record in target.records]
+    lost = [name for name in names if not np.isfinite(target.log_likelihood(theta, [name])).any()]
+    return f"no draw of the prior has a response to {', '.join(lost) or 'all records at once'}"
 
 
 def pool_candidate(
@@ -112,13 +129,15 @@ def _pooled(
 def _content(
     study: Study, candidate: str, target: LogPosterior, pooled: PooledResult
 ) -> PosteriorContent:
+    from deabayes.checks.prior_scale import unexpected
     from deabayes.posterior import further_prior
     from deabayes.posteriors.content import PosteriorContent
 
     inherited = inherited_prior(study)
     further = further_prior(study, target, inherited.prior if inherited else None)
     seed = seed_of(study, candidate, "prior")
-    return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited)
+    odd = unexpected(study, target.system, [record.experiment for record in target.records])
+    return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited, odd)
 
 
 def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
@@ -130,11 +149,13 @@ def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
 
 def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) -> LogPosterior:
     from deabayes.posterior import build
+    from deabayes.posteriors.counted_records import refuse_counted_twice
 
     experiments = read_experiments(prepared)
     inherited = inherited_prior(study, specimen)
     if inherited is None:
         return build(study, candidate, specimen, experiments)
+    refuse_counted_twice(study.name, experiments, inherited.counted, str(study.prior_from))
     return build(study, candidate, specimen, experiments, inherited.prior, inherited.same_specimen)
 
 

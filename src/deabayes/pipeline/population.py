@@ -58,7 +58,7 @@ def fit_population(population: Population, results: Path, output: Path, progress
     seed = np.random.SeedSequence([population.sampling.seed, zlib.crc32(population.name.encode())])
     sampling_seed, later = seed.spawn(2)
     pooled = sample(model, population.sampling, sampling_seed, progress)
-    content = content_of(population, model, pooled, trees[0], np.random.default_rng(later))
+    content = content_of(population, model, pooled, trees, np.random.default_rng(later))
     summary, shrinkage = summary_table(content), shrinkage_table(content)
     write_tree(population_tree(content), output / "posterior.nc")
     write_atomically(lambda path: summary.to_csv(path), output / "summary.csv")
@@ -81,13 +81,14 @@ def content_of(
     population: Population,
     model: PopulationModel,
     pooled: PooledResult,
-    first: xr.DataTree,
+    trees: Sequence[xr.DataTree],
     rng: np.random.Generator,
 ) -> PopulationContent:
     """All that follows from the draws of mean and spread."""
     from deabayes.population.files import PopulationContent
     from deabayes.population.specimens import new_specimens, warnings_of
     from deabayes.posteriors.content import STORED_DRAWS
+    from deabayes.posteriors.counted_records import counted_records
 
     z, log_posterior = pooled.thinned(STORED_DRAWS)
     shape = z.shape[:2]
@@ -106,8 +107,9 @@ def content_of(
         new.reshape(*shape, -1),
         shrunken,
         warnings_of(model, shrunken, outside),
-        first,
+        trees[0],
         rows,
+        [record for tree in trees for record in counted_records(tree)],
     )
 
 

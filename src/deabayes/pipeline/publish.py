@@ -6,11 +6,14 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from deabayes.pipeline.as_fitted import check_as_fitted
+
 
 def draw_figures(results: Path, output: Path) -> None:
     """Draw every registered figure of a study."""
     from deabayes.figures import save_all
 
+    check_as_fitted(results)
     save_all(results, output)
 
 
@@ -20,6 +23,8 @@ def build_report(
     """Build the report page and its tables."""
     from deabayes.report import build
 
+    for folder in folders:
+        check_as_fitted(folder)
     build(folders, output, tables, left_out)
 
 

@@ -17,6 +17,7 @@ from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
 from deabayes.posteriors.content import convergence_summary
+from deabayes.posteriors.counted_records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.pooling import PooledResult
 
@@ -32,7 +33,8 @@ class PopulationContent:
     """Draws of a population, and what is said of them.
 
     `theta` (E, S, 2 d) are means and spreads, `new` (E, S, d) a new specimen's parameters;
-    `rows` (E S,) the draws of the first member that complete the new specimen's.
+    `rows` (E S,) the draws of the first member that complete the new specimen's; `counted` the
+    records that any member knows.
     """
 
     population: Population
@@ -45,6 +47,7 @@ class PopulationContent:
     warnings: Sequence[str]
     first: xr.DataTree
     rows: NDArray[np.intp]
+    counted: Sequence[CountedRecord] = ()
 
     @property
     def convergence(self) -> dict[str, object]:
@@ -137,6 +140,7 @@ def _attributes(content: PopulationContent) -> dict[str, str]:
         "convergence": json.dumps(content.convergence),
         "warnings": json.dumps(list(content.warnings)),
         "deabayes_version": deabayes.__version__,
+        ATTRIBUTE: to_json(content.counted),
     }
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
 from deabayes.posterior import LogPosterior
+from deabayes.posteriors.counted_records import CountedRecord
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
@@ -30,7 +31,8 @@ class PosteriorContent:
     `z` (E, S, d) are thinned draws of the E independent ensembles in the
     prior's standard-normal coordinate, `log_posterior` (E, S) their density;
     `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
-    is the prior of parameters that only predictions need (see `posterior.further_prior`).
+    is the prior of parameters that only predictions need (see `posterior.further_prior`);
+    `counted_before` are the records that the prior knows.
     """
 
     study: Study
@@ -44,6 +46,7 @@ class PosteriorContent:
     warnings: Sequence[str]
     seed: np.random.SeedSequence
     further: Prior | None = None
+    counted_before: Sequence[CountedRecord] = ()
 
     @classmethod
     def of(
@@ -55,8 +58,12 @@ class PosteriorContent:
         seed: np.random.SeedSequence,
         further: Prior | None = None,
         inherited: Inheritance | None = None,
+        unexpected: Sequence[str] = (),
     ) -> PosteriorContent:
-        """With at most `STORED_DRAWS` of the pooled draws per ensemble."""
+        """With at most `STORED_DRAWS` of the pooled draws per ensemble.
+
+        `unexpected` says which records are not what the prior expects.
+        """
         z, log_posterior = pooled.thinned(STORED_DRAWS)
         theta = target.prior.to_parameters(z.reshape(-1, z.shape[2]))
         experiments = [record.experiment for record in target.records]
@@ -71,12 +78,14 @@ class PosteriorContent:
             _with_doubts(convergence_summary(pooled), inherited),
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
+                *unexpected,
                 *shortness(target),
                 *_notes(target.prior, inherited),
                 *at_the_rim(target.prior, theta),
             ],
             seed,
             further,
+            inherited.counted if inherited else (),
         )
 
 

@@ -11,6 +11,7 @@ import deabayes
 from deabayes.experiment import FloatArray
 from deabayes.own_models.loading import recorded
 from deabayes.posteriors.content import PosteriorContent
+from deabayes.posteriors.counted_records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.posteriors.inherited_prior import GROUP, inherited_prior
 from deabayes.posteriors.storage import specimen_to_json
 from deabayes.posteriors.summary import SUMMARY_COLUMNS, labels, quantities, summary_table
@@ -132,6 +133,7 @@ def _prior_predictive(content: PosteriorContent, theta: FloatArray) -> xr.Datase
 def _attributes(content: PosteriorContent) -> dict[str, str]:
     target, study = content.target, content.study
     records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in target.records]
+    counted = [CountedRecord.of(study.name, r.experiment) for r in target.records]
     return {
         "study": json.dumps(to_settings(study)),
         "study_name": study.name,
@@ -143,6 +145,7 @@ def _attributes(content: PosteriorContent) -> dict[str, str]:
         "provenance": content.specimen.provenance.get("kind", "measured"),
         "noise": study.noise,
         "experiments": records_to_json(records),
+        ATTRIBUTE: to_json([*counted, *content.counted_before]),
         "convergence": json.dumps(content.convergence),
         "warnings": json.dumps(list(content.warnings)),
         "deabayes_version": deabayes.__version__,

@@ -11,6 +11,7 @@ import xarray as xr
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import UserError
+from deabayes.posteriors.counted_records import CountedRecord, counted_records
 from deabayes.posteriors.storage import read_tree, specimen_from_json, stacked
 from deabayes.prior.from_posterior import PriorFromPosterior
 
@@ -27,12 +28,14 @@ class Inheritance:
     same_specimen : whether the draws are of this study's specimen: they know already what was
         measured on it as a whole (`System.log_likelihood_of_quantities`).
     notes : what a reader is to know; `doubts`, why nothing that builds on it has converged.
+    counted : the records that the draws know.
     """
 
     prior: PriorFromPosterior
     same_specimen: bool
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    counted: tuple[CountedRecord, ...] = ()
 
 
 def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
@@ -56,9 +59,16 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
             f"prior_from: {', '.join(foreign)} of {theirs.name} say nothing of {specimen.name}; "
             "their priors are what it states itself"
         )
+    if theirs.system != specimen.system:
+        notes.append(
+            f"prior_from: {path} is of another system ({theirs.system}, here {specimen.system}); "
+            "what is called alike is taken for the same: is it?"
+        )
     if not json.loads(tree.attrs["convergence"])["converged"]:
         doubts.append(f"its prior is the posterior {path}, which did not converge")
-    return Inheritance(handed_on(tree, foreign), same, tuple(notes), tuple(doubts))
+    return Inheritance(
+        handed_on(tree, foreign), same, tuple(notes), tuple(doubts), counted_records(tree)
+    )
 
 
 def handed_on(tree: xr.DataTree, without: tuple[str, ...] = ()) -> PriorFromPosterior:

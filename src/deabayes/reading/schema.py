@@ -57,14 +57,30 @@ def violations(content: Any, name: str, where: str) -> list[str]:
 def _keys_that_are_no_text(content: Any, where: str, key: str = "") -> Iterator[str]:
     """Keys that YAML reads as a number, a date or a truth value."""
     items = enumerate(content) if isinstance(content, list) else ()
+    before: tuple[object, object] = ("", "")
     for name, value in content.items() if isinstance(content, Mapping) else items:
-        if isinstance(content, Mapping) and not isinstance(name, str):
-            place = f"{where}, {key}" if key else where
+        place = f"{where}, {key}" if key else where
+        if isinstance(content, Mapping) and _is_fraction(name, value, before[1]):
+            yield (
+                f"{place}: the comma after `{before[0]}: {before[1]}` ends the number; write a "
+                f"decimal point, as in {before[1]}.5"
+            )
+        elif isinstance(content, Mapping) and not isinstance(name, str):
             yield (
                 f"{place}: the key {name} is {_kind(name)} to YAML; write it in quotes, as in "
                 "'2024-05-13': or 'on':"
             )
         yield from _keys_that_are_no_text(value, where, f"{key}.{name}".lstrip("."))
+        before = name, value
+
+
+def _is_fraction(name: object, value: object, before: object) -> bool:
+    """Whether a key is what a decimal comma has left: {value: 40,0} is {value: 40, 0: null}.
+
+    And {value: 40,0 unit: mm} is {value: 40, '0 unit': mm}.
+    """
+    words = str(name).partition(" ")
+    return type(before) is int and words[0].isdecimal() and (bool(words[1]) or value is None)
 
 
 def _kind(value: object) -> str:
@@ -84,7 +100,13 @@ def _sentences(error: Any, where: str) -> list[str]:
         case "additionalProperties":
             known = list(error.schema.get("properties", {}))
             unknown = [name for name in error.instance if name not in known]
-            return [f"{place}: unknown key {name!r}{nearest(str(name), known)}" for name in unknown]
+            return [
+                f"{place}: {name!r} is a study, which belongs under `studies:`; move it there, "
+                "indented"
+                if _is_study(error.instance[name])
+                else f"{place}: unknown key {name!r}{nearest(str(name), known)}"
+                for name in unknown
+            ]
         case "required":
             missing = [name for name in error.validator_value if name not in error.instance]
             named = [name for name in missing if f"{name!r} is a required" in error.message]
@@ -105,6 +127,10 @@ def _sentences(error: Any, where: str) -> list[str]:
             wanted = LIMITS[limit].format(error.validator_value)
             return [f"{place}: must be {wanted}, found {found}{_description(error)}"]
     return [f"{place}: {error.message}"]
+
+
+def _is_study(value: object) -> bool:
+    return isinstance(value, Mapping) and "specimen" in value
 
 
 def _purpose(error: Any, name: str) -> str:

@@ -54,9 +54,9 @@ def build(
     found = [results_of(Path(folder)) for folder in study_folders]
     studies = [each for each in found if isinstance(each, StudyResults)]
     populations = [each for each in found if isinstance(each, PopulationResults)]
+    figures = {each.folder: _figures(each) for each in found}  # or a fault, nothing written
     write_csv(studies, Path(tables_folder))
     report_of_populations.write_csv(populations, Path(tables_folder))
-    figures = {each.folder: _figures(each) for each in found}
     for quality in QUALITIES:
         page = render(studies, figures, left_out, quality, populations)
         if len(page.encode()) <= LARGEST_PAGE:

@@ -12,6 +12,7 @@ from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PR
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.prediction.held_out import missed
 from deabayes.quantities import plain
+from deabayes.report.reasons import grouped
 
 FAILED_SHARE = 0.001
 NEAR_THE_BOUND = 0.95
@@ -47,8 +48,10 @@ def of_candidate(results: CandidateResults) -> list[Notice]:
 def unconverged(results: CandidateResults) -> Iterator[Notice]:
     """Convergence gates that failed."""
     if not results.converged:
-        reasons = results.convergence.get("reasons") or ["no reason was stored"]
-        yield _notice(results, "Not converged: do not use these numbers", list(reasons))
+        reasons = grouped(results.convergence, results.settings.get("sampling") or {})
+        yield _notice(
+            results, "Not converged: do not use these numbers", reasons or ["no reason was stored"]
+        )
 
 
 def unresolved(results: StudyResults) -> Iterator[Notice]:

@@ -156,7 +156,6 @@ def _common(results: CandidateResults) -> dict[str, Any]:
     return {
         "name": results.name,
         "converged": results.converged,
-        "reasons": list(convergence.get("reasons") or []),
         "effort": [
             (text, convergence[key])
             for key, text in (

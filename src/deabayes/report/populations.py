@@ -13,6 +13,7 @@ from deabayes.figures.population_results import PopulationResults
 from deabayes.population.coordinate import OF_LOGARITHM
 from deabayes.quantities import display_unit, interval, short, symbol_html
 from deabayes.report.notices import Notice, extrapolation, failures
+from deabayes.report.reasons import grouped
 
 FIGURES = ("shrinkage", "new_specimen")
 
@@ -72,7 +73,7 @@ def notices(results: PopulationResults) -> Iterator[Notice]:
     """What a reader must know before trusting the numbers."""
     where = results.name, str(results.attributes["candidate"])
     if not results.converged:
-        reasons = tuple(results.new_specimen.convergence.get("reasons") or ())
+        reasons = tuple(grouped(results.new_specimen.convergence, {}))
         yield Notice(*where, "Population not converged: do not use these numbers", reasons)
     for check in (extrapolation, failures):
         for notice in check(results.new_specimen):

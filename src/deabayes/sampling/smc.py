@@ -22,6 +22,10 @@ from deabayes.sampling.guide import NO_GUIDE, Guide
 Report = Callable[[float, int], None]
 
 
+class EveryDrawFailed(UserError):
+    """No particle has a finite likelihood: whoever knows the records says which."""
+
+
 @dataclass(frozen=True)
 class Population:
     """Equally weighted particles at the end of a schedule.
@@ -99,7 +103,7 @@ def anneal(
 
     Raises
     ------
-    UserError : when the increment is zero at every particle.
+    EveryDrawFailed : when the increment is zero at every particle.
     """
     schedule = schedule or Schedule()
     cloud = Cloud(particles.copy(), log_base, log_increment, rng, guide)
@@ -126,7 +130,7 @@ def _next_step(increment: FloatArray, remaining: float, share: float) -> tuple[f
     """The step in beta that leaves the wanted effective share, and the log mean weight."""
     finite = np.isfinite(increment)
     if not finite.any():
-        raise UserError(
+        raise EveryDrawFailed(
             "no particle has a finite likelihood: every draw of the prior failed; "
             "check the units of the records and the priors"
         )

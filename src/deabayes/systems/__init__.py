@@ -13,6 +13,7 @@ from importlib import import_module
 from deabayes.experiment import Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.unknown_candidate import UnknownCandidate
 
 REGISTRY: dict[str, str] = {
     "membrane": "Membrane",
@@ -53,12 +54,27 @@ def build(system: str, candidate: str, specimen: Specimen) -> System:
     UserError
         If the system or the candidate is unknown, or the specimen lacks a quantity.
     """
-    return system_class(system).of(candidate, specimen)
+    try:
+        return system_class(system).of(candidate, specimen)
+    except UnknownCandidate:
+        others = [each for each in REGISTRY if _has_like(each, candidate)]
+        if not others or _has_like(system, candidate):
+            raise
+        raise UserError(
+            f"candidate {candidate!r} belongs to system {' or '.join(map(repr, others))}, and the "
+            f"specimen's is {system!r}, with {', '.join(candidates(system)[:3])}, ...; correct "
+            "`candidates`, or `system` in specimen.yaml"
+        ) from None
 
 
 def candidates(system: str) -> Sequence[str]:
     """Candidates of a system that can be built (examples, where a name has free numbers)."""
     return system_class(system).candidates()
+
+
+def _has_like(system: str, candidate: str) -> bool:
+    """Whether the name begins as one of the system's candidates: `_inertia` may follow."""
+    return any(candidate.startswith(each) for each in candidates(system))
 
 
 __all__ = [

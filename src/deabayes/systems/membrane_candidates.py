@@ -14,6 +14,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.gent import limit_parameter
 from deabayes.systems.base import Draws
+from deabayes.systems.unknown_candidate import UnknownCandidate
 
 MOST_UNITS = 6
 INERTIA = "_inertia"
@@ -47,7 +48,7 @@ class MembraneModel:
         """Parse `kv_gm_<n>` or `kv_gm_<n>_inertia`."""
         match = re.fullmatch(rf"kv_gm_(\d+)({INERTIA})?", candidate)
         if not match:
-            raise UserError(
+            raise UnknownCandidate(
                 f"unknown candidate {candidate!r} of system 'membrane'"
                 f"{nearest(candidate, examples())}"
             )

@@ -16,6 +16,7 @@ from deabayes.springs import Spring
 from deabayes.springs.base import MODULUS_MEDIAN
 from deabayes.springs.gent import limit_parameter
 from deabayes.systems.base import Derived, Draws
+from deabayes.systems.unknown_candidate import UnknownCandidate
 
 MAXIMUM = 6
 """Of relaxation units and of spring terms."""
@@ -60,7 +61,9 @@ class StripModel:
             return cls(SPRINGS["gent"], 1, _count(match[1], candidate, "units"), True)
         match = re.fullmatch(r"([a-z_]+?)(?:_(\d+))?(?:_units_(\d+))?", candidate)
         if not match or match[1] not in SPRINGS:
-            raise UserError(f"unknown candidate {candidate!r}{nearest(candidate, examples())}")
+            raise UnknownCandidate(
+                f"unknown candidate {candidate!r}{nearest(candidate, examples())}"
+            )
         spring = SPRINGS[match[1]]
         if spring.counts_terms != (match[2] is not None):
             remedy = "needs" if spring.counts_terms else "takes no"

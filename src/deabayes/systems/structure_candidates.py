@@ -16,6 +16,7 @@ from deabayes.springs import REGISTRY as SPRINGS
 from deabayes.springs import Spring
 from deabayes.springs.base import MODULUS_MEDIAN
 from deabayes.systems.base import Draws
+from deabayes.systems.unknown_candidate import UnknownCandidate
 
 MAXIMUM = 6
 """Of relaxation units and of spring terms."""
@@ -64,7 +65,7 @@ class StructureModel:
         """Parse `<spring>[_<terms>][_units_<n>[_dry]]`."""
         match = re.fullmatch(rf"([a-z_]+?)(?:_(\d+))?(?:_units_(\d+)({DRY})?)?", candidate)
         if not match or match[1] not in SPRINGS:
-            raise UserError(
+            raise UnknownCandidate(
                 f"unknown candidate {candidate!r} of system 'minimum_energy_structure'"
                 f"{nearest(candidate, examples())}"
             )

@@ -35,6 +35,7 @@ from deabayes.systems.tubular_circuit import TubularCircuit
 from deabayes.systems.tubular_linear import DrivenChain
 from deabayes.systems.tubular_sine import Harmonic, phase
 from deabayes.systems.tubular_solid import solid
+from deabayes.systems.unknown_candidate import UnknownCandidate
 from deabayes.systems.voigt_kelvin_inertia import MovingChain
 
 CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
@@ -69,7 +70,7 @@ class Tubular(TubularBase):
     def __init__(self, candidate: str, specimen: Specimen) -> None:
         match = CANDIDATE.fullmatch(candidate)
         if match is None:
-            raise UserError(
+            raise UnknownCandidate(
                 f"candidate {candidate!r} is unknown for system 'tubular'; "
                 "write voigt_kelvin_K with K Kelvin units, e.g. voigt_kelvin_2, and "
                 "_inertia, _circuit or _inertia_circuit behind it if wanted; or circuit, for "

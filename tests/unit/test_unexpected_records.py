@@ -1,0 +1,64 @@
+"""A record that the prior does not expect is said by the fit, in posterior file and report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
+from deabayes.pipeline import identify
+from deabayes.posterior import build
+from deabayes.posteriors import content
+from deabayes.sampling.smc import EveryDrawFailed
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1.0, ()),
+        (-1.0, ("creep: strain falls where the prior expects it to rise; is its sign right?",)),
+        (1e3, ("creep: strain reaches ",)),
+    ],
+)
+def test_what_the_prior_does_not_expect_is_among_the_warnings_of_the_fit(
+    monkeypatch: pytest.MonkeyPatch, factor: float, said: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(content, "convergence_summary", lambda _: {})
+    record = replace(creep(), response=factor * creep().response)
+    target = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [record])
+    z = np.zeros((1, 2, target.dimension))
+    pooled = SimpleNamespace(
+        thinned=lambda _: (z, np.zeros((1, 2))), convergence=SimpleNamespace(table=None)
+    )
+    found = identify._content(STUDY, "voigt_kelvin_2", target, pooled)
+    odd = [text for text in found.warnings if "the prior expects it" in text or "reaches" in text]
+    assert len(odd) == len(said)
+    assert all(text.startswith(start) for text, start in zip(odd, said, strict=True))
+
+
+@pytest.mark.parametrize("lost", ["creep", "all records at once"])
+def test_a_fit_that_cannot_begin_names_study_candidate_and_records(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, lost: str
+) -> None:
+    def log_likelihood(theta: FloatArray, _: list[str]) -> FloatArray:
+        return np.full(len(theta), np.nan if lost == "creep" else 0.0)
+
+    def run_ensemble(*_: object) -> None:
+        raise EveryDrawFailed
+
+    real = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
+    target = MagicMock(prior=real.prior, records=real.records, log_likelihood=log_likelihood)
+    monkeypatch.setattr(identify, "build_target", lambda *_: target)
+    monkeypatch.setattr(identify, "chain_folder", lambda *_: tmp_path)
+    monkeypatch.setattr("deabayes.sampling.first_pass.run_ensemble", run_ensemble)
+    monkeypatch.setattr("deabayes.sampling.guide.Guide.of", lambda _: None)
+    said = f"study creep, voigt_kelvin_2: no draw of the prior has a response to {lost}; are the"
+    with pytest.raises(UserError, match=said):
+        identify.fit_ensemble(STUDY, "voigt_kelvin_2", tmp_path, 1, tmp_path / "1.nc", False)
