@@ -15,6 +15,7 @@ from deabayes.faults import rename_hint
 from deabayes.parameter import Parameter
 from deabayes.quantities import with_unit
 from deabayes.reading.columns import CHANNELS
+from deabayes.reading.incomplete import REMEDY
 
 SMALLEST_RECORD = 4
 
@@ -44,7 +45,7 @@ def not_finite(values: FloatArray, channel: str, where: str) -> list[str]:
     run = int(np.argmin(np.append(np.diff(bad) == 1, False))) + 1
     return [
         f"{where}, column {channel}: values missing, NaN or infinite: {bad.size}, the first in "
-        f"data row {bad[0] + 1} (a run of {run}); repair the record or cut it there"
+        f"data row {bad[0] + 1} (a run of {run}); repair the record or cut it there, {REMEDY}"
     ]
 
 
@@ -68,7 +69,8 @@ def time_repeats(time: FloatArray, where: str) -> list[str]:
     row = int(same[0]) + 2
     return [
         f"{where}, column time: data row {row} repeats the time {time[row - 1]:.9g} s of the row "
-        f"before ({same.size} such rows); remove the duplicates or give time more digits"
+        f"before ({same.size} such rows); remove the duplicates or give time more digits, "
+        f"{REMEDY}"
     ]
 
 

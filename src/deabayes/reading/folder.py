@@ -10,8 +10,14 @@ from deabayes.experiment import Specimen
 from deabayes.faults import Faults, UserError, closest
 from deabayes.reading.columns import CHANNELS, from_text
 from deabayes.reading.download import PublicRecord, locate, missing_sentence, read_registry
+from deabayes.reading.incomplete import without_incomplete
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import record_faults, record_warnings, repeated_records
+from deabayes.reading.record_checks import (
+    needed_columns,
+    record_faults,
+    record_warnings,
+    repeated_records,
+)
 from deabayes.reading.records import read_record
 from deabayes.reading.specimen import SpecimenFile, read_specimen_file
 from deabayes.reading.table import FILE, channels_of, scan_table
@@ -68,7 +74,9 @@ class StudyFolder:
             raise UserError(self._missing_file(row))
         text = row.metadata.get("columns")
         columns = from_text(text) if isinstance(text, str) else None
-        return read_record(path, self.file.record_format, self._channels(row), columns)
+        raw = read_record(path, self.file.record_format, self._channels(row), columns)
+        drop = (self.file.record_format or {}).get("incomplete_rows") == "drop"
+        return without_incomplete(raw, needed_columns(row)) if drop else raw
 
     def warnings(self, row: ExperimentRow) -> list[str]:
         """What to know before trusting a row's record."""

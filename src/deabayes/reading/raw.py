@@ -23,8 +23,12 @@ class ExperimentRow:
 
 @dataclass(frozen=True)
 class RawRecord:
-    """One record as it is in its file, columns converted to SI, nothing else changed."""
+    """One record as it is in its file, columns converted to SI, nothing else changed.
+
+    `left_out` rows are missing where the specimen asks for that (`incomplete_rows`).
+    """
 
     columns: Mapping[str, FloatArray]
     units: Mapping[str, str]
     sha256: str
+    left_out: int = 0

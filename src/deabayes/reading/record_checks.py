@@ -77,6 +77,10 @@ def record_warnings(
     found += sensor_checks.coarse_quantisation(
         response, limits["resolution"], limits["noise"], row.response, unit, where
     )
+    if raw.left_out:
+        rows = raw.left_out + response.size
+        found.append(f"{where}: {raw.left_out} of {rows} data rows are left out, without a value "
+                     "or at a repeated time (record_format.incomplete_rows)")  # fmt: skip
     if "time" in needed_columns(row):
         time = raw.columns["time"]
         found += checks.sampling_jitter(time, where)
