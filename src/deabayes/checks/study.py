@@ -13,6 +13,7 @@ from deabayes.checks.candidates import built_candidates
 from deabayes.checks.predictable import without_candidate
 from deabayes.checks.prepared import prepared_records
 from deabayes.checks.prior_scale import unexpected
+from deabayes.checks.priors import check_priors
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
@@ -64,7 +65,8 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         each = [caution for s in systems.values() for e in experiments for caution in s.cautions(e)]
         warnings += dict.fromkeys(each)
     if not faults:
-        faults += _prior_faults(study, systems, experiments)
+        wrong, bare = check_priors(study, systems, experiments)
+        faults, warnings = [*faults, *wrong], [*warnings, *bare]
     if not faults and study.model is not None:
         fitted = [each for each in experiments if each.role == "calibrate"]
         found = try_models(systems, fitted, study.priors, f"study {study.name}")
@@ -112,43 +114,6 @@ def _without_model(
                 where = f"study {study.name}, {candidate}, {each.name}"
                 found.setdefault(str(error), f"{where}: {error}")
     return list(found.values())
-
-
-def _prior_faults(
-    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
-) -> list[str]:
-    """Priors of the study that name no parameter of any candidate, or that cannot be used."""
-    from deabayes.noise import REGISTRY as NOISE
-    from deabayes.posterior import wider_systems
-    from deabayes.prior.joint import Prior
-    from deabayes.record_noise import noise_parameters
-
-    calibrate = [each for each in experiments if each.role == "calibrate"]
-    if not systems:
-        return []
-    system = next(iter(systems.values()))
-    try:
-        noise = noise_parameters(study, NOISE[study.noise](), calibrate, system)
-    except UserError as error:
-        return [f"study {study.name}, {error}"]
-    every = [each for s in systems.values() for each in (s, *wider_systems(study, s).values())]
-    known = [p.name for system in every for p in system.parameters()]
-    found: list[str] = []
-    for system in systems.values():
-        try:
-            Prior.from_parameters((*system.parameters(), *noise), study.priors, known)
-        except UserError as error:
-            found += [f"study {study.name}, {fault}" for fault in str(error).splitlines()]
-        found += _few_walkers(study, system, len(system.parameters()) + len(noise))
-    return list(dict.fromkeys(found))
-
-
-def _few_walkers(study: Study, system: System, parameters: int) -> list[str]:
-    walkers = study.sampling.walkers
-    if walkers >= 2 * parameters:
-        return []
-    return [f"study {study.name}, {system.candidate}, sampling.walkers: {walkers} are too few for "
-            f"{parameters} parameters; set at least {2 * parameters}"]  # fmt: skip
 
 
 def _unknown_names(study: Study) -> list[str]:

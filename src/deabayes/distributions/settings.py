@@ -47,6 +47,26 @@ def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Dist
         raise UserError(f"{where}: {error}") from None
 
 
+def without_units(settings: Mapping[str, object], unit: str, where: str) -> list[str]:
+    """What to say of numbers that `from_settings` takes in SI units; nothing where that is 1."""
+    kind = REGISTRY.get(str(settings.get("distribution")))
+    if kind is None or unit == "1":
+        return []
+    return [
+        f"{where}.{key}: {value} without a unit is {value} {unit}; write '{value} {unit}' if that "
+        "is meant"
+        for key, value in settings.items()
+        if key != "distribution" and key not in kind.dimensionless and _is_plain(value)
+    ]
+
+
+def _is_plain(value: object) -> bool:
+    try:
+        return not isinstance(value, bool) and bool(float(value))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return False
+
+
 def _check_keys(
     kind: type[Distribution], name: str, values: Mapping[str, object], where: str
 ) -> None:

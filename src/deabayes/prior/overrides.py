@@ -9,7 +9,7 @@ from statistics import NormalDist
 from typing import Any
 
 from deabayes.distributions import Distribution, LogNormal, LogUniform, Uniform
-from deabayes.distributions.settings import from_settings
+from deabayes.distributions.settings import from_settings, without_units
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.parameter import Parameter
 
@@ -48,6 +48,18 @@ def overridden(
     if faults:
         raise Faults(faults)
     return tuple(replaced.values()), ratios
+
+
+def bare_numbers(
+    parameters: tuple[Parameter, ...], overrides: Mapping[str, object], also_known: Iterable[str]
+) -> list[str]:
+    """Cautions: numbers without a unit, of parameters that have one, in sound overrides."""
+    found = []
+    for key, settings in overrides.items():
+        targets = _targets(parameters, key, set(also_known))
+        if targets and isinstance(settings, Mapping):
+            found += without_units(settings, targets[0].unit, f"priors.{key}")
+    return found
 
 
 def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) -> None:
