@@ -37,12 +37,19 @@ def test_every_format_holds_the_stored_draws(tmp_path):
         ("mat", "x.csv"),
         ("parquet", "x.csv"),
         ("csv", "x.inp"),
+        ("csv", "x.xlsx"),
+        ("mat", "x.NC"),
     ],
 )
 def test_the_ending_of_another_format_is_refused(tmp_path, form, name):
     with pytest.raises(UserError, match=rf"-o .*{name}: --to {form} writes \.{form}"):
         export(file(None), form, tmp_path / name)
     export(file(None), form, tmp_path / "x.txt")
+
+
+def test_no_format_is_proposed_that_is_hardly_alike(tmp_path):
+    with pytest.raises(UserError, match="--to 'ss' is no export format; known: abaqus, "):
+        export(file(None), "ss", tmp_path / "x")
 
 
 @pytest.mark.parametrize("converged", [True, False])

@@ -42,6 +42,8 @@ ENDINGS: dict[str, tuple[str, ...]] = {
     "numpyro": (".py",),
 }
 """Format -> its usual endings, which other formats' files may not have."""
+OF_OTHER_PROGRAMS = (".xlsx", ".xls", ".nc", ".tdms")
+"""What opens files with these endings reads no export."""
 
 
 def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
@@ -54,7 +56,8 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
     Raises
     ------
     UserError
-        If there is no such format, it takes no such option, or `output` ends like another's.
+        If there is no such format, it takes no such option, or `output` ends like
+        another's.
     """
     if to not in REGISTRY:
         raise UserError(f"--to {to!r} is no export format{nearest(to, REGISTRY)}")
@@ -67,8 +70,8 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
                 f"{option} belongs to --to {' or '.join(takers) or '(no format)'}; "
                 f"--to {to} takes no such option"
             )
-    foreign = {ending for endings in ENDINGS.values() for ending in endings}
-    if "suffix" not in _options(to) and output.suffix in foreign.difference(ENDINGS[to]):
+    foreign = {ending for endings in (*ENDINGS.values(), OF_OTHER_PROGRAMS) for ending in endings}
+    if "suffix" not in _options(to) and output.suffix.lower() in foreign.difference(ENDINGS[to]):
         usual = " or ".join(ENDINGS[to])
         raise UserError(f"-o {output}: --to {to} writes {usual}; correct the one or the other")
     if "suffix" in _options(to):
