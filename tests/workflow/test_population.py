@@ -20,6 +20,7 @@ from deabayes.faults import UserError
 from deabayes.figures.population_results import PopulationResults
 from deabayes.population.settings import SETTINGS, Population, write_population
 from deabayes.posteriors.storage import read_tree, write_tree
+from deabayes.preparation.prepared import read_prepared, write_prepared
 from deabayes.report import build
 from deabayes.study import Sampling, load_study, write_study
 
@@ -106,10 +107,18 @@ def test_a_new_specimen_is_known_less_well_than_the_mean(tubes: PopulationResult
         assert np.ptp(new) > np.ptp(mean)
 
 
-def test_another_study_takes_it_for_its_prior(results: Path, tubes: PopulationResults) -> None:
+def test_another_study_takes_it_for_its_prior(
+    results: Path, tubes: PopulationResults, tmp_path: Path
+) -> None:
     study = load_study(results / "tube_a" / "study.yaml")
     study = replace(study, prior_from=str(tubes.folder / "posterior.nc"))
-    target = pipeline.build_target(study, "voigt_kelvin_1", results / "tube_a" / "prepared")
+    prepared = results / "tube_b" / "prepared"
+    with pytest.raises(UserError, match=r"record creep_2500V was calibrated on in study tube_b"):
+        pipeline.build_target(study, "voigt_kelvin_1", prepared)
+    other = read_prepared(prepared / "creep_2500V.nc")
+    other = replace(other, response=1.01 * other.response, record_sha256="of another file")
+    write_prepared(other, tmp_path / "creep_2500V.nc")
+    target = pipeline.build_target(study, "voigt_kelvin_1", tmp_path)
     (block,) = target.prior.inherited
     assert block.names == ("E_0", "E_1", "tau_1")
 
