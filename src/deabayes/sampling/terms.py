@@ -19,7 +19,7 @@ film handed on, one term's share from 1 to 60 %, a cubic in ln(v_2 / v_1) leaves
 as a straight line does; of the exponents' difference 0.16, and a straight line 0.23.
 
 Of terms handed on records fix more than that: see `film`, for two that are both seen, and
-`film_terms`.
+`film_moments`.
 """
 
 from __future__ import annotations
@@ -34,21 +34,19 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import Parts
 from deabayes.sampling.film import FilmStress
-from deabayes.sampling.film_terms import FilmTerms
+from deabayes.sampling.film_moments import FilmMoments
 from deabayes.sampling.pairs import log_normals
 from deabayes.sampling.shares import Shares
 from deabayes.sampling.units import units_of
 from deabayes.springs.ogden import stress_of_one
 
-Stresses = Shares | FilmStress | FilmTerms
+Stresses = Shares | FilmStress | FilmMoments
 
 NEARLY_ZERO = 1e-9
 """Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
 HEIGHTS = 1.0, 0.92, 0.84
 """Of the film's stresses, in those of the reference: 0.85 and 0.72 times as far for the paper's
 film. Proposals are as good with any between 1.1 and 0.7."""
-NEXT_HEIGHT = 0.05
-"""How much lower the next one is, where there are as many as terms."""
 LEAST_SHARE, RARELY, LOOKED_AT = 0.005, 0.01, 2000
 """A term is seen whose share of the stress is rarely less, by so many draws of the prior. Where
 one is not, coordinates that hold both have a wall."""
@@ -133,8 +131,7 @@ def _of_stresses(
     height = (logarithms[0] - logarithms[1]) / 2.0
     if prior.lower >= 0.0 and _handed_on(target, *columns):
         if len(exponents) > 2:
-            heights = height * (1.0 - NEXT_HEIGHT * np.arange(len(exponents)))
-            return FilmTerms(*columns, *_moments(prior), heights)
+            return FilmMoments(*columns, *_moments(prior), height)
         if _both_seen(target, *columns, logarithms):
             return FilmStress(*columns, *_moments(prior), height * np.array(HEIGHTS))
     ones = np.ones(len(exponents))
