@@ -77,6 +77,22 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     assert loo.names[2:] == ("the beginning of b, time 0 to 18 s", "b, time 20 to 38 s")
 
 
+def test_a_place_without_a_unit_is_a_number() -> None:
+    """Of a curve over a stretch no "1.39 1" is said."""
+    curve = SimpleNamespace(
+        name="pull", response_range=1.0, coordinate=np.linspace(1, 3, 21),
+        coordinate_name="stretch", coordinate_unit="1",
+    )  # fmt: skip
+    flat = np.zeros((3, 21))
+    bent = flat + 0.1 * (np.arange(21) == 4)
+    one, two = (
+        ranked(name, records=[SimpleNamespace(experiment=curve)], responses={"pull": values})
+        for name, values in (("k_1", flat), ("k_2", bent))
+    )
+    said = ranking._difference(two, [one, two], SimpleNamespace(chosen="k_1"))
+    assert said.endswith("at most 10 % of the range, in pull at stretch 1.4")
+
+
 def test_a_block_is_named_by_record_and_place():
     strip = SimpleNamespace(
         coordinate=np.linspace(1, 3, 21), coordinate_name="stretch", coordinate_unit="1"

@@ -25,6 +25,7 @@ from deabayes.experiment import Experiment, FloatArray
 from deabayes.pareto import UNRELIABLE_K_HAT
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.storage import stacked
+from deabayes.quantities import with_unit
 
 LOO_DRAWS = 1000
 SAMPLED_DRAWS = 256
@@ -199,9 +200,10 @@ def _difference(one: Ranked, candidates: Sequence[Ranked], decision: Decision) -
     }
     name = max(gaps, key=lambda key: float(gaps[key].max()))
     record = next(r for r in one.target.records if r.experiment.name == name)
-    at = record.experiment.coordinate[int(gaps[name].argmax())]
+    at = float(record.experiment.coordinate[int(gaps[name].argmax())])
+    coordinate, unit = record.experiment.coordinate_name, record.experiment.coordinate_unit
     return (
         f"median curves differ from {chosen.candidate} by at most "
-        f"{100 * gaps[name].max():.2g} % of the range, in {name} at "
-        f"{record.experiment.coordinate_name} {at:.3g} {record.experiment.coordinate_unit}"
+        f"{100 * gaps[name].max():.2g} % of the range, in {name} at {coordinate} "
+        f"{with_unit(at, unit, coordinate, 3)}"
     )

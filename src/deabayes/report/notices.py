@@ -11,7 +11,7 @@ import numpy as np
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.prediction.held_out import missed
-from deabayes.quantities import plain
+from deabayes.quantities import plain, with_unit
 from deabayes.report.reasons import grouped
 
 FAILED_SHARE = 0.001
@@ -116,9 +116,11 @@ def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
             continue
         prior, found = results.prior[name].values, results.posterior[name].values
         if np.median(found) > np.quantile(prior, NEAR_THE_BOUND):
-            unit = "points" if along_grid else results.label(name)["unit"]
+            middle = float(np.median(found))
+            length = with_unit(middle, results.label(name)["unit"], digits=3)
+            shown = f"{middle:.3g} points" if along_grid else length
             details.append(
-                f"{name}: {np.median(found):.3g} {unit}, at the longest that its prior allows; "
+                f"{name}: {shown}, at the longest that its prior allows; "
                 "what the model leaves lasts longer, so a process may be missing and bands be too "
                 "narrow"
             )
