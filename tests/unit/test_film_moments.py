@@ -71,7 +71,7 @@ def test_the_first_are_the_films_stress_its_slope_and_variance() -> None:
     shares = np.exp(u[:, :4]) / np.exp(u[:, :4]).sum(axis=1, keepdims=True)
     y = alpha / np.tanh(HEIGHT * alpha)
     variance = np.sum(shares * (y - slope[:, None]) ** 2, axis=1)
-    np.testing.assert_allclose(np.exp(found[:, 1]), variance, rtol=1e-6)
+    np.testing.assert_allclose(found[:, 1] ** 3, variance, rtol=1e-6)
 
 
 def test_exponents_that_meet_and_terms_that_vanish() -> None:
@@ -90,12 +90,13 @@ def test_exponents_that_meet_and_terms_that_vanish() -> None:
 
 
 def test_what_no_terms_make() -> None:
-    """A slope below that of an exponent of 0, and what is no number."""
+    """A slope below that of an exponent of 0, a b below 0, and what is no number."""
     found = straightened(terms(3, 50, 5))[0]
-    flat, none = found.copy(), found.copy()
+    flat, beyond, none = found.copy(), found.copy(), found.copy()
     flat[:, 3:] -= 10.0
+    beyond[:, 2] *= -1.0
     none[:, 1] = np.nan
-    for wrong in (flat, none):
+    for wrong in (flat, beyond, none):
         with np.errstate(invalid="ignore"):  # as `Coordinates.bend` has it
             of_terms(3).bend(wrong)
         assert np.isnan(wrong).any(axis=1).all()

@@ -18,10 +18,11 @@ of eigenvectors: a_0 is the mean, b_1^2 the variance, a_1 makes the third moment
 Any shares above 0 of exponents that differ have one and every b > 0 is of one, so that nothing is
 singular where a term vanishes or two exponents meet (b -> 0). The coordinates are
 
-u: ln S, ln b_k^2, k = 1 .. n - 1, and a_k, k = 0 .. n - 1,
+u: ln S, b_k^(2/3), k = 1 .. n - 1, and a_k, k = 0 .. n - 1.
 
-of which the Jacobian by ln v_i and y_i is 1 (Dumitriu & Edelman 2002, J. Math. Phys. 43, 5830, for
-the rest). What was tried in their place: docs/sampler.md.
+The Jacobian of ln S, ln b_k^2 and a_k by ln v_i and y_i is 1 (Dumitriu & Edelman 2002, J. Math.
+Phys. 43, 5830, have the rest of it). The cube root makes a sum of squares nearly normal (Wilson &
+Hilferty 1931), where a logarithm would leave a long tail. What else was tried: docs/sampler.md.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 
+POWER = 2.0 / 3.0
+"""Of b."""
 MOST_STEPS = 20
 
 
@@ -62,15 +65,17 @@ class FilmMoments:
         diagonal, beside = jacobi_matrix(places, np.exp(0.5 * (log_stresses - total)))
         u[:, list(self.exponents)] = diagonal
         u[:, self.stresses[0]] = total[:, 0]
-        u[:, list(self.stresses[1:])] = 2.0 * np.log(beside)
-        return np.asarray(np.log(self.sd * slopes).sum(axis=1))
+        u[:, list(self.stresses[1:])] = beside**POWER
+        log_roots = np.log(0.5 * POWER * beside**POWER).sum(axis=1)
+        return np.asarray(np.log(self.sd * slopes).sum(axis=1) + log_roots)
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it; NaN where a slope is of no exponent above 0."""
+        """Undo it; NaN where b is not above 0, or a slope is of no exponent above 0."""
         n = len(self.exponents)
         matrix, along = np.zeros((len(u), n, n)), np.arange(n)
         matrix[:, along, along] = u[:, list(self.exponents)]
-        beside = np.exp(0.5 * u[:, list(self.stresses[1:])])
+        roots = u[:, list(self.stresses[1:])]
+        beside = np.where(roots > 0.0, roots, np.nan) ** (1.0 / POWER)
         matrix[:, along[1:], along[:-1]] = beside
         lost = ~np.isfinite(matrix).all(axis=(1, 2))
         matrix[lost] = 0.0
