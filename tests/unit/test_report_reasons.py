@@ -31,8 +31,8 @@ def test_a_gate_is_said_once_with_its_worst_and_the_advice_last() -> None:
         "2)",
         "run 2: only 9 autocorrelation times long, fewer than 50 (the worst of 2)",
         REASONS[-1],
-        "Sample longer: set `max_steps` to 2100 or more (now 400), by what the runs tell so far of "
-        "their autocorrelation time; docs/how-to/not-converged.md",
+        "Sample longer: set sampling.max_steps to 2100 or more (now 400), by what the runs "
+        "tell so far of their autocorrelation time; docs/how-to/not-converged.md",
     ]
 
 
@@ -41,7 +41,7 @@ def test_a_gate_is_said_once_with_its_worst_and_the_advice_last() -> None:
     [
         ({"steps": 400, "autocorrelation_times_min": 45.0}, "to 800 or more"),
         ({"steps": 400, "ess_tail_min": 20.0}, "to 8000 or more"),
-        ({}, "double `max_steps`"),
+        ({}, "double sampling.max_steps"),
     ],
 )
 def test_the_steps_advised(measured: dict[str, float], said: str) -> None:

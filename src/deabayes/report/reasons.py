@@ -59,7 +59,7 @@ def _advice(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> str:
     """How many steps it takes at the autocorrelation time, or effective draws, found so far."""
     limit = sampling.get("max_steps")
     if limit is None or "steps" not in convergence:
-        return "Sample longer: double `max_steps`"
+        return "Sample longer: double sampling.max_steps"
     gates = (
         ("autocorrelation_times", "autocorrelation_times_min"),
         ("ess", "ess_bulk_min"),
@@ -72,8 +72,8 @@ def _advice(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> str:
     ]
     needed = max([2.0 * float(limit), *(each * convergence["steps"] for each in lacking)])
     return (
-        f"Sample longer: set `max_steps` to {_rounded_up(needed)} or more (now {limit}), by what "
-        "the runs tell so far of their autocorrelation time; docs/how-to/not-converged.md"
+        f"Sample longer: set sampling.max_steps to {_rounded_up(needed)} or more (now {limit}), by "
+        "what the runs tell so far of their autocorrelation time; docs/how-to/not-converged.md"
     )
 
 
