@@ -65,7 +65,7 @@ def standing_out(
     others = f" (and {found.size - 1} more)" if found.size > 1 else ""
     return [
         f"{where}, column {channel}: the single sample at {time[at]:.6g} s, {value} before "
-        f"{beside}, stands out{others}; if the sensor failed there, leave its row out of a copy"
+        f"{beside}, stands out{others}; if the sensor failed there, hide it with `mask_between`"
     ]
 
 
