@@ -193,6 +193,16 @@ def test_the_verdict_says_what_was_compared():
     assert words.endswith("n1 did not")
 
 
+def test_the_verdict_says_that_a_larger_order_did_not_converge():
+    """It may be the one that is needed: specimen 10 of three units in docs/validation.md."""
+    scores = [
+        score("n1", 3, 0.0, ONES),
+        score("n2", 5, 9.0, 1.5 * ONES),
+        score("n3", 7, 30.0, 3.0 * ONES, converged=False),
+    ]
+    assert decide(scores).verdicts["n2"].endswith("among those that converged; n3 did not")
+
+
 def test_a_verdict_shows_by_how_much_the_others_fall_short():
     scores = [score("n1", 3, 0.0, ONES), score("n2", 5, 9.0, 1.5 * ONES)]
     scores.append(score("n3", 7, 7.0, 1.4 * ONES))

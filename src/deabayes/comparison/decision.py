@@ -116,12 +116,10 @@ def _chosen(chosen: Score, scores: Sequence[Score]) -> str:
     if len(scores) == 1:
         return "chosen: the only candidate that was compared"
     words = "chosen: the smallest order the data cannot do without"
-    smaller = [
-        s.candidate for s in scores if s.loo is None and s.n_parameters < chosen.n_parameters
-    ]
-    if not smaller:
+    lost = [s.candidate for s in scores if s.loo is None]
+    if not lost:
         return words
-    return f"{words} among those that converged; {', '.join(smaller)} did not"
+    return f"{words} among those that converged; {', '.join(lost)} did not"
 
 
 def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
