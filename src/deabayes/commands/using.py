@@ -89,5 +89,8 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     from deabayes.pipeline import export_posterior
 
     keep_inputs(output, posterior)
-    if not export_posterior(posterior, to, output, **options):
+    converged, cautions = export_posterior(posterior, to, output, **options)
+    for caution in cautions:
+        click.echo(f"{output}: {caution}", err=True)
+    if not converged:
         click.echo(f"{output}: NOT CONVERGED, do not use these numbers", err=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.files import write_atomically
 from deabayes.registry import load
 
-REGISTRY: dict[str, Callable[..., None]] = load(
+REGISTRY: dict[str, Callable[..., Sequence[str] | None]] = load(
     __name__,
     {
         "csv": "write",
@@ -29,7 +29,8 @@ REGISTRY: dict[str, Callable[..., None]] = load(
 )
 """Format -> its function in the module of the same name: (tree, path, *, its options).
 
-One that takes `suffix` is told the ending of the file asked for: it writes to another path.
+One that takes `suffix` is told the ending of the file asked for: it writes to another path. One may
+return what is to be heeded about what it wrote.
 """
 ENDINGS: dict[str, tuple[str, ...]] = {
     "csv": (".csv",),
@@ -46,8 +47,10 @@ OF_OTHER_PROGRAMS = (".xlsx", ".xls", ".nc", ".tdms")
 """What opens files with these endings reads no export."""
 
 
-def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
+def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> list[str]:
     """Write the posterior in `tree` to `output` in the format named `to`.
+
+    Returns what is to be heeded about what was written.
 
     Parameters
     ----------
@@ -76,7 +79,9 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> None:
         raise UserError(f"-o {output}: --to {to} writes {usual}; correct the one or the other")
     if "suffix" in _options(to):
         given["suffix"] = output.suffix
-    write_atomically(lambda path: REGISTRY[to](tree, path, **given), output)
+    cautions: list[str] = []
+    write_atomically(lambda path: cautions.extend(REGISTRY[to](tree, path, **given) or ()), output)
+    return cautions
 
 
 def _options(to: str) -> list[str]:

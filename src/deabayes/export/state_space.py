@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from deabayes.units import parse_quantity
 DRAWS, GRAM = 200, 1e-3
 FITTED_DELAY = "sensor_delay"
 OWN_DELAYS = ("strain.delay", "displacement.delay", "phase.delay")
+STEPS_PER_PERIOD = 10.0
+"""Samples of a resonance's period that are advised."""
 DISCRETISATION = "zero-order hold: exact for an input held between samples (matrix exponential)"
 
 
@@ -32,7 +35,7 @@ def write(
     draws: int | None = None,
     load_g: float = 0.0,
     bias: str | float | None = None,
-) -> None:
+) -> Sequence[str]:
     """x' = A x + B u, y = C x + D u of draws taken evenly from all ensembles.
 
     Parameters
@@ -44,6 +47,11 @@ def write(
     load_g : hung mass [g].
     bias : voltage to linearise about, e.g. ``"2 kV"``; by default the input is the squared
         voltage, in which the model is linear as it is.
+
+    Returns
+    -------
+    list of str
+        That the sample rate is too low for the model's resonance, if so.
 
     Raises
     ------
@@ -62,9 +70,11 @@ def write(
     model = _linear_model(system, values, load_g, volts)
     content = _content(tree, system, model, GRAM * load_g)
     content |= {"draws": _draws(tree, system, values, picked), "continuous": _matrices(model.space)}
+    cautions = [] if hertz is None else _too_slow(model.space, hertz)
     if hertz is not None:
         content["discrete"] = _discrete(model.space, hertz)
     WRITERS[suffix](content, path)
+    return cautions
 
 
 def _positive(given: str | float | None, unit: str, option: str) -> float | None:
@@ -166,3 +176,21 @@ def _discrete(space: StateSpace, rate: float) -> dict[str, object]:
         "discretisation": DISCRETISATION,
         **_matrices(held),
     }
+
+
+def _too_slow(space: StateSpace, rate: float) -> list[str]:
+    """That half the sample rate is below the fastest oscillation, by the median of all draws."""
+    turns = np.abs(np.linalg.eigvals(space.a).imag).max(axis=1) / (2.0 * np.pi)
+    resonance = float(np.median(turns))
+    if resonance <= 0.5 * rate:
+        return []
+    return [
+        f"--rate {rate:.4g} Hz: the model rings at {resonance:.3g} Hz (median of its draws), above "
+        "half this sample rate. The discrete model is right at its samples for an input held "
+        "between them and shows neither the ringing nor its frequency; "
+        f"{_two_digits(STEPS_PER_PERIOD * resonance)} Hz or more shows both"
+    ]
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.1e}'):g}"

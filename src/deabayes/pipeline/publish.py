@@ -28,14 +28,16 @@ def build_report(
     build(folders, output, tables, left_out)
 
 
-def export_posterior(posterior: Path, to: str, output: Path, **options: object) -> bool:
+def export_posterior(
+    posterior: Path, to: str, output: Path, **options: object
+) -> tuple[bool, list[str]]:
     """Write a posterior in another program's format, which may take options.
 
-    Returns whether it converged, which not every format can say.
+    Returns whether it converged, which not every format can say, and what is to be heeded.
     """
     from deabayes.export import export
     from deabayes.posteriors.storage import read_tree
 
     tree = read_tree(posterior)
-    export(tree, to, output, **options)
-    return bool(json.loads(tree.attrs["convergence"])["converged"])
+    cautions = export(tree, to, output, **options)
+    return bool(json.loads(tree.attrs["convergence"])["converged"]), cautions
