@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from tests.unit.fake_records import Fake
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.posteriors.storage import ATTRIBUTES, GROUPS
+from deabayes.sampling.gates import Failed
 
 Draws = Mapping[str, tuple[FloatArray, FloatArray, Mapping[str, str]]]
 """By name: posterior (chains, draws), prior (1, draws), attributes."""
@@ -96,10 +98,12 @@ def comparison(fake: Fake) -> pd.DataFrame:
 
 
 def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> dict[str, str]:
-    reasons = [] if fake.converged else ["mu_alpha: R-hat 1.310 is not below 1.01: sample longer"]
+    disagree = Failed("r_hat", "mu_alpha", "R-hat 1.310 is not below 1.01", 1.31)
+    failed = [] if fake.converged else [disagree]
     convergence = {
         "converged": fake.converged,
-        "reasons": reasons,
+        "reasons": [str(each) for each in failed],
+        "failed_gates": [asdict(each) for each in failed],
         "r_hat_max": 1.003 if fake.converged else 1.31,
         "ess_bulk_min": 900.0,
         "ess_tail_min": 700.0,

@@ -22,6 +22,7 @@ from deabayes.population.settings import Population
 from deabayes.population.specimens import Shrunken
 from deabayes.prior.joint import Prior
 from deabayes.sampling.diagnostics import summarise
+from deabayes.sampling.gates import Failed
 
 PARAMETERS = (
     parameter("mu", LogNormal(1e4, 1.0)),
@@ -52,7 +53,7 @@ def content(members):
     theta = rng.random((2, 40, 4))
     table = summarise({p.name: theta[..., k, None] for k, p in enumerate(means)})
     convergence = SimpleNamespace(
-        converged=True, reasons=[], table=table, mode_shares=None,
+        converged=True, failed=[], table=table, mode_shares=None,
         autocorrelation_times=np.array([60.0]),
     )  # fmt: skip
     run = SimpleNamespace(
@@ -124,8 +125,9 @@ def test_a_member_that_did_not_converge_makes_the_population_one_too(made):
     assert not made.convergence["converged"]
     whole = content([member("a"), member("b")])
     assert whole.convergence["converged"]
-    whole.pooled.convergence.reasons.append("too short")
-    assert whole.convergence["reasons"] == ["population, too short"]
+    whole.pooled.convergence.failed.append(Failed("length", "run 1", "too short", -9.0))
+    assert whole.convergence["reasons"] == ["population, run 1: too short; sample longer"]
+    assert whole.convergence["failed_gates"][0]["of"] == "population, run 1"
 
 
 def test_the_file_is_a_new_specimens_completed_by_the_first_member(made):

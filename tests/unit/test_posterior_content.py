@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,10 @@ from deabayes.parameter import Parameter
 from deabayes.posteriors.content import convergence_summary, shortness
 from deabayes.posteriors.summary import contraction, contractions
 from deabayes.prior.joint import Prior
+from deabayes.sampling.gates import Failed
 from deabayes.sampling.pooling import PooledResult
+
+SHORT = Failed("length", "run 1", "too short", -9.0)
 
 
 def run(length=6, **numbers):
@@ -58,11 +62,12 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     )
     shares = pd.DataFrame({"run 1": [0.9, 0.1], "run 2": [0.8, 0.2]})
     convergence = SimpleNamespace(
-        converged=False, reasons=["too short"], table=table, mode_shares=shares,
+        converged=False, failed=[SHORT], table=table, mode_shares=shares,
         autocorrelation_times=np.array([60.0, 40.0]),
     )  # fmt: skip
     assert convergence_summary(PooledResult(runs, convergence)) == {
-        "converged": False, "reasons": ["too short"], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
+        "converged": False, "reasons": ["run 1: too short; sample longer"],
+        "failed_gates": [asdict(SHORT)], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
         "ess_tail_min": 300.0, "autocorrelation_times_min": 40.0, "tau_max": 5.0, "steps": 100,
         "walkers": 2, "ensembles": 2, "acceptance": pytest.approx(0.3), "refitted": True,
         "replaced_walkers": 3, "failures": {"evaluations": 1500, "failed": 11},

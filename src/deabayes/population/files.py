@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -55,8 +55,10 @@ class PopulationContent:
         found = convergence_summary(self.pooled)
         lost = [member.study for member in self.model.members if not member.converged]
         reasons = [f"{name}: its own posterior has not converged" for name in lost]
-        reasons += [f"population, {reason}" for reason in self.pooled.convergence.reasons]
-        return found | {"converged": not reasons, "reasons": reasons}
+        failed = [replace(f, of=f"population, {f.of}") for f in self.pooled.convergence.failed]
+        reasons += [str(each) for each in failed]
+        gates = [asdict(each) for each in failed]
+        return found | {"converged": not reasons, "reasons": reasons, "failed_gates": gates}
 
 
 def population_tree(content: PopulationContent) -> xr.DataTree:

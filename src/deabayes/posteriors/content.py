@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pandas as pd
@@ -148,7 +148,8 @@ def convergence_summary(pooled: PooledResult) -> dict[str, object]:
     shares = convergence.mode_shares
     return {
         "converged": bool(convergence.converged),
-        "reasons": list(convergence.reasons),
+        "reasons": [str(each) for each in convergence.failed],
+        "failed_gates": [asdict(each) for each in convergence.failed],
         "r_hat_max": float(table["r_hat"].max()),
         "ess_bulk_min": float(table["ess_bulk"].min()),
         "ess_tail_min": float(table["ess_tail"].min()),

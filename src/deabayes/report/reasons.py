@@ -1,20 +1,13 @@
-"""Why a candidate did not converge, as a reader needs it: a sentence per gate, and what to do.
-
-The posterior file has a sentence per gate and quantity.
-"""
+"""Why a candidate did not converge, as a reader needs it: a sentence per gate, and what to do."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-LONGER = "; sample longer"
-NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-FEWER_IS_WORSE = ("only", "the bulk", "the tail")
-"""How sentences begin whose smallest number is the worst."""
+from deabayes.sampling.gates import Failed
 
 
 def grouped(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> list[str]:
@@ -25,34 +18,20 @@ def grouped(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> list
     convergence : as in a posterior file.
     sampling : the settings it was sampled with; without them no number is advised.
     """
-    reasons = [str(each) for each in convergence.get("reasons") or ()]
-    groups: dict[str, list[str]] = defaultdict(list)
-    for reason in reasons:
-        sentence = reason.removesuffix(LONGER)
-        subject, _, text = sentence.partition(": ")
-        groups[NUMBER.sub("#", text) if text else subject].append(sentence)
-    found = [_worst(each) for each in groups.values()]
-    if any(reason.endswith(LONGER) for reason in reasons):
-        found.append(_advice(convergence, sampling))
-    return found
+    failed = [Failed(**each) for each in convergence.get("failed_gates") or ()]
+    gates: dict[str, list[Failed]] = defaultdict(list)
+    for each in failed:
+        gates[each.gate].append(each)
+    of_gates = {str(each) for each in failed}
+    others = [str(each) for each in convergence.get("reasons") or () if str(each) not in of_gates]
+    advice = [_advice(convergence, sampling)] if any(each.longer for each in failed) else []
+    return [*(_worst(each) for each in gates.values()), *others, *advice]
 
 
-def _worst(sentences: list[str]) -> str:
-    if len(sentences) == 1:
-        return sentences[0]
-    sign = -1.0 if _text(sentences[0]).startswith(FEWER_IS_WORSE) else 1.0
-    worst = max(sentences, key=lambda each: sign * _first_number(_text(each)))
-    return f"{worst} (the worst of {len(sentences)})"
-
-
-def _text(sentence: str) -> str:
-    """What is said, without the quantity or run that it is said of."""
-    return sentence.partition(": ")[2]
-
-
-def _first_number(text: str) -> float:
-    found = NUMBER.search(text)
-    return float(found.group()) if found else 0.0
+def _worst(failed: list[Failed]) -> str:
+    worst = max(failed, key=lambda each: each.badness)
+    many = f" (the worst of {len(failed)})" if len(failed) > 1 else ""
+    return f"{worst.of}: {worst.text}{many}"
 
 
 def _advice(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> str:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
-from deabayes.sampling.mixture import Mixture, fit
+from deabayes.sampling.gates import Failed
+from deabayes.sampling.mode_shares import mode_shares
 from deabayes.study import Sampling
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Convergence:
     Attributes
     ----------
     converged : all gates passed.
-    reasons : one sentence per gate that failed.
+    failed : gates that were not passed, one per quantity, run or mode.
     table : one row per quantity with columns mean, sd, median, q05, q95, mcse_mean,
         ess_bulk, ess_tail, r_hat.
     autocorrelation_times : (E,) how many autocorrelation times each run covers.
@@ -46,11 +46,16 @@ class Convergence:
     """
 
     converged: bool
-    reasons: list[str]
+    failed: list[Failed]
     table: pd.DataFrame
     autocorrelation_times: FloatArray
     mode_shares: pd.DataFrame | None = None
     agree: bool = True
+
+    @property
+    def reasons(self) -> list[str]:
+        """One sentence per gate and quantity, run or mode that did not pass it."""
+        return [str(each) for each in self.failed]
 
 
 def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
@@ -110,58 +115,68 @@ def assess(
     """
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
-    disagreeing = _r_hat_reasons(table, settings)
-    short = _size_reasons(table, settings) + _length_reasons(times, settings)
-    short += _tau_reasons(quantities, times, settings)
+    disagreeing = _r_hats(table, settings)
+    short = _sizes(table, settings) + _lengths(times, settings)
+    short += _changing_times(quantities, times, settings)
     if dropped is not None:
-        short += _burn_in_reasons(np.asarray(dropped) * times)
+        short += _burn_ins(np.asarray(dropped) * times)
     if log_posterior is not None:
-        disagreeing += _stuck_reasons(log_posterior)
+        disagreeing += _stuck(log_posterior)
     shares = None
     if draws is not None:
-        shares, mode_reasons = mode_shares(draws)
-        disagreeing += mode_reasons
-    reasons = disagreeing + short
-    return Convergence(not reasons, reasons, table, times, shares, agree=not disagreeing)
+        shares, weighed_otherwise = mode_shares(draws)
+        disagreeing += weighed_otherwise
+    failed = disagreeing + short
+    return Convergence(not failed, failed, table, times, shares, agree=not disagreeing)
 
 
-def _r_hat_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
-    reasons = []
+def _r_hats(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
+    failed = []
     for name, row in table.iterrows():
         if not np.isfinite(row[["r_hat", "ess_bulk", "ess_tail"]].to_numpy(float)).all():
-            reasons.append(f"{name}: some draws are not a number, so it cannot be judged")
+            text = "some draws are not a number, so it cannot be judged"
+            failed.append(Failed("finite", str(name), text, 0.0, longer=False))
         elif not row["r_hat"] < settings.r_hat:
-            reasons.append(
-                f"{name}: R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
-                "the independent runs disagree; sample longer"
+            text = (
+                f"R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
+                "the independent runs disagree"
             )
-    return reasons
+            failed.append(Failed("r_hat", str(name), text, float(row["r_hat"])))
+    return failed
 
 
-def _size_reasons(table: pd.DataFrame, settings: Sampling) -> list[str]:
-    reasons = []
-    for name, row in table.iterrows():
-        for column, meaning in (("ess_bulk", "bulk"), ("ess_tail", "tail")):
-            if row[column] < settings.ess:
-                reasons.append(
-                    f"{name}: the {meaning} of the distribution rests on {row[column]:.0f} "
-                    f"effective draws, fewer than {settings.ess:g}; sample longer"
-                )
-    return reasons
-
-
-def _length_reasons(times: FloatArray, settings: Sampling) -> list[str]:
+def _sizes(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
     return [
-        f"run {run}: only {covered:.0f} autocorrelation times long, fewer than "
-        f"{settings.autocorrelation_times:g}; sample longer"
+        Failed(
+            column,
+            str(name),
+            f"the {meaning} of the distribution rests on {row[column]:.0f} effective draws, "
+            f"fewer than {settings.ess:g}",
+            -float(row[column]),
+        )
+        for name, row in table.iterrows()
+        for column, meaning in (("ess_bulk", "bulk"), ("ess_tail", "tail"))
+        if row[column] < settings.ess
+    ]
+
+
+def _lengths(times: FloatArray, settings: Sampling) -> list[Failed]:
+    return [
+        Failed(
+            "length",
+            f"run {run}",
+            f"only {covered:.0f} autocorrelation times long, fewer than "
+            f"{settings.autocorrelation_times:g}",
+            -float(covered),
+        )
         for run, covered in enumerate(times, start=1)
         if not covered >= settings.autocorrelation_times
     ]
 
 
-def _tau_reasons(
+def _changing_times(
     quantities: Mapping[str, FloatArray], times: FloatArray, settings: Sampling
-) -> list[str]:
+) -> list[Failed]:
     """Compare tau of all runs with tau of their first four fifths."""
     ample = bool(np.all(times >= LONG_ENOUGH * settings.autocorrelation_times))
     tolerance = LOOSE_TAU_TOLERANCE if ample else TAU_TOLERANCE
@@ -175,17 +190,22 @@ def _tau_reasons(
     change = abs(tau / before - 1)
     if change <= tolerance:
         return []
-    reason = (
-        f"{slowest}: the autocorrelation time still changes by {change:.0%} over the last fifth "
-        f"of the runs, more than {tolerance:.0%}; sample longer"
+    text = (
+        f"the autocorrelation time still changes by {change:.0%} over the last fifth "
+        f"of the runs, more than {tolerance:.0%}"
     )
-    return [reason]
+    return [Failed("tau", slowest, text, change)]
 
 
-def _burn_in_reasons(times: FloatArray) -> list[str]:
+def _burn_ins(times: FloatArray) -> list[Failed]:
     return [
-        f"run {run}: only {dropped:.1f} autocorrelation times were dropped at its start, "
-        f"fewer than {BURN_IN_TIMES:g}; sample longer"
+        Failed(
+            "burn_in",
+            f"run {run}",
+            f"only {dropped:.1f} autocorrelation times were dropped at its start, "
+            f"fewer than {BURN_IN_TIMES:g}",
+            -float(dropped),
+        )
         for run, dropped in enumerate(times, start=1)
         if not dropped >= BURN_IN_TIMES
     ]
@@ -203,66 +223,16 @@ def stuck_walkers(log_posterior: FloatArray) -> FloatArray:
     return frozen | (log_posterior.mean(axis=1) < lowest)
 
 
-def _stuck_reasons(log_posterior: FloatArray) -> list[str]:
+def _stuck(log_posterior: FloatArray) -> list[Failed]:
     return [
-        f"run {run}: {stuck.sum()} of {len(stuck)} walkers are stuck (they did not move, or "
-        "stay where the posterior is far lower than elsewhere); start again with another seed"
+        Failed(
+            "stuck",
+            f"run {run}",
+            f"{stuck.sum()} of {len(stuck)} walkers are stuck (they did not move, or "
+            "stay where the posterior is far lower than elsewhere); start again with another seed",
+            float(stuck.sum()),
+            longer=False,
+        )
         for run, stuck in enumerate(stuck_walkers(log_posterior), start=1)
         if stuck.any()
     ]
-
-
-def mode_shares(
-    draws: FloatArray, components: int = 8, sample: int = 6000
-) -> tuple[pd.DataFrame, list[str]]:
-    """Share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
-
-    A mixture is fitted to the pooled draws; components that share more than one per cent
-    of their draws make up one mode. Shares disagree when one is further from the pooled
-    share than four standard errors and half a per cent, or less than a fifth of a pooled
-    share above one per cent: a mode that this run has missed.
-    """
-    import pandas as pd
-
-    runs, steps, _, dimension = draws.shape
-    flat = draws.reshape(-1, dimension)
-    flat = flat[chains.thin_evenly(len(flat), sample)]
-    mixture = fit(flat, components, np.random.default_rng(0))
-    kept = draws[:, chains.thin_evenly(steps, 200)]
-    cell = mixture.component_log_density(kept.reshape(-1, dimension)).argmax(axis=1)
-    mode = _modes(mixture, flat)[cell].reshape(kept.shape[:3])
-    labels = [f"run {run}" for run in range(1, runs + 1)]
-    inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
-    inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
-    table = pd.DataFrame([each.mean(axis=(1, 2)) for each in inside], columns=labels)
-    table.index = pd.RangeIndex(1, len(table) + 1, name="mode")
-    reasons: list[str] = []
-    for index, each in enumerate(inside, start=1):
-        reasons += _share_reasons(index, each)
-    return table, reasons
-
-
-def _share_reasons(index: int, inside: FloatArray) -> list[str]:
-    pooled, shares = inside.mean(), inside.mean(axis=(1, 2))
-    sizes = [chains.ess_bulk(run[None]) for run in inside if 0 < run.mean() < 1]
-    error = np.sqrt(pooled * (1 - pooled) / np.median(sizes)) if sizes else 0.0
-    missed = (shares < pooled / 5) & (pooled > 0.01)
-    return [
-        f"mode {index}: it holds {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
-        "the independent runs weigh the modes differently; sample longer"
-        for run in np.flatnonzero((np.abs(shares - pooled) > 4 * error + 0.005) | missed)
-    ]
-
-
-def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> NDArray[np.intp]:
-    """Mode (K,) of every component: joined when they share some of the draws z (N, d)."""
-    terms = mixture.component_log_density(z)
-    member = np.exp(terms - terms.max(axis=1, keepdims=True))
-    member /= member.sum(axis=1, keepdims=True)
-    mode = np.arange(len(mixture.weights))
-    for first in range(len(mode)):
-        for second in range(first):
-            shared = np.minimum(member[:, first], member[:, second]).sum()
-            if shared > overlap * min(member[:, first].sum(), member[:, second].sum()):
-                mode[mode == mode[first]] = mode[second]
-    return np.unique(mode, return_inverse=True)[1]
