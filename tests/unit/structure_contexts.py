@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from tests.unit.structures import FILM, PLAIN, STIFFNESS, VISCOSITY, pull, structure, voltage
 
+from deabayes import analyses
 from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Experiment
 from deabayes.fitted import Fitted
@@ -129,3 +130,26 @@ def motion() -> StudyContext:
 def _context(name, candidates, protocol, records) -> StudyContext:
     study = Study(name, Path("data/minimum_energy_structure"), candidates, noise="white")
     return StudyContext(study, PLAIN, records, {n: fitted(n, protocol) for n in candidates})
+
+
+@cache
+def computed(name, study):
+    """One analysis of one of the made-up studies."""
+    return analyses.module(name).compute({"static": static, "motion": motion}[study]())
+
+
+def known(context, responses):
+    """A context whose models answer with these curves: record -> (S, N)."""
+    made = replace(context, _responses={})
+    for name in made.candidates:
+        made._responses.update({(name, record): curves for record, curves in responses.items()})
+    return made
+
+
+def exact(context, shift=0.0):
+    """A context whose models are off by `shift` of each record's range."""
+    return known(
+        context,
+        {e.name: np.tile(e.response - shift * e.response_range, (3, 1))
+         for e in context.experiments},
+    )  # fmt: skip

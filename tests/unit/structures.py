@@ -30,6 +30,8 @@ FILM = {
 """The paper's Table 3, exponents ascending."""
 STIFFNESS, VISCOSITY = (66.0, 8.0, 3.5, 0.8), (0.55, 4.0, 20.0, 50.0)
 """The paper's Table 4."""
+LENGTH, REST = 0.067, np.pi / 4
+"""Length of two links [m] and the angle at no voltage [rad]."""
 
 
 def specimen(**changes):
