@@ -6,57 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.unit.strip_records import LAGGING, STRIP, curve, prepared, raw, relaxation, triangle
 
-from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
+from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError
 from deabayes.preparation import DEFAULT_STEPS, NEEDS_TIME, REGISTRY, prepare
-from deabayes.preparation.overview import thinned
-from deabayes.preparation.polyline import corners, polyline
 from deabayes.reading.raw import ExperimentRow, RawRecord
-
-STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
-LAGGING = Specimen(
-    "strip", "tensile_strip", {"kind": "measured"}, {}, {"delay": Quantity(0.5, "s")}
-)
-
-
-def relaxation(interval: float = 0.02, end: float = 1000.0) -> RawRecord:
-    """A 2 s ramp to 40 mm from t = 1 s, 0.8 mm overshoot, spring back in 0.2 s, then a hold."""
-    time = np.arange(0.0, end, interval)
-    displacement = np.interp(time, [0, 1, 3, 3.2, end], [0, 0, 0.0408, 0.04, 0.04])
-    force = 1.0 / (1.0 + np.maximum(time - 3.0, 0.0)) * displacement / 0.04
-    return raw(time, displacement, force)
-
-
-def triangle() -> RawRecord:
-    """80 mm up and down in 20 s; slack, with a negative force, once below 20 mm on the way back."""
-    time = np.linspace(0.0, 20.0, 2001)
-    displacement = 0.008 * np.minimum(time, 20.0 - time)
-    back = np.where(displacement > 0.02, displacement - 0.02, -1e-4) * 10.0
-    return raw(time, displacement, np.where(time > 10.0, back, displacement * 10.0))
-
-
-def raw(time: FloatArray, displacement: FloatArray, force: FloatArray) -> RawRecord:
-    columns = {"time": time, "displacement": displacement, "force": force}
-    return RawRecord(columns, {"time": "s", "displacement": "m", "force": "N"}, "ab" * 32)
-
-
-def prepared(
-    record: RawRecord, *steps: object, protocol: str = "relaxation", specimen: Specimen = STRIP
-) -> Experiment:
-    row = ExperimentRow("a", protocol, "a.csv", "calibrate", "displacement", "force", {"note": "x"})
-    return prepare(row, record, specimen, list(steps))  # type: ignore[arg-type]
-
-
-def curve(
-    stretch: FloatArray, stress: FloatArray, *steps: object, **metadata: object
-) -> Experiment:
-    row = ExperimentRow(
-        "a", "quasi_static", "a.csv", "calibrate", "stretch", "nominal_stress", metadata
-    )  # type: ignore[arg-type]
-    columns = {"stretch": stretch, "nominal_stress": stress}
-    record = RawRecord(columns, {"stretch": "1", "nominal_stress": "Pa"}, "cd" * 32)
-    return prepare(row, record, STRIP, list(steps))  # type: ignore[arg-type]
 
 
 def test_without_steps_a_record_is_only_relabelled() -> None:
@@ -185,47 +140,6 @@ def test_decimate_keeps_samples_as_measured() -> None:
     assert np.all(experiment.samples_averaged == 1.0)
 
 
-def test_polyline_keeps_its_promise() -> None:
-    rng = np.random.default_rng(7)
-    time = np.cumsum(rng.uniform(0.5, 1.5, 4000))
-    walk = np.cumsum(rng.standard_normal(4000))
-    for tolerance in (0.0, 0.5, 3.0, 20.0):
-        knots = polyline(time, walk, tolerance)
-        error = np.abs(np.interp(time, time[knots], walk[knots]) - walk)
-        assert error.max() <= tolerance + 1e-9
-    assert polyline(time, walk, 3.0).size < 0.3 * time.size
-
-
-def test_polyline_follows_a_curve_that_jumps() -> None:
-    """Knots of one coordinate, as `limit_current` leaves them at clock times."""
-    time = np.array([0.0, 0.0, 1.0, 2.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0])
-    values = np.array([0.0, 5.0, 5.0, 5.0, 5.01, 9.0, 8.0, 7.0, 7.05, 6.0])
-    with np.errstate(all="raise"):
-        assert polyline(time, values, 0.1).tolist() == [0, 1, 4, 5, 9]
-    assert polyline(time, values, 0.0).tolist() == [0, 1, 3, 4, 5, 7, 8, 9]
-
-
-def test_polyline_of_a_ramp_and_hold_has_few_knots() -> None:
-    record = relaxation()
-    assert polyline(record.columns["time"], record.columns["displacement"], 1e-6).size <= 7
-
-
-def test_corners_stand_at_turns_and_jumps() -> None:
-    record = relaxation()
-    found = corners(record.columns["time"], record.columns["displacement"], 0.05, 0.01)
-    assert np.allclose(found, [1.0, 3.0], atol=0.05)
-    time = np.linspace(0.0, 10.0, 1001)
-    jump = corners(time, np.where(time >= 5.0, 3.0, 0.0), 0.05, time[1] - time[0])
-    assert jump.tolist() == [5.0]
-
-
-def test_corners_are_found_on_a_thinned_excitation() -> None:
-    """Its knots are neighbours in the array, not in time: a corner is no jump for that."""
-    time = np.array([0.0, 2.0, 2.01, 6.0, 20.0])
-    values = np.array([0.0, 0.0, 1.0, 3.0, 3.0])
-    assert corners(time, values, 0.05, 0.01).tolist() == [2.01, 6.0]
-
-
 def test_curve_without_time_is_put_in_order() -> None:
     stretch = np.array([1.0, 3.0, 2.0, 4.0, 5.0])
     experiment = curve(stretch, 10.0 * stretch, deformation="pure_shear", note="not a condition")
@@ -301,16 +215,3 @@ def test_defaults_exist_and_are_registered() -> None:
     for protocol, steps in DEFAULT_STEPS.items():
         for step in steps:
             assert set(step) <= set(REGISTRY), protocol
-
-
-def test_overview_keeps_extremes_within_its_limit() -> None:
-    rng = np.random.default_rng(5)
-    time = np.linspace(0.0, 1000.0, 50_000)
-    response = rng.standard_normal(time.size)
-    response[[30_000, 41_234]] = 50.0, -50.0
-    masked = (time > 1.0) & (time < 1.2)
-    kept = thinned(time, response, np.interp(time, [0, 2, 1000], [0, 1, 1]), masked)
-    assert kept.size <= 2000
-    assert {30_000, 41_234} <= set(kept.tolist())
-    assert masked[kept].any()
-    assert np.all(np.diff(kept) > 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.test_preparation import curve, prepared, raw, relaxation
+from tests.unit.strip_records import curve, prepared, raw, relaxation
 
 
 def test_average_is_an_honest_mean() -> None:

@@ -2,76 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
+from tests.unit.periodic_records import periodic, record, reduced, said, unbiased
 
-from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.preparation import prepare
 from deabayes.preparation.cycles import grouped
-from deabayes.reading.raw import ExperimentRow, RawRecord
-
-FILM = Specimen("film", "tubular", {"kind": "simulated"}, {})
-MONITOR = 0.3
-Signal = Callable[[FloatArray], FloatArray]
-
-
-def biased(frequency: float) -> Signal:
-    """0.5 to 5 kV from the trough: never zero while it is on."""
-    return lambda time: 2250.0 * np.sin(2.0 * np.pi * frequency * time - np.pi / 2.0) + 2750.0
-
-
-def unbiased(frequency: float) -> Signal:
-    return lambda time: 2500.0 * np.sin(2.0 * np.pi * frequency * time)
-
-
-def periodic(time: FloatArray, frequency: float) -> FloatArray:
-    """A response of unit amplitude with a second harmonic."""
-    angle = 2.0 * np.pi * frequency * time
-    return np.sin(angle - 0.7) + 0.2 * np.cos(2.0 * angle)
-
-
-def record(
-    frequency: float = 2.0,
-    *,
-    count: float = 50.0,
-    rest: float = 0.0,
-    after: float = 0.0,
-    interval: float = 1e-3,
-    volts: Signal | None = None,
-    monitor: float = MONITOR,
-    drift: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 1,
-) -> RawRecord:
-    """`count` periods of voltage and response between two rests; `drift` per second."""
-    rng = np.random.default_rng(seed)
-    time = interval * np.arange(round((rest + count / frequency + after) / interval))
-    since = time - rest
-    on = (since > -1e-9) & (since < count / frequency)
-    voltage = np.where(on, (volts or biased(frequency))(since), 0.0)
-    response = np.where(on, periodic(since, frequency), 0.0) + drift * time
-    columns = {
-        "time": time,
-        "voltage": voltage + monitor * rng.standard_normal(time.size),
-        "displacement": response + noise * rng.standard_normal(time.size),
-    }
-    return RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
-
-
-def reduced(
-    raw: RawRecord, *before: object, stated: object = None, then: str = "", **settings: object
-) -> Experiment:
-    """The record after the steps `before`, `cycles` with its settings, and `then`."""
-    row = ExperimentRow("a", "sine", "a.csv", "calibrate", "voltage", "displacement",
-                        {} if stated is None else {"frequency_Hz": stated})  # type: ignore[dict-item]  # fmt: skip
-    after = [then] if then else []
-    return prepare(row, raw, FILM, [*before, {"cycles": settings}, *after])  # type: ignore[list-item]
-
-
-def said(experiment: Experiment) -> dict[str, object]:
-    return dict(experiment.steps[-1])
+from deabayes.reading.raw import RawRecord
 
 
 @pytest.mark.parametrize("frequency", [1.0, 3.0, 7.0, 10.0])
@@ -219,62 +155,3 @@ def test_decimate_keeps_the_middle_cycle(group: int, middle: int) -> None:
     assert np.array_equal(experiment.response[200:240], cycle)
     assert np.array_equal(experiment.samples_averaged[200:240], every.samples_averaged[:40])
     assert "thinned to the middle one" in str(said(experiment)["effect"])
-
-
-def settling(tau: float) -> RawRecord:
-    raw = record(2.0, noise=0.01)
-    time = raw.columns["time"]
-    slow = 2.0 * (1.0 - np.exp(-time / tau))
-    return RawRecord(raw.columns | {"displacement": raw.columns["displacement"] + slow},
-                     raw.units, raw.sha256)  # fmt: skip
-
-
-def test_a_transition_that_is_not_over_is_a_warning() -> None:
-    experiment = reduced(settling(5.0))
-    # the first group's cycle means: from the middles of cycles 6 and 14, 2.75 s and 6.75 s
-    slow = 2.0 * np.exp(-np.arange(2.75, 7.0, 0.5) / 5.0)
-    entry = said(experiment)
-    assert entry["drift"] == pytest.approx(np.ptp(slow) / np.ptp(experiment.response), rel=0.05)
-    off = slow.mean() - slow[4]
-    assert entry["off_middle"] == pytest.approx(off / np.ptp(experiment.response), rel=0.1)
-    (warning,) = experiment.warnings
-    assert "still settles after 5 cycles; raise `transition`" in warning
-    assert f"up to {entry['off_middle']:.2%} of the range off" in warning
-    assert not reduced(settling(5.0), stable="decimate").warnings
-    assert not reduced(settling(0.5)).warnings
-
-
-def test_what_cancels_is_no_warning() -> None:
-    """A steady drift, of 40 % of the range in a group."""
-    experiment = reduced(record(2.0, drift=0.2, noise=0.01))
-    assert said(experiment)["drift"] == pytest.approx(0.8 / np.ptp(experiment.response), rel=0.02)
-    assert said(experiment)["off_middle"] < 1e-3
-    assert not experiment.warnings
-
-
-@pytest.mark.parametrize("group", [3, 5, 9])
-def test_how_far_means_are_off(group: int) -> None:
-    """Exact where the response bends as a parabola: c (G^2 - 1) / 12 per cycle squared."""
-    raw = record(2.0)
-    bent = raw.columns["displacement"] + 1e-3 * raw.columns["time"] ** 2
-    experiment = reduced(RawRecord(raw.columns | {"displacement": bent}, raw.units, raw.sha256),
-                         group=group)  # fmt: skip
-    off = 1e-3 * 0.5**2 * (group**2 - 1) / 12
-    assert said(experiment)["off_middle"] * np.ptp(experiment.response) == pytest.approx(
-        off, rel=0.1
-    )
-
-
-def test_a_growing_amplitude_is_drift_too() -> None:
-    raw = record(2.0)
-    time = raw.columns["time"]
-    grown = raw.columns["displacement"] * (1.0 + 0.01 * time)
-    experiment = reduced(RawRecord(raw.columns | {"displacement": grown}, raw.units, raw.sha256))
-    assert said(experiment)["drift"] == pytest.approx(0.04 / np.ptp(grown), rel=0.15)
-
-
-def test_noise_is_no_drift() -> None:
-    for seed in range(5):
-        experiment = reduced(record(10.0, noise=0.1, seed=seed))
-        assert said(experiment)["drift"] == said(experiment)["off_middle"] == 0.0
-        assert not experiment.warnings

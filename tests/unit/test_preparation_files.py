@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.test_preparation import LAGGING, prepared, relaxation
+from tests.unit.strip_records import LAGGING, prepared, relaxation
 
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.unit.test_preparation_cycles import Signal, biased, record, reduced, said, unbiased
+from tests.unit.periodic_records import Signal, biased, record, reduced, said, unbiased
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.test_preparation import prepared, relaxation
+from tests.unit.strip_records import prepared, relaxation
 
 from deabayes.faults import UserError
 from deabayes.preparation.addressed import misaddressed
