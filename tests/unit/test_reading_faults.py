@@ -2,110 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import (
-    HEADER,
-    TABLE,
-    make_folder,
-    record_lines,
-    replace_in,
-    write_lines,
+from tests.unit.breaks import (
+    Break,
+    column,
+    copy_record,
+    cut_record,
+    header,
+    row,
+    specimen,
+    stated,
+    table,
+    voltage,
+    whole,
 )
+from tests.unit.study_folders import TABLE, make_folder, record_lines, replace_in, write_lines
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.folder import read_folder, scan_folder
-
-Break = Callable[[Path], object]
-
-
-def table(old: str, new: str) -> Break:
-    """Change experiments.csv."""
-    return lambda folder: replace_in(folder / "experiments.csv", old, new)
-
-
-def specimen(old: str, new: str) -> Break:
-    """Change specimen.yaml."""
-    return lambda folder: replace_in(folder / "specimen.yaml", old, new)
-
-
-def row(number: int, text: str) -> Break:
-    """Put `text` into data row `number` of records/relax.csv."""
-
-    def change(folder: Path) -> None:
-        lines = record_lines(1)
-        lines[number] = text
-        write_lines(folder / "records" / "relax.csv", lines)
-
-    return change
-
-
-def column(index: int, value: str) -> Break:
-    """Put one value into a whole column of records/relax.csv."""
-
-    def change(folder: Path) -> None:
-        rows = [line.split(",") for line in record_lines(1)[1:]]
-        lines = [",".join([*cells[:index], value, *cells[index + 1 :]]) for cells in rows]
-        write_lines(folder / "records" / "relax.csv", [HEADER, *lines])
-
-    return change
-
-
-def whole(*lines: str) -> Break:
-    """Make records/relax.csv of these lines."""
-    return lambda folder: write_lines(folder / "records" / "relax.csv", list(lines))
-
-
-def header(text: str) -> Break:
-    """Change the header of records/relax.csv."""
-    return lambda folder: write_lines(
-        folder / "records" / "relax.csv", [text, *record_lines(1)[1:]]
-    )
-
-
-def voltage(unit: str, volts: str, column: str, stated: str) -> Break:
-    """Give the record a voltage and its row a number about it."""
-
-    def change(folder: Path) -> None:
-        first, *rows = record_lines(1)
-        lines = [
-            f"{first},voltage [{unit}]",
-            *(f"{r},{volts if i else 0}" for i, r in enumerate(rows)),
-        ]
-        write_lines(folder / "records" / "relax.csv", lines)
-        replace_in(folder / "experiments.csv", "stretch_rate_per_s", f"stretch_rate_per_s,{column}")
-        replace_in(folder / "experiments.csv", "first,", f"first,,{stated}")
-
-    return change
-
-
-def copy_record(folder: Path) -> None:
-    """Validate on the very record that is fitted."""
-    source = (folder / "records" / "relax.csv").read_bytes()
-    (folder / "records" / "pull.csv").write_bytes(source)
-
-
-def cut_record(folder: Path) -> None:
-    """Cut the record in the middle of a row."""
-    path = folder / "records" / "relax.csv"
-    path.write_bytes(path.read_bytes()[:-12])
-
+from deabayes.reading.folder import read_folder
 
 RELAX = "relax.csv"
-
-
-def stated(column: str, cell: str) -> Break:
-    """Say something of the pull in a column that models read as a number."""
-
-    def change(folder: Path) -> None:
-        replace_in(folder / "experiments.csv", "stretch_rate_per_s", column)
-        replace_in(folder / "experiments.csv", "0.05", cell)
-
-    return change
-
-
 NO_NUMBERS = {
     ("load_g", '"3,0"'): "found '3,0'; write 3.0, with a decimal point, or leave the cell empty",
     ("voltage_kV", '"0,1"'): "found '0,1'; write 0.1, with a decimal point",
@@ -287,23 +205,6 @@ def test_bad_input_is_named_with_a_remedy(tmp_path: Path, case: str) -> None:
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("unit", "volts", "column", "stated"),
-    [
-        ("kV", "2.0", "voltage_kV", "2.1"),
-        ("V", "2000", "amplitude_kV", "1"),
-        ("V", "2.0", "voltage_kV", "0"),
-        ("V", "nan", "voltage_kV", "2"),
-    ],
-)
-def test_voltages_that_agree_with_their_row(
-    tmp_path: Path, unit: str, volts: str, column: str, stated: str
-) -> None:
-    folder = make_folder(tmp_path)
-    voltage(unit, volts, column, stated)(folder)
-    read_folder(folder)
-
-
 def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     for case in ("unknown quantity", "NaN"):
@@ -318,13 +219,6 @@ def test_all_faults_of_a_folder_come_together(tmp_path: Path) -> None:
     assert "line 3, protocol" in text
 
 
-def test_a_constant_response_is_one_fault(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path)
-    column(2, "0.5")(folder)
-    (fault,) = scan_folder(folder)[1]
-    assert "column force: is constant" in fault
-
-
 def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     BREAKS["NaN"][0](folder)
@@ -332,25 +226,6 @@ def test_records_are_checked_on_reading_when_not_before(tmp_path: Path) -> None:
     with pytest.raises(Faults, match="data row 20"):
         read.record(read.table[0])
     assert read.record(read.table[1]).columns["force"].size == 40
-
-
-@pytest.mark.parametrize(("newton", "refused"), [(1.13, False), (1.09, True)])
-def test_a_clipped_sensor_may_read_five_per_cent_beyond_its_range(
-    tmp_path: Path, newton: float, refused: bool
-) -> None:
-    folder = make_folder(tmp_path)  # forces up to 1.167 N
-    specimen("range: {value: 10, unit: N}", f"range: {{value: {newton}, unit: N}}")(folder)
-    faults = scan_folder(folder)[1]
-    assert len(faults) == 2 * refused  # both records
-    assert all("column force: reaches 1.16" in fault for fault in faults)
-
-
-def test_a_row_given_twice_is_said_once(tmp_path: Path) -> None:
-    folder = make_folder(tmp_path)
-    table("pull,load_unload,records/pull.csv", "relax,load_unload,records/relax.csv")(folder)
-    with pytest.raises(Faults) as caught:
-        read_folder(folder)
-    assert len(caught.value.faults) == 1
 
 
 def test_a_file_for_a_folder(tmp_path: Path) -> None:
