@@ -1,4 +1,4 @@
-"""A small sound study folder to break in one place at a time."""
+"""A small sound study folder to break in one place at a time; where the shipped ones are."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ relax,relaxation,records/relax.csv,calibrate,displacement,force,first,
 pull,load_unload,records/pull.csv,validate,displacement,force,,0.05
 """
 HEADER = "time [s],displacement [mm],force [N]"
+SPECIMENS = Path(__file__).parents[2] / "data"
+"""The shipped folders."""
 
 
 def record_lines(seed: int, rows: int = 40) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.unit.test_checking import make_folder
+from tests.unit.study_folders import make_folder
 
 from deabayes.checks.study import check_study
 from deabayes.study import Study
