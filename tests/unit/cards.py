@@ -123,6 +123,7 @@ def ansys(text):
     return list(materials.values())
 
 
+PROGRAMS = ("abaqus", "ansys")
 READ = {"abaqus": abaqus, "ansys": ansys}
 
 

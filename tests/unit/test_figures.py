@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,19 +12,9 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import figures
-from deabayes.faults import UserError
 from deabayes.figures import panels
 from deabayes.figures.results import StudyResults
 from deabayes.noise import REGISTRY as NOISE_MODELS
-from deabayes.quantities import (
-    display_unit,
-    interval,
-    pretty_unit,
-    round_to,
-    significant,
-    symbol_html,
-    symbol_text,
-)
 
 OF_CANDIDATES = [
     n
@@ -240,84 +229,3 @@ def test_noise_along_the_grid_lasts_for_points_and_not_seconds(
     assert right.get_xlabel() == "points of the grid"
     lengths = [line.get_xdata()[0] for line in right.lines if line.get_marker() == "|"]
     assert lengths == [results.study.experiments[name].coordinate.size - 1]
-
-
-def test_save_all_writes_svg_and_png_and_an_index(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    few = {name: figures.REGISTRY[name] for name in ("residuals", "coverage", "errors")}
-    monkeypatch.setattr(figures, "REGISTRY", few)
-    study = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
-    out = study / "figures"
-    saved = figures.save_all(study, out)
-    assert {(s.name, s.candidate, s.sheet) for s in saved} == {
-        ("errors", "", 1),
-        ("residuals", "kv_gm_1", 1),
-        ("residuals", "kv_gm_1", 2),
-        ("coverage", "kv_gm_1", 1),
-    }
-    for figure in saved:
-        assert figure.svg.read_text().startswith("<?xml")
-        assert figure.png.read_bytes().startswith(b"\x89PNG")
-    assert len(json.loads((out / "index.json").read_text())) == len(saved)
-    assert figures.saved_figures(study, out) == saved
-    (study / "comparison.csv").touch()
-    assert figures.saved_figures(study, out) is None
-
-
-def test_unknown_figure_and_empty_study_are_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="did you mean 'residuals'"):
-        figures.module("residual")
-    with pytest.raises(UserError, match="holds no fitted candidate"):
-        _ = StudyResults(tmp_path).candidates
-
-
-def test_recommended_follows_the_verdict(tmp_path: Path) -> None:
-    verdict = "not resolved by these data against kv_gm_1; smallest adequate order"
-    study = StudyResults(write_study(tmp_path, Fake(candidates=(1, 2, 3), verdict=verdict)))
-    assert study.recommended.name == "kv_gm_3"
-
-
-@pytest.mark.parametrize(
-    ("unit", "value", "label", "factor"),
-    [
-        ("Pa", 35e3, "kPa", 1e3),
-        ("Pa", 1.5e6, "MPa", 1e6),
-        ("s", 6e-3, "ms", 1e-3),
-        ("s", 600.0, "s", 1.0),
-        ("m", 40e-6, "µm", 1e-6),
-        ("m", 0.0, "m", 1.0),
-        ("Pa*s", 1e5, "kPa·s", 1e3),
-        ("N*s/m", 0.1, "mN·s/m", 1e-3),
-        ("N/m", 66.0, "N/m", 1.0),
-        ("ohm", 1e9, "GΩ", 1e9),
-        ("m**2", 6e-4, "mm²", 1e-6),
-        ("1", 4.7, "", 1.0),
-        ("F/m", 4.11e-11, "pF/m", 1e-12),
-    ],
-)
-def test_display_units(unit: str, value: float, label: str, factor: float) -> None:
-    found = display_unit(unit, value)
-    assert (found.label, found.factor) == (label, factor)
-
-
-def test_numbers_keep_what_their_interval_supports() -> None:
-    assert interval(35.234, 33.9, 36.6) == "35.2 [33.9, 36.6]"
-    assert interval(1234.4, 1000.0, 1500.0) == "1230 [1000, 1500]"
-    assert round_to(-0.01234, 0.001) == "−0.0123"
-    assert round_to(float("nan"), 1.0) == "–"
-    assert interval(0.4, -0.004, 0.9) == "0.40 [0.00, 0.90]"
-    assert interval(569.2, 144.7, 7186.0) == "570 [140, 7200]"
-    assert interval(-0.332, -2.877, -0.357) == "−0.33 [−2.9, −0.36]"
-    assert interval(5.234, 2.11, 12.4) == "5.2 [2.1, 12.4]"
-    assert significant(1.704) == "1.70"
-    assert significant(0.000012345) == "1.23×10⁻⁵"
-
-
-def test_symbols() -> None:
-    assert symbol_html(r"\mu_\alpha") == "μ<sub>α</sub>"
-    assert symbol_html(r"\mu_{\beta 1}") == "μ<sub>β1</sub>"
-    assert symbol_html(r"\sigma_\mathrm{OU}") == "σ<sub>OU</sub>"
-    assert symbol_html("<script>") == "&lt;script&gt;"
-    assert symbol_text("creep.sigma_ou", r"\sigma") == r"creep: $\sigma$"
-    assert pretty_unit("kg*m^2") == "kg·m²"

@@ -14,11 +14,6 @@ from tests.unit.fake_results import write_study
 from deabayes import figures
 from deabayes.figures.results import StudyResults
 from deabayes.report import build, notices
-from deabayes.report.notices import (
-    noise_at_its_bound,
-    noise_diagnostic_only,
-    noise_took_physics,
-)
 from deabayes.report.page import verdict
 from deabayes.report.tables import about, errors, parameters
 
@@ -176,12 +171,6 @@ def test_words_stand_in_the_parameter_table(built: tuple[str, Path]) -> None:
     assert "Moved by<br>prior / data" in table
 
 
-def test_clean_study_raises_no_serious_notice(tmp_path: Path) -> None:
-    fake = Fake(candidates=(1, 2), protocols=("relaxation", "relaxation"))
-    found = notices.of_study(StudyResults(write_study(tmp_path, fake)))
-    assert {n.title for n in found if n.serious} <= {"Set by the prior, not by the data"}
-
-
 def test_verdicts(tmp_path: Path) -> None:
     protocols = ("relaxation",)
     unresolved = "not resolved by these data against kv_gm_1; smallest adequate order"
@@ -227,62 +216,6 @@ def test_a_score_that_is_not_known_is_left_empty(tmp_path: Path) -> None:
     assert row["pit"] == ""
 
 
-def test_a_warning_of_a_record_stands_once(tmp_path: Path) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",), warnings=("3 gaps",))
-    results = StudyResults(write_study(tmp_path, fake))
-    (said,) = (n for n in notices.of_study(results) if n.title == "Data")
-    (of_record,) = said.details
-    results.recommended.attributes["warnings"] = [of_record, "prior_from: no normal"]
-    (of_fit,) = notices.stored(results.recommended)
-    assert of_fit.details == ("prior_from: no normal",)
-
-
-def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",))
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    assert not list(noise_at_its_bound(results))
-    results.prior["relaxation.tau_ou"].values[:] *= 0.1
-    (notice,) = noise_at_its_bound(results)
-    assert notice.serious
-    assert notice.details[0].startswith("relaxation.tau_ou: 30")
-
-
-@pytest.mark.parametrize(
-    "noise", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "matern32", "ar1"]
-)
-def test_the_notices_on_noise_know_every_model(tmp_path: Path, noise: str) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise, correlated_noise=40e3)
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    (notice,) = noise_took_physics(results)
-    assert notice.serious and "correlated noise stands for" in notice.details[0]
-    assert not list(noise_diagnostic_only(results))
-    (length,) = (n for n in results.names("noise") if ".tau_" in n)
-    results.prior[length].values[:] *= 0.1
-    (notice,) = noise_at_its_bound(results)
-    assert re.match(rf"{length}: \d.* s, at the longest", notice.details[0])
-
-
-@pytest.mark.parametrize(("noise", "title"), [("white", "White"), ("student_t", "Student t")])
-def test_noise_for_diagnosis_only_is_said(tmp_path: Path, noise: str, title: str) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise)
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    (notice,) = noise_diagnostic_only(results)
-    assert notice.title == f"{title} noise"
-    assert "diagnostic only" in notice.details[0]
-    assert not list(noise_took_physics(results))
-    assert not list(noise_at_its_bound(results))
-
-
-def test_a_bound_of_noise_along_the_grid_is_in_points(tmp_path: Path) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",))
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    results.prior["relaxation.tau_ou"].values[:] *= 0.1
-    results.posterior["relaxation.tau_ou"].attrs["unit"] = "1"
-    results.attributes["study"]["noise_coordinate"] = "grid"
-    (notice,) = noise_at_its_bound(results)
-    assert " points, at the longest" in notice.details[0]
-
-
 def test_what_a_record_states_is_read_with_its_unit() -> None:
     stated: dict[str, float | str] = {
         "note": "second pull", "load_g": 300.0, "bias_kV": 2.0, "stretch_rate_per_s": 0.05,
@@ -293,11 +226,3 @@ def test_what_a_record_states_is_read_with_its_unit() -> None:
         "load 300 g; bias 2 kV; stretch rate 0.05 1/s; crosshead 500 mm/min; "
         "deformation uniaxial; batch s B; stretch 2; second pull"
     )
-
-
-def test_the_notice_on_priors_says_what_helps(tmp_path: Path) -> None:
-    fake = Fake(sensitivities={"tau_beta_1": (0.2, 0.01)})
-    found = StudyResults(write_study(tmp_path, fake)).candidates[0]
-    (notice,) = notices.moved_by_prior(found)
-    assert "what is left of the uncertainty is that of priors" in notice.details[0]
-    assert "more data of this kind hardly help" in notice.details[0]
