@@ -3,6 +3,8 @@
 import numpy as np
 
 GAUSSIAN = ["white", "ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "ar1", "matern32"]
+RELATIVE = 1e-8
+"""How near a density must be to that of the dense covariance."""
 
 
 def covariance(name, coordinate, weights, draw):

@@ -5,8 +5,8 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 from scipy import stats
-from tests.unit.noise_oracle import GAUSSIAN, covariance
-from tests.unit.test_noise import RELATIVE, make_draws, one
+from tests.unit.noise_oracle import GAUSSIAN, RELATIVE, covariance
+from tests.unit.noise_records import make_draws, one
 
 from deabayes.noise import REGISTRY
 from deabayes.noise.kalman import distances, matern32_transition

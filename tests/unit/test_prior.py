@@ -5,36 +5,12 @@ import warnings
 import numpy as np
 import pytest
 from scipy import stats
+from tests.unit.priors import ALPHA, EVERYTHING, FREE, MU, TAU, assert_density_is_jacobian, ordered
 
-from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from deabayes.distributions import Uniform
 from deabayes.faults import UserError
-from deabayes.parameter import Parameter
 from deabayes.prior.from_posterior import MIXTURES
 from deabayes.prior.joint import Prior, PriorFromPosterior
-
-
-def parameter(name, prior, unit="1", **kwargs):
-    return Parameter(name, name, unit, "", prior, "test", **kwargs)
-
-
-def ordered(group, prior, size=3, unit="s", **kwargs):
-    numbers = range(1, size + 1)
-    return tuple(parameter(f"{group}_{k}", prior, unit, ordered=group, **kwargs) for k in numbers)
-
-
-TAU = ordered("tau", LogUniform(0.01, 1000.0))
-ALPHA = ordered("alpha", Uniform(-5.0, 10.0), unit="1", ordered_from="largest")
-RELAXATION = ordered("relaxation", LogNormal(10.0, 1.5), size=2)
-MU = tuple(
-    parameter(f"mu_{k}", LogNormal(5e4, 1.0), "Pa", half_product_with=f"alpha_{k}")
-    for k in (1, 2, 3)
-)
-FREE = (
-    parameter("thickness", TruncatedNormal(1e-4, 1e-5, 0.0), "m"),
-    parameter("zeta_alpha", LogNormal(1e3, 2.0), "Pa s"),
-    parameter("offset", Normal(0.5, 0.1)),
-)
-EVERYTHING = (*MU, *FREE, *TAU, *ALPHA, *RELAXATION)
 
 
 @pytest.fixture
@@ -49,23 +25,6 @@ def posterior_draws():
         [0.5, -1.0], [[0.04, 0.03], [0.03, 0.09]], 4000
     )
     return ("zeta_alpha", "offset"), Prior(FREE[1:]).to_parameters(z)
-
-
-def assert_density_is_jacobian(prior, z, tolerance=1e-5):
-    """log p(theta) + log |d theta / d z| = log N(z)."""
-    step = 1e-5
-    for point in z:
-        shifted = np.tile(point, (2 * point.size, 1))
-        rows = np.arange(point.size)
-        shifted[rows, rows] += step
-        shifted[rows + point.size, rows] -= step
-        theta = prior.to_parameters(shifted)
-        jacobian = (theta[: point.size] - theta[point.size :]) / (2.0 * step)
-        size = np.abs(jacobian).max(axis=0)
-        log_volume = np.linalg.slogdet(jacobian / size)[1] + np.log(size).sum()
-        log_density = prior.log_density(prior.to_parameters(point[None]))[0]
-        expected = stats.norm.logpdf(point).sum()
-        assert log_density + log_volume == pytest.approx(expected, abs=tolerance)
 
 
 def test_round_trip(prior):
@@ -95,54 +54,6 @@ def test_extreme_normals_give_finite_parameters_in_silence(prior):
             assert np.all(np.isfinite(theta))
             assert np.all(np.isfinite(prior.to_normal(theta)))
             assert np.all(np.isfinite(prior.log_density(theta)))
-
-
-def test_ordered_group_is_smooth_without_reaching_its_bounds():
-    prior = Prior(TAU)
-    z = np.zeros((161, 3))
-    z[:, 2] = np.linspace(-8.0, 8.0, 161)
-    log_tau = np.log(prior.to_parameters(z)[:, 2])
-    steps = np.diff(log_tau)
-    assert np.all(steps[z[:-1, 2] < 5.0] > 0.0)
-    z[:, 2] = 0.0
-    z[:, 0] = np.linspace(-8.0, 8.0, 161)
-    theta = prior.to_parameters(z)
-    assert np.all(theta[:, 1] / theta[:, 0] >= 2.0)
-    assert np.all(theta[:, 0] > 0.01)
-
-
-@pytest.mark.parametrize("ratio", [1.0, 2.0, 10.0])
-def test_ordered_samples_match_rejection(ratio):
-    """Sorted iid draws, kept where neighbours are at least `ratio` apart."""
-    rng = np.random.default_rng(5)
-    brute = np.sort(LogUniform(0.01, 1000.0).from_normal(rng.standard_normal((60000, 3))), axis=1)
-    brute = brute[np.all(brute[:, 1:] / brute[:, :-1] >= ratio, axis=1)]
-    theta = Prior(TAU, minimum_ratio=ratio).sample(rng, 20000)
-    assert np.all(theta[:, 1:] / theta[:, :-1] >= ratio * (1.0 - 1e-12))
-    for statistic in (lambda t: t[:, 0], lambda t: t[:, 1], lambda t: t[:, 2], lambda t: t.prod(1)):
-        assert stats.ks_2samp(statistic(theta), statistic(brute)).pvalue > 1e-3
-    assert stats.ks_2samp(theta[:, 1], brute[:, 1] * 1.15).pvalue < 1e-3
-
-
-def test_ordered_uniform_and_log_normal_samples_match_sorting():
-    rng = np.random.default_rng(6)
-    brute = np.sort(Uniform(-5.0, 10.0).from_normal(rng.standard_normal((20000, 3))), axis=1)
-    theta = Prior(ALPHA).sample(rng, 20000)
-    for k in range(3):
-        assert stats.ks_2samp(theta[:, k], brute[:, k]).pvalue > 1e-3
-    brute = np.sort(LogNormal(10.0, 1.5).from_normal(rng.standard_normal((20000, 2))), axis=1)
-    theta = Prior(RELAXATION).sample(rng, 20000)
-    factor = np.sqrt(2.0)
-    assert stats.ks_2samp(theta[:, 0], brute[:, 0] / factor).pvalue > 1e-3
-    assert stats.ks_2samp(theta[:, 1], brute[:, 1] * factor).pvalue > 1e-3
-
-
-def test_ordered_density_has_the_volume_of_the_gap():
-    """n! / (log(upper/lower) - (n-1) log ratio)^n, times prod 1/tau."""
-    prior = Prior(TAU, minimum_ratio=3.0)
-    theta = np.array([[0.1, 1.0, 10.0]])
-    width = np.log(1e5) - 2.0 * np.log(3.0)
-    assert prior.log_density(theta)[0] == pytest.approx(np.log(6.0) - 3.0 * np.log(width))
 
 
 def test_outside_the_support():
@@ -192,11 +103,6 @@ def test_concatenate_joins_parameters_and_ratios():
     np.testing.assert_allclose(
         joined.log_density(theta), apart + Prior(FREE).log_density(theta[:, 3:])
     )
-
-
-def test_no_room_for_the_ratio_is_said():
-    with pytest.raises(UserError, match=r"tau: 3 values at least a factor 1000 apart do not fit"):
-        Prior(TAU, minimum_ratio=1000.0)
 
 
 class TestInherit:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from tests.unit.test_prior import ALPHA, EVERYTHING, MU, TAU, parameter
+from tests.unit.priors import ALPHA, EVERYTHING, MU, TAU, parameter
 
 from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.faults import Faults, UserError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from tests.unit.test_prior import ALPHA, assert_density_is_jacobian, parameter
+from tests.unit.priors import ALPHA, assert_density_is_jacobian, parameter
 
 from deabayes.distributions import LogNormal
 from deabayes.faults import Faults
