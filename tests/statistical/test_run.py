@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.statistical.test_sampler import wide_proposal
+from tests.statistical.proposals import wide_proposal
 
 from deabayes.sampling.checkpoint import Store
 from deabayes.sampling.guide import NO_GUIDE
