@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.study_folders import make_folder, replace_in
-from tests.workflow.test_workflow_snakemake import snakemake
+from tests.workflow.snakemake_runs import snakemake
 
 SOUND = """\
 studies:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.own_model_page import write_page
-from tests.workflow.test_workflow_snakemake import snakemake
+from tests.workflow.snakemake_runs import snakemake
 
 import deabayes
 from deabayes.cli import main

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tests.unit.own_model_page import write_page
 from tests.unit.study_folders import replace_in
-from tests.workflow.test_workflow_snakemake import ROOT, snakemake
+from tests.workflow.snakemake_runs import ROOT, snakemake
 
 
 def test_paths_may_hold_spaces(tmp_path: Path) -> None:

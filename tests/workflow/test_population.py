@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 import yaml
-from tests.workflow.test_workflow_snakemake import ROOT, TINY, snakemake
+from tests.workflow.snakemake_runs import ROOT, TINY, snakemake
 
 import deabayes
 from deabayes import figures, pipeline

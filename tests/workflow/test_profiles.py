@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.workflow.test_workflow_snakemake import ROOT
+from tests.workflow.snakemake_runs import ROOT
 
 from deabayes.checks.study import check_study
 from deabayes.reading.yaml_file import read_yaml

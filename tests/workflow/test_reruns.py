@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from tests.unit.own_model_page import write_page
 from tests.unit.study_folders import replace_in
-from tests.workflow.test_workflow_snakemake import snakemake
+from tests.workflow.snakemake_runs import snakemake
 
 BUDGET = "sampling: {ensembles: 2, walkers: 24, max_steps: 60, particles: 64, seed: 1}\n"
 ONE = "results/stack/lag_0/posterior.nc"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.own_model_page import write_page
-from tests.workflow.test_workflow_snakemake import ROOT, snakemake
+from tests.workflow.snakemake_runs import ROOT, snakemake
 
 SOURCE = ROOT / "src"
 FILES = {
