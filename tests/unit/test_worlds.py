@@ -148,3 +148,9 @@ def test_most_structures_of_the_prior_stay_bent(world, order):
     assert len(data.held_out) == 1
     assert set(data.truth) == set(target.names)
     assert np.isfinite(given(target, data.records).log_likelihood(theta[:3])).any()
+
+
+def test_the_guide_knows_the_time_constants():
+    membranes, structures = membrane().target(2), at_rest().target(2)
+    assert [membranes.names[k] for k in Guide.of(membranes).times] == ["tau_beta_1", "tau_beta_2"]
+    assert Guide.of(structures).times == ()

@@ -8,6 +8,7 @@ of them, and draws of the Laplace approximations there, resampled by importance,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,10 @@ LATE, EARLY, PROMISING = 5, 30, 5
 """Climbs from the end; short ones from the first two thirds of the schedule, where particles
 are still everywhere (on NIST's Gauss2 one of twenty finds the best of dozens of peaks); and how
 many of these are finished."""
+SHIFTS = -1.5, -0.75, 0.75, 1.5
+"""Of a time constant from the best peak, in sds of its prior: where other peaks are looked for."""
+TURNS, NARROW = 3, 0.1
+"""Climbs of one shift: along what the particles spread over, and straight on in such steps."""
 ITERATIONS, SHORT = 300, 60
 STEP = 1e-3
 CURVATURE_STEP = 0.03
@@ -49,10 +54,21 @@ def bulk_missed(log_posterior: FloatArray, peak: float, dimension: int) -> bool:
     return bool(np.median(log_posterior) < expected - MISSED * np.sqrt(dimension / 2))
 
 
-def find_peaks(target: LogDensity, population: Population, rng: np.random.Generator) -> list[Peak]:
+def find_peaks(
+    target: LogDensity,
+    population: Population,
+    rng: np.random.Generator,
+    times: Sequence[int] = (),
+) -> list[Peak]:
     """Climb from some particles of a population, and of the way to it; the peaks near the best.
 
     Particles that tempering has gathered at one of several modes all climb that one.
+
+    Parameters
+    ----------
+    times : columns of time constants. A motion that one unit of 8 ms damps is damped, badly, by one
+        of 0.25 s too; while records count for little the second has more of the prior, and between
+        the two no particle passes (four Ogden terms and one unit: 1100 nats).
     """
     particles, factor = (
         population.particles,
@@ -65,6 +81,7 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
     begun.sort(key=lambda reached: -reached[1])
     starts = [*particles[late], *(z for z, _ in begun[:PROMISING])]
     found = [_climb(target, start, factor) for start in starts]
+    found += _shifted(target, max(found, key=lambda reached: reached[1])[0], factor, times)
     best = max(value for _, value in found)
     near = [(z, value) for z, value in found if value > best - WIDEST_PEAKS]
     return [Peak(z, value, _laplace_factor(target, z, factor)) for z, value in near]
@@ -90,6 +107,26 @@ def draws_of_peaks(
     weights = np.where(usable, np.exp(np.minimum(excess, ceiling) - ceiling), 0.0)
     chosen = rng.choice(len(z), size, p=weights / weights.sum())
     return z[chosen]
+
+
+def _shifted(
+    target: LogDensity, peak: FloatArray, factor: FloatArray, times: Sequence[int]
+) -> list[tuple[FloatArray, float]]:
+    """Where climbs end that begin at a peak with one time constant moved.
+
+    What particles of one peak spread over is of little use on the way to another: every other
+    climb is along the axes.
+    """
+    along_axes = NARROW * np.eye(peak.size)
+    reached = []
+    for column in times:
+        for shift in SHIFTS:
+            z = peak.copy()
+            z[column] += shift
+            for turn in range(TURNS):
+                z, value = _climb(target, z, along_axes if turn % 2 else factor)
+            reached.append((z, value))
+    return reached
 
 
 def _climb(

@@ -124,7 +124,7 @@ def _warm_up(
 def _onto_the_bulk(target: Target, population: Population, rng: np.random.Generator) -> Arrays:
     """The particles (P, d), or, where they missed the posterior's bulk, others that are on it."""
     log_posterior = population.log_base + population.log_increment
-    peaks = find_peaks(target, population, rng)
+    peaks = find_peaks(target, population, rng, target.guide.times)
     best = max(peak.log_density for peak in peaks)
     particles, broad = population.particles, population.broad
     if bulk_missed(log_posterior, best, particles.shape[1]):

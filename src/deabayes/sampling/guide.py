@@ -26,6 +26,7 @@ class Guide:
     ----------
     hop : see `unit_hop`; None where there is nothing to number anew.
     coordinates : in which maps begin.
+    times : columns of time constants, at several places of which peaks may be.
     several : whether a step makes several independence proposals, which is worth it where many
         draws are solved for in hardly more time than a few.
     """
@@ -33,13 +34,16 @@ class Guide:
     hop: Hop | None = None
     coordinates: Coordinates = field(default_factory=Coordinates)
     several: bool = False
+    times: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         stretches = target.system.largest_stretches([r.experiment for r in target.records])
         hop = UnitHop.of(target.prior, stretches)
-        return cls(hop, Coordinates.of(target), target.system.cheap)
+        parameters = target.prior.parameters
+        times = tuple(k for k, p in enumerate(parameters) if p.ordered and p.unit == "s")
+        return cls(hop, Coordinates.of(target), target.system.cheap, times)
 
 
 NO_GUIDE = Guide()

@@ -68,7 +68,8 @@ class Lines:
         proposed = self.coordinates.bend(x if self.warp is None else self.warp.inverse(x))
         inside = ~np.isnan(proposed[:, 0])
         proposed = np.where(inside[:, None], proposed, z)
-        factor = log_jacobian - self.straighten(proposed)[1]
+        with np.errstate(invalid="ignore"):
+            factor = log_jacobian - self.straighten(proposed)[1]
         return proposed, np.where(inside & (factor < np.inf), factor, -np.inf)
 
 
