@@ -152,7 +152,7 @@ def test_they_make_a_posterior(source: Path) -> None:
 
 
 def test_the_tests_of_the_registries_test_them(source: Path) -> None:
-    tests = ("unit/test_springs.py", "unit/test_noise.py", "statistical/test_noise_sampling.py",
+    tests = ("unit/test_springs.py", "unit/test_noise_models.py", "statistical/test_noise_sampling.py",
              "unit/test_tensile_strip.py")  # fmt: skip
     said = run(
         source,
