@@ -14,6 +14,7 @@ from deabayes.export.state_space_files import WRITERS
 from deabayes.export.taken import evenly, system_and_draws
 from deabayes.faults import UserError
 from deabayes.integrate.state_space import StateSpace
+from deabayes.quantities import with_unit
 from deabayes.systems import Draws, System
 from deabayes.systems.linear_model import LinearModel, Signal
 from deabayes.units import parse_quantity
@@ -185,12 +186,8 @@ def _too_slow(space: StateSpace, rate: float) -> list[str]:
     if resonance <= 0.5 * rate:
         return []
     return [
-        f"--rate {rate:.4g} Hz: the model rings at {resonance:.3g} Hz (median of its draws), above "
+        f"--rate {rate:.4g} Hz: the model rings at {resonance:.3g} Hz (median of all draws), above "
         "half this sample rate. The discrete model is right at its samples for an input held "
         "between them and shows neither the ringing nor its frequency; "
-        f"{_two_digits(STEPS_PER_PERIOD * resonance)} Hz or more shows both"
+        f"{with_unit(STEPS_PER_PERIOD * resonance, 'Hz', digits=3)} or more shows both"
     ]
-
-
-def _two_digits(value: float) -> str:
-    return f"{float(f'{value:.1e}'):g}"
