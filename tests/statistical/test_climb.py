@@ -1,7 +1,5 @@
 """Climbing onto a bulk that particles have missed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -70,23 +68,6 @@ def test_the_better_of_two_modes_is_kept_where_the_particles_are_at_the_worse():
     at_worse = population(2.0 + 0.05 * rng.standard_normal((300, 3)), two_modes)
     peaks = find_peaks(two_modes, at_worse, rng)
     assert all(np.allclose(peak.z, -2.0, atol=0.02) for peak in peaks)
-
-
-def two_times(z):
-    """A broad peak about 0.5 and a sharp one, 100 nats higher, about -1.2 of the first column."""
-    broad = -0.5 * ((z[:, 0] - 0.5) / 0.3) ** 2
-    sharp = 104.0 - 4.0 * np.hypot(1.0, (z[:, 0] + 1.2) / 0.02)
-    others = -0.5 * (((z[:, 1:] - 0.3) / 0.1) ** 2).sum(axis=1)
-    return np.logaddexp(broad, sharp) + others
-
-
-@pytest.mark.parametrize(("times", "found"), [((), 0.5), ((0,), -1.2), ((1, 2), 0.5)])
-def test_the_peak_of_another_time_constant_is_looked_for(times, found):
-    rng = np.random.default_rng(8)
-    particles = np.array([0.5, 0.3, 0.3]) + 0.05 * rng.standard_normal((300, 3))
-    gathered = replace(population(particles, two_times), early=particles)
-    peaks = find_peaks(two_times, gathered, rng, times)
-    assert {round(peak.z[0], 2) for peak in peaks} == {found}
 
 
 def test_a_failing_half_space_does_not_stop_the_climb():

@@ -8,7 +8,6 @@ of them, and draws of the Laplace approximations there, resampled by importance,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +21,6 @@ LATE, EARLY, PROMISING = 5, 30, 5
 """Climbs from the end; short ones from the first two thirds of the schedule, where particles
 are still everywhere (on NIST's Gauss2 one of twenty finds the best of dozens of peaks); and how
 many of these are finished."""
-SHIFTS = -1.5, -0.75, 0.75, 1.5
-"""Of a time constant from the best peak, in sds of its prior: where other peaks are looked for."""
-TURNS, NARROW = 3, 0.1
-"""Climbs of one shift: along what the particles spread over, and straight on in such steps."""
 ITERATIONS, SHORT = 300, 60
 STEP = 1e-3
 CURVATURE_STEP = 0.03
@@ -54,21 +49,10 @@ def bulk_missed(log_posterior: FloatArray, peak: float, dimension: int) -> bool:
     return bool(np.median(log_posterior) < expected - MISSED * np.sqrt(dimension / 2))
 
 
-def find_peaks(
-    target: LogDensity,
-    population: Population,
-    rng: np.random.Generator,
-    times: Sequence[int] = (),
-) -> list[Peak]:
+def find_peaks(target: LogDensity, population: Population, rng: np.random.Generator) -> list[Peak]:
     """Climb from some particles of a population, and of the way to it; the peaks near the best.
 
     Particles that tempering has gathered at one of several modes all climb that one.
-
-    Parameters
-    ----------
-    times : columns of time constants. A motion that one unit of 8 ms damps is damped, badly, by one
-        of 0.25 s too; while records count for little the second has more of the prior, and between
-        the two no particle passes (four Ogden terms and one unit: 1100 nats).
     """
     particles, factor = (
         population.particles,
@@ -77,14 +61,13 @@ def find_peaks(
     best_first = np.argsort(-(population.log_base + population.log_increment))
     late = [best_first[0], *rng.permutation(len(particles))[: LATE - 1]]
     early = population.early[rng.permutation(len(population.early))[:EARLY]]
-    begun = [_climb(target, start, factor, SHORT) for start in early]
+    begun = [climb(target, start, factor, SHORT) for start in early]
     begun.sort(key=lambda reached: -reached[1])
     starts = [*particles[late], *(z for z, _ in begun[:PROMISING])]
-    found = [_climb(target, start, factor) for start in starts]
-    found += _shifted(target, max(found, key=lambda reached: reached[1])[0], factor, times)
+    found = [climb(target, start, factor) for start in starts]
     best = max(value for _, value in found)
     near = [(z, value) for z, value in found if value > best - WIDEST_PEAKS]
-    return [Peak(z, value, _laplace_factor(target, z, factor)) for z, value in near]
+    return [Peak(z, value, laplace_factor(target, z, factor)) for z, value in near]
 
 
 def draws_of_peaks(
@@ -109,27 +92,7 @@ def draws_of_peaks(
     return z[chosen]
 
 
-def _shifted(
-    target: LogDensity, peak: FloatArray, factor: FloatArray, times: Sequence[int]
-) -> list[tuple[FloatArray, float]]:
-    """Where climbs end that begin at a peak with one time constant moved.
-
-    What particles of one peak spread over is of little use on the way to another: every other
-    climb is along the axes.
-    """
-    along_axes = NARROW * np.eye(peak.size)
-    reached = []
-    for column in times:
-        for shift in SHIFTS:
-            z = peak.copy()
-            z[column] += shift
-            for turn in range(TURNS):
-                z, value = _climb(target, z, along_axes if turn % 2 else factor)
-            reached.append((z, value))
-    return reached
-
-
-def _climb(
+def climb(
     target: LogDensity, start: FloatArray, factor: FloatArray, iterations: int = ITERATIONS
 ) -> tuple[FloatArray, float]:
     """Maximise over start + factor u by L-BFGS, gradients by central differences in one batch."""
@@ -154,7 +117,7 @@ def _climb(
     return start + factor @ found.x, -float(found.fun)
 
 
-def _laplace_factor(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
+def laplace_factor(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
     """Cholesky factor of the inverse of minus the Hessian at a peak, made positive.
 
     In z the prior alone has the curvature 1: a direction of less is one the differences did

@@ -15,6 +15,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
+from deabayes.sampling.carrying import carried, higher_peak
 from deabayes.sampling.chains import ess_bulk
 from deabayes.sampling.checkpoint import Arrays, Store
 from deabayes.sampling.climb import bulk_missed, draws_of_peaks, find_peaks
@@ -124,10 +125,15 @@ def _warm_up(
 def _onto_the_bulk(target: Target, population: Population, rng: np.random.Generator) -> Arrays:
     """The particles (P, d), or, where they missed the posterior's bulk, others that are on it."""
     log_posterior = population.log_base + population.log_increment
-    peaks = find_peaks(target, population, rng, target.guide.times)
-    best = max(peak.log_density for peak in peaks)
     particles, broad = population.particles, population.broad
-    if bulk_missed(log_posterior, best, particles.shape[1]):
+    peaks = find_peaks(target, population, rng)
+    best = max(peaks, key=lambda peak: peak.log_density)
+    places = target.guide.elsewhere
+    if places is not None and (higher := higher_peak(target, best, particles, places)):
+        moved = carried(target, population, higher, rng, WARM_UP_SCHEDULE, target.guide)
+        particles, broad = moved.particles, moved.broad
+        log_posterior = moved.log_base + moved.log_increment
+    elif bulk_missed(log_posterior, best.log_density, particles.shape[1]):
         broad = draws_of_peaks(target, peaks, len(particles), rng)
         moved = settle(broad, target, rng, WARM_UP_SCHEDULE, target.guide)
         particles, log_posterior = moved.particles, moved.log_base

@@ -9,6 +9,7 @@ from typing import Self
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.elsewhere import Elsewhere
 from deabayes.sampling.mixture import RandomSource
 from deabayes.sampling.unit_hop import UnitHop
 
@@ -26,7 +27,7 @@ class Guide:
     ----------
     hop : see `unit_hop`; None where there is nothing to number anew.
     coordinates : in which maps begin.
-    times : columns of time constants, at several places of which peaks may be.
+    elsewhere : z (d,) -> places (K, d) from which other peaks may be climbed to; None for none.
     several : whether a step makes several independence proposals, which is worth it where many
         draws are solved for in hardly more time than a few.
     """
@@ -34,16 +35,15 @@ class Guide:
     hop: Hop | None = None
     coordinates: Coordinates = field(default_factory=Coordinates)
     several: bool = False
-    times: tuple[int, ...] = ()
+    elsewhere: Elsewhere | None = None
 
     @classmethod
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         stretches = target.system.largest_stretches([r.experiment for r in target.records])
         hop = UnitHop.of(target.prior, stretches)
-        parameters = target.prior.parameters
-        times = tuple(k for k, p in enumerate(parameters) if p.ordered and p.unit == "s")
-        return cls(hop, Coordinates.of(target), target.system.cheap, times)
+        elsewhere = Elsewhere.of(target.prior)
+        return cls(hop, Coordinates.of(target), target.system.cheap, elsewhere)
 
 
 NO_GUIDE = Guide()

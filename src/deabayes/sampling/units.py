@@ -26,8 +26,8 @@ class Units:
         return self.columns.shape[1]
 
 
-def units_of(prior: Prior) -> tuple[Units, ...]:
-    """Groups of two units and more, each with as many companions as the others of its group."""
+def units_of(prior: Prior, fewest: int = 2) -> tuple[Units, ...]:
+    """Groups of so many units and more, each with as many companions as the others of its group."""
     names, groups = list(prior.names), list[Units]()
     for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
         members = [p.name for p in prior.parameters if p.ordered == group]
@@ -35,7 +35,7 @@ def units_of(prior: Prior) -> tuple[Units, ...]:
             [p.name for p in prior.parameters if m in (p.belongs_to, p.half_product_with)]
             for m in members
         ]
-        if len(members) > 1 and len({len(each) for each in owned}) == 1:
+        if len(members) >= fewest and len({len(each) for each in owned}) == 1:
             rows = [members, *zip(*owned, strict=True)]
             groups.append(Units(np.array([[names.index(n) for n in row] for row in rows])))
     return tuple(groups)

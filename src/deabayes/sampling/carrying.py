@@ -1,0 +1,88 @@
+"""Particles carried to a peak that none of them saw: found by climbs, entered by tempering."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.sampling.climb import PROMISING, SHORT, Peak, climb, laplace_factor
+from deabayes.sampling.cloud import LogDensity, Schedule
+from deabayes.sampling.guide import Guide
+from deabayes.sampling.mixture import covariance_factor
+from deabayes.sampling.proposal_fit import fit
+from deabayes.sampling.smc import Population, anneal
+
+Places = Callable[[FloatArray], FloatArray]
+"""z (d,) -> places (K, d) where climbs to other peaks may begin."""
+
+TURNS, NARROW = 3, 0.1
+"""Climbs of those that are finished: straight on in such steps, and along what particles spread
+over, which is of little use on the way to another peak."""
+HIGHER = 3.0
+"""Nats above the best peak so far. Climbs along a thin ridge end a nat or two apart."""
+COMPONENTS = 4
+WIDER, WIDEST = 4.0, 1.0
+"""Times the Laplace widths, up to that of the prior: tempering narrows easily and widens badly."""
+
+
+def higher_peak(
+    target: LogDensity, best: Peak, particles: FloatArray, places: Places
+) -> Peak | None:
+    """A peak higher than the best one so far, if climbs from the places about it end at one.
+
+    All places are climbed from for a little, and the climbs of the most promising are finished.
+    """
+    factor = covariance_factor(np.cov(particles, rowvar=False))
+    steps = NARROW * np.eye(best.z.size), factor
+    begun = [climb(target, place, steps[0], SHORT) for place in places(best.z)]
+    begun.sort(key=lambda reached: -reached[1])
+    starts = [(best.z, best.log_density), *begun[:PROMISING]]
+    (_, level), *others = (_finished(target, start, steps) for start in starts)
+    z, value = max(others, key=lambda reached: reached[1], default=(best.z, level))
+    if value < level + HIGHER:
+        return None
+    return Peak(z, value, laplace_factor(target, z, factor))
+
+
+def _finished(
+    target: LogDensity, reached: tuple[FloatArray, float], steps: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, float]:
+    z, value = reached
+    for turn in range(1, TURNS + 1):
+        z, value = climb(target, z, steps[turn % 2])
+    return z, value
+
+
+def carried(
+    target: LogDensity,
+    population: Population,
+    peak: Peak,
+    rng: np.random.Generator,
+    schedule: Schedule,
+    guide: Guide,
+) -> Population:
+    """A population moved from where its best particle climbs to a higher peak, and cooled there.
+
+    Particles are widened along the axes of the Laplace approximation there, as what was well
+    determined may not be any more. A proposal fitted to them is what the tempering begins with: the
+    ridges that they have spread along are kept, where draws of the Laplace approximation alone would
+    be on a short piece of them.
+    """
+    particles = population.particles
+    best = particles[np.argmax(population.log_base + population.log_increment)]
+    start, _ = climb(target, best, covariance_factor(np.cov(particles, rowvar=False)))
+    axes, widths, _ = np.linalg.svd(peak.factor)
+    wider = axes * np.minimum(WIDER * widths, np.maximum(widths, WIDEST))
+    moved = particles + (peak.z - start) + rng.standard_normal(particles.shape) @ wider.T
+    begin = fit(moved, COMPONENTS, rng, coordinates=guide.coordinates)
+    return anneal(
+        begin.sample(rng, len(particles)),
+        begin.log_density,
+        lambda z: target(z) - begin.log_density(z),
+        rng,
+        schedule,
+        guide=replace(guide, hop=None),
+    )

@@ -1,0 +1,102 @@
+"""Particles carried to a peak that none of them saw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.statistical.test_climb import population
+
+from deabayes.sampling.carrying import HIGHER, carried, higher_peak
+from deabayes.sampling.climb import find_peaks
+from deabayes.sampling.cloud import Schedule
+from deabayes.sampling.first_pass import _onto_the_bulk
+from deabayes.sampling.guide import Guide
+from deabayes.sampling.run import Target
+from deabayes.sampling.smc import log_standard_normal
+
+BEND = 0.8
+
+
+def two_times(z, higher=100.0):
+    """A peak about 0.5 of the first column and a thin one about -1.2, where the rest is wider.
+
+    The others are a ridge, bent over three standard deviations of the prior.
+    """
+    broad = -0.5 * (((z[:, 0] - 0.5) / 0.3) ** 2 + ((z[:, 3] - 0.2) / 0.02) ** 2)
+    thin = higher + 4.0 - 4.0 * np.hypot(1.0, (z[:, 0] + 1.2) / 0.02)
+    thin -= 0.5 * ((z[:, 3] - 0.2) / 0.3) ** 2
+    ridge = -0.5 * (z[:, 1] ** 2 + ((z[:, 2] - BEND * z[:, 1] ** 2) / 0.05) ** 2)
+    return np.logaddexp(broad, thin) + ridge
+
+
+def on_the_ridge(rng, size, first, width, last):
+    z = rng.standard_normal((size, 4))
+    z[:, 0] = first + width * z[:, 0]
+    z[:, 2] = BEND * z[:, 1] ** 2 + 0.05 * z[:, 2]
+    z[:, 3] = 0.2 + last * z[:, 3]
+    return z
+
+
+def shifted(z):
+    return z + np.array([[-2.5], [-1.7], [1.5]]) * np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def begun(seed=1, target=two_times):
+    rng = np.random.default_rng(seed)
+    particles = on_the_ridge(rng, 600, 0.5, 0.3, 0.02)
+    gathered = replace(population(particles, target), early=particles)
+    return gathered, max(find_peaks(target, gathered, rng), key=lambda peak: peak.log_density)
+
+
+def test_the_peak_of_another_place_is_found():
+    gathered, best = begun()
+    assert best.z[0] == pytest.approx(0.5, abs=0.05)
+    higher = higher_peak(two_times, best, gathered.particles, shifted)
+    assert higher is not None
+    assert higher.z[0] == pytest.approx(-1.2, abs=0.01)
+    assert higher.log_density > best.log_density + 95.0
+
+
+@pytest.mark.parametrize("places", [lambda z: z[None], lambda z: np.empty((0, 4))])
+def test_where_climbs_come_back_or_none_begins_there_is_none(places):
+    gathered, best = begun()
+    assert higher_peak(two_times, best, gathered.particles, places) is None
+
+
+@pytest.mark.parametrize(("level", "found"), [(HIGHER - 1.0, False), (HIGHER + 1.0, True)])
+def test_it_must_be_higher_than_climbs_scatter(level, found):
+    def target(z):
+        return two_times(z, level)
+
+    gathered, best = begun(target=target)
+    peak = higher_peak(target, best, gathered.particles, shifted)
+    assert (peak is not None) == found
+
+
+def test_carried_particles_keep_the_ridge_and_take_the_width_of_the_peak():
+    gathered, best = begun()
+    peak = higher_peak(two_times, best, gathered.particles, shifted)
+    rng = np.random.default_rng(7)
+    moved = carried(two_times, gathered, peak, rng, Schedule(), Guide())
+    exact = on_the_ridge(rng, 20000, -1.2, 0.01, 0.3)
+    z = moved.particles
+    assert np.median(z[:, 0]) == pytest.approx(-1.2, abs=0.003)
+    for column in (1, 3):
+        assert z[:, column].mean() == pytest.approx(
+            exact[:, column].mean(), abs=0.25 * exact[:, column].std()
+        )
+        assert z[:, column].std() / exact[:, column].std() == pytest.approx(1.0, abs=0.2)
+    level = moved.log_base + moved.log_increment
+    np.testing.assert_allclose(level, two_times(z), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("elsewhere", "first"), [(None, 0.5), (shifted, -1.2)])
+def test_the_warm_up_looks_where_its_guide_tells_it_to(elsewhere, first):
+    def likelihood(z):
+        return two_times(z) - log_standard_normal(z)
+
+    gathered, _ = begun()
+    target = Target(likelihood, Guide(elsewhere=elsewhere))
+    found = _onto_the_bulk(target, gathered, np.random.default_rng(8))
+    assert np.median(found["particles"][:, 0]) == pytest.approx(first, abs=0.06)
+    np.testing.assert_allclose(found["log_posterior"], two_times(found["particles"]), rtol=1e-9)
