@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.statistical.test_climb import population
 
-from deabayes.sampling.carrying import HIGHER, carried, higher_peak
+from deabayes.sampling.carrying import HIGHER, WIDER, WIDEST, carried, displaced, higher_peak
 from deabayes.sampling.climb import find_peaks
 from deabayes.sampling.cloud import Schedule
 from deabayes.sampling.first_pass import _onto_the_bulk
@@ -71,6 +71,17 @@ def test_it_must_be_higher_than_climbs_scatter(level, found):
     gathered, best = begun(target=target)
     peak = higher_peak(target, best, gathered.particles, shifted)
     assert (peak is not None) == found
+
+
+def test_particles_are_displaced_by_the_way_and_widened_up_to_the_prior():
+    gathered, best = begun()
+    peak = higher_peak(two_times, best, gathered.particles, shifted)
+    z = displaced(two_times, gathered, peak, np.random.default_rng(6))
+    before = gathered.particles
+    np.testing.assert_allclose(z.mean(axis=0) - before.mean(axis=0), peak.z - best.z, atol=0.15)
+    added = np.sqrt(z.var(axis=0) - before.var(axis=0))
+    assert added[0] == pytest.approx(WIDER * 0.01, rel=0.3)
+    assert added[3] == pytest.approx(WIDEST, rel=0.1), "four times 0.3 is more than the prior"
 
 
 def test_carried_particles_keep_the_ridge_and_take_the_width_of_the_peak():

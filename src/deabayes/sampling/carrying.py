@@ -64,25 +64,35 @@ def carried(
     schedule: Schedule,
     guide: Guide,
 ) -> Population:
-    """A population moved from where its best particle climbs to a higher peak, and cooled there.
+    """A population cooled at a higher peak than its own.
 
-    Particles are widened along the axes of the Laplace approximation there, as what was well
-    determined may not be any more. A proposal fitted to them is what the tempering begins with: the
-    ridges that they have spread along are kept, where draws of the Laplace approximation alone would
-    be on a short piece of them.
+    A proposal fitted to its displaced particles is what the tempering begins with: the ridges that
+    they have spread along are kept, where draws of the Laplace approximation alone would be on a
+    short piece of them.
     """
-    particles = population.particles
-    best = particles[np.argmax(population.log_base + population.log_increment)]
-    start, _ = climb(target, best, covariance_factor(np.cov(particles, rowvar=False)))
-    axes, widths, _ = np.linalg.svd(peak.factor)
-    wider = axes * np.minimum(WIDER * widths, np.maximum(widths, WIDEST))
-    moved = particles + (peak.z - start) + rng.standard_normal(particles.shape) @ wider.T
-    begin = fit(moved, COMPONENTS, rng, coordinates=guide.coordinates)
+    begin = fit(displaced(target, population, peak, rng), COMPONENTS, rng,
+                coordinates=guide.coordinates)  # fmt: skip
     return anneal(
-        begin.sample(rng, len(particles)),
+        begin.sample(rng, len(population.particles)),
         begin.log_density,
         lambda z: target(z) - begin.log_density(z),
         rng,
         schedule,
         guide=replace(guide, hop=None),
     )
+
+
+def displaced(
+    target: LogDensity, population: Population, peak: Peak, rng: np.random.Generator
+) -> FloatArray:
+    """Its particles (P, d) moved by the way from where the best of them climbs to the peak.
+
+    They are widened along the axes of the Laplace approximation there, as what was well determined
+    may not be any more.
+    """
+    particles = population.particles
+    best = particles[np.argmax(population.log_base + population.log_increment)]
+    start, _ = climb(target, best, covariance_factor(np.cov(particles, rowvar=False)))
+    axes, widths, _ = np.linalg.svd(peak.factor)
+    wider = axes * np.minimum(WIDER * widths, np.maximum(widths, WIDEST))
+    return particles + (peak.z - start) + rng.standard_normal(particles.shape) @ wider.T
