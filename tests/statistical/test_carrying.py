@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.statistical.test_climb import population
 
-from deabayes.sampling.carrying import HIGHER, WIDER, WIDEST, carried, displaced, higher_peak
+from deabayes.sampling.carrying import FEW, HIGHER, WIDER, WIDEST, carried, displaced, higher_peak
 from deabayes.sampling.climb import find_peaks
 from deabayes.sampling.cloud import Schedule
 from deabayes.sampling.first_pass import _onto_the_bulk
@@ -55,6 +55,17 @@ def test_the_peak_of_another_place_is_found():
     assert higher is not None
     assert higher.z[0] == pytest.approx(-1.2, abs=0.01)
     assert higher.log_density > best.log_density + 95.0
+
+
+def test_of_many_places_the_most_promising_are_climbed_from():
+    def many(z):
+        useless = np.tile(z + np.array([1.5, 0.0, 0.0, 0.0]), (2 * FEW, 1))
+        return np.concatenate([useless, shifted(z)])
+
+    gathered, best = begun()
+    higher = higher_peak(two_times, best, gathered.particles, many)
+    assert higher is not None
+    assert higher.z[0] == pytest.approx(-1.2, abs=0.01)
 
 
 @pytest.mark.parametrize("places", [lambda z: z[None], lambda z: np.empty((0, 4))])

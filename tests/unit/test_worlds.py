@@ -151,6 +151,7 @@ def test_most_structures_of_the_prior_stay_bent(world, order):
 
 
 def test_the_guide_knows_the_time_constants():
-    membranes, structures = membrane().target(2), at_rest().target(2)
-    assert [membranes.names[k] for k in Guide.of(membranes).times] == ["tau_beta_1", "tau_beta_2"]
-    assert Guide.of(structures).times == ()
+    elsewhere = Guide.of(membranes := membrane().target(2)).elsewhere
+    (units,) = elsewhere.groups
+    assert [membranes.names[k] for k in units.columns[0]] == ["tau_beta_1", "tau_beta_2"]
+    assert Guide.of(at_rest().target(2)).elsewhere is None

@@ -21,6 +21,8 @@ Places = Callable[[FloatArray], FloatArray]
 TURNS, NARROW = 3, 0.1
 """Climbs of those that are finished: straight on in such steps, and along what particles spread
 over, which is of little use on the way to another peak."""
+FEW = 10
+"""Places of which every climb is finished: what is far below after a little may lead highest."""
 HIGHER = 3.0
 """Nats above the best peak so far. Climbs along a thin ridge end a nat or two apart."""
 COMPONENTS = 4
@@ -33,14 +35,17 @@ def higher_peak(
 ) -> Peak | None:
     """A peak higher than the best one so far, if climbs from the places about it end at one.
 
-    All places are climbed from for a little, and the climbs of the most promising are finished.
+    Where places are many, all are climbed from for a little along the axes, and the climbs of the
+    most promising are finished.
     """
     factor = covariance_factor(np.cov(particles, rowvar=False))
     steps = NARROW * np.eye(best.z.size), factor
-    begun = [climb(target, place, steps[0], SHORT) for place in places(best.z)]
-    begun.sort(key=lambda reached: -reached[1])
-    starts = [(best.z, best.log_density), *begun[:PROMISING]]
-    (_, level), *others = (_finished(target, start, steps) for start in starts)
+    begun = list(places(best.z))
+    if len(begun) > FEW:
+        reached = [climb(target, place, steps[0], SHORT) for place in begun]
+        reached.sort(key=lambda reached: -reached[1])
+        begun = [z for z, _ in reached[:PROMISING]]
+    (_, level), *others = (_finished(target, start, steps) for start in (best.z, *begun))
     z, value = max(others, key=lambda reached: reached[1], default=(best.z, level))
     if value < level + HIGHER:
         return None
@@ -48,9 +53,9 @@ def higher_peak(
 
 
 def _finished(
-    target: LogDensity, reached: tuple[FloatArray, float], steps: tuple[FloatArray, FloatArray]
+    target: LogDensity, z: FloatArray, steps: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, float]:
-    z, value = reached
+    value = -np.inf
     for turn in range(1, TURNS + 1):
         z, value = climb(target, z, steps[turn % 2])
     return z, value
