@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.climb import PROMISING, SHORT, Peak, climb, laplace_factor
 from deabayes.sampling.cloud import LogDensity, Schedule
 from deabayes.sampling.guide import Guide
-from deabayes.sampling.mixture import covariance_factor
 from deabayes.sampling.proposal_fit import fit
 from deabayes.sampling.smc import Population, anneal
 
@@ -30,15 +30,16 @@ WIDER, WIDEST = 4.0, 1.0
 """Times the Laplace widths, up to that of the prior: tempering narrows easily and widens badly."""
 
 
-def higher_peak(
-    target: LogDensity, best: Peak, particles: FloatArray, places: Places
-) -> Peak | None:
+def higher_peak(target: LogDensity, best: Peak, factor: FloatArray, places: Places) -> Peak | None:
     """A peak higher than the best one so far, if climbs from the places about it end at one.
 
     Where places are many, all are climbed from for a little along the axes, and the climbs of the
     most promising are finished.
+
+    Parameters
+    ----------
+    factor : Cholesky factor of the particles' covariance (d, d).
     """
-    factor = covariance_factor(np.cov(particles, rowvar=False))
     steps = NARROW * np.eye(best.z.size), factor
     begun = list(places(best.z))
     if len(begun) > FEW:
@@ -69,21 +70,45 @@ def carried(
     schedule: Schedule,
     guide: Guide,
 ) -> Population:
-    """A population cooled at a higher peak than its own.
+    """A population joined by one that is cooled at a higher peak than its own.
 
     A proposal fitted to its displaced particles is what the tempering begins with: the ridges that
     they have spread along are kept, where draws of the Laplace approximation alone would be on a
     short piece of them.
     """
-    begin = fit(displaced(target, population, peak, rng), COMPONENTS, rng,
-                coordinates=guide.coordinates)  # fmt: skip
-    return anneal(
+    moved = displaced(target, population, peak, rng)
+    begin = fit(moved, COMPONENTS, rng, coordinates=guide.coordinates)
+    there = anneal(
         begin.sample(rng, len(population.particles)),
         begin.log_density,
         lambda z: target(z) - begin.log_density(z),
         rng,
         schedule,
         guide=replace(guide, hop=None),
+    )
+    return joined(population, there, rng)
+
+
+def joined(first: Population, second: Population, rng: np.random.Generator) -> Population:
+    """As many particles as the first has, of each in proportion to its evidence.
+
+    A peak that is higher may be so thin that next to nothing of the mass is there.
+    """
+    size = len(first.particles)
+    of_second = round(size * float(expit(second.log_evidence - first.log_evidence)))
+    here, there = (rng.permutation(size)[:n] for n in (size - of_second, of_second))
+
+    def both(of: Callable[[Population], FloatArray]) -> FloatArray:
+        return np.concatenate([of(first)[here], of(second)[there]])
+
+    log_density = both(lambda population: population.log_density)
+    return replace(
+        second,
+        particles=both(lambda population: population.particles),
+        broad=both(lambda population: population.broad),
+        log_base=log_density,
+        log_increment=np.zeros(size),
+        log_evidence=float(np.logaddexp(first.log_evidence, second.log_evidence)),
     )
 
 
@@ -96,8 +121,7 @@ def displaced(
     may not be any more.
     """
     particles = population.particles
-    best = particles[np.argmax(population.log_base + population.log_increment)]
-    start, _ = climb(target, best, covariance_factor(np.cov(particles, rowvar=False)))
+    start, _ = climb(target, particles[np.argmax(population.log_density)], population.factor)
     axes, widths, _ = np.linalg.svd(peak.factor)
     wider = axes * np.minimum(WIDER * widths, np.maximum(widths, WIDEST))
     return particles + (peak.z - start) + rng.standard_normal(particles.shape) @ wider.T

@@ -14,7 +14,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import LogDensity
-from deabayes.sampling.mixture import Mixture, covariance_factor
+from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.smc import Population
 
 LATE, EARLY, PROMISING = 5, 30, 5
@@ -54,12 +54,8 @@ def find_peaks(target: LogDensity, population: Population, rng: np.random.Genera
 
     Particles that tempering has gathered at one of several modes all climb that one.
     """
-    particles, factor = (
-        population.particles,
-        covariance_factor(np.cov(population.particles, rowvar=False)),
-    )
-    best_first = np.argsort(-(population.log_base + population.log_increment))
-    late = [best_first[0], *rng.permutation(len(particles))[: LATE - 1]]
+    particles, factor = population.particles, population.factor
+    late = [np.argmax(population.log_density), *rng.permutation(len(particles))[: LATE - 1]]
     early = population.early[rng.permutation(len(population.early))[:EARLY]]
     begun = [climb(target, start, factor, SHORT) for start in early]
     begun.sort(key=lambda reached: -reached[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from math import ceil
 from typing import Self
 
@@ -43,15 +43,20 @@ class Elsewhere:
     def __call__(self, z: FloatArray) -> FloatArray:
         """From z (d,), the places (K, d) in the prior's support, numbered anew where need be."""
         theta = self.prior.to_parameters(z[None])[0]
-        moved = [
-            self._moved(theta, units, unit, place, strength)
-            for units in self.groups
-            for unit in range(units.count)
-            for place in self._places(theta, units, unit)
-            for strength in STRENGTHS
-        ]
-        places = self.prior.to_normal(np.array(moved))
+        moved = np.concatenate([self._moved(theta, units) for units in self.groups])
+        places = self.prior.to_normal(moved)
         return places[np.isfinite(places).all(axis=1)]
+
+    def _moved(self, theta: FloatArray, units: Units) -> FloatArray:
+        """theta (p,) with every unit of a group at each of its places, (K, p)."""
+        moved = []
+        for unit in range(units.count):
+            time, *companions = units.columns[:, unit]
+            for place, strength in product(self._places(theta, units, unit), STRENGTHS):
+                moved.append(theta.copy())
+                moved[-1][time] = place
+                moved[-1][companions] *= strength
+        return units.renumbered(np.array(moved))
 
     def _places(self, theta: FloatArray, units: Units, unit: int) -> FloatArray:
         """Time constants evenly over the gaps that the other units leave of the prior."""
@@ -64,17 +69,6 @@ class Elsewhere:
             count = max(ceil((high - low) / SPACING), 1)
             found.append(low + (high - low) * (np.arange(count) + 0.5) / count)
         return prior.from_normal(ndtri(np.concatenate(found)))
-
-    def _moved(
-        self, theta: FloatArray, units: Units, unit: int, place: float, strength: float
-    ) -> FloatArray:
-        moved = theta.copy()
-        moved[units.columns[0, unit]] = place
-        moved[units.columns[1:, unit]] *= strength
-        order = np.argsort(moved[units.columns[0]])
-        for row in units.columns:
-            moved[row] = moved[row][order]
-        return moved
 
 
 def _are_times(prior: Prior, units: Units) -> bool:

@@ -124,20 +124,18 @@ def _warm_up(
 
 def _onto_the_bulk(target: Target, population: Population, rng: np.random.Generator) -> Arrays:
     """The particles (P, d), or, where they missed the posterior's bulk, others that are on it."""
-    log_posterior = population.log_base + population.log_increment
-    particles, broad = population.particles, population.broad
-    peaks = find_peaks(target, population, rng)
+    peaks, places = find_peaks(target, population, rng), target.guide.elsewhere
     best = max(peaks, key=lambda peak: peak.log_density)
-    places = target.guide.elsewhere
-    if places is not None and (higher := higher_peak(target, best, particles, places)):
-        moved = carried(target, population, higher, rng, WARM_UP_SCHEDULE, target.guide)
-        particles, broad = moved.particles, moved.broad
-        log_posterior = moved.log_base + moved.log_increment
-    elif bulk_missed(log_posterior, best.log_density, particles.shape[1]):
-        broad = draws_of_peaks(target, peaks, len(particles), rng)
-        moved = settle(broad, target, rng, WARM_UP_SCHEDULE, target.guide)
-        particles, log_posterior = moved.particles, moved.log_base
-    return {"particles": particles, "broad": broad, "log_posterior": log_posterior}
+    if places is not None and (higher := higher_peak(target, best, population.factor, places)):
+        population = carried(target, population, higher, rng, WARM_UP_SCHEDULE, target.guide)
+    elif bulk_missed(population.log_density, best.log_density, best.z.size):
+        draws = draws_of_peaks(target, peaks, len(population.particles), rng)
+        population = settle(draws, target, rng, WARM_UP_SCHEDULE, target.guide)
+    return {
+        "particles": population.particles,
+        "broad": population.broad,
+        "log_posterior": population.log_density,
+    }
 
 
 def _start(

@@ -18,6 +18,7 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.sampling.cloud import Cloud, LogDensity, Schedule
 from deabayes.sampling.guide import NO_GUIDE, Guide
+from deabayes.sampling.mixture import covariance_factor
 
 Report = Callable[[float, int], None]
 
@@ -48,6 +49,16 @@ class Population:
     log_evidence: float
     betas: tuple[float, ...]
     rounds: int
+
+    @property
+    def log_density(self) -> FloatArray:
+        """That of base times increment, (P,) at `particles`."""
+        return self.log_base + self.log_increment
+
+    @property
+    def factor(self) -> FloatArray:
+        """Cholesky factor of the particles' covariance, (d, d)."""
+        return covariance_factor(np.cov(self.particles, rowvar=False))
 
 
 def log_standard_normal(z: FloatArray) -> FloatArray:

@@ -69,9 +69,7 @@ class UnitHop:
         carried = self._carried(units, old, new)
         if carried is not None:
             proposed[walkers, units.columns[1][chosen]] *= carried
-        order = np.argsort(proposed[:, units.columns[0]], axis=1)
-        for row in units.columns:
-            proposed[:, row] = np.take_along_axis(proposed[:, row], order, axis=1)
+        proposed = units.renumbered(proposed)
         moved = self.prior.to_normal(proposed)
         usable = np.asarray(np.isfinite(moved).all(axis=1))
         moved = np.where(usable[:, None], moved, z)

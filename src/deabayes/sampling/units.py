@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from deabayes.experiment import FloatArray
 from deabayes.prior.joint import Prior
 
 
@@ -24,6 +25,14 @@ class Units:
     @property
     def count(self) -> int:
         return self.columns.shape[1]
+
+    def renumbered(self, theta: FloatArray) -> FloatArray:
+        """theta (W, p) with units ascending, each keeping what belongs to it."""
+        order = np.argsort(theta[:, self.columns[0]], axis=1)
+        result = theta.copy()
+        for row in self.columns:
+            result[:, row] = np.take_along_axis(theta[:, row], order, axis=1)
+        return result
 
 
 def units_of(prior: Prior, fewest: int = 2) -> tuple[Units, ...]:
