@@ -22,6 +22,23 @@ class Faults(UserError):
         super().__init__("\n".join(self.faults))
 
 
+class MissingQuantity(UserError):
+    """A quantity that a model needs and the specimen does not have.
+
+    Attributes
+    ----------
+    quantity, unit : what is missing, and its SI unit.
+    """
+
+    def __init__(self, specimen: str, quantity: str, unit: str, purpose: str = "") -> None:
+        self.quantity, self.unit = quantity, unit
+        needed = f", which {purpose} needs" if purpose else ""
+        super().__init__(
+            f"specimen {specimen!r} lacks {quantity}{needed}; add it to "
+            f"quantities in specimen.yaml, in {unit}"
+        )
+
+
 def closest(name: object, known: Iterable[object]) -> str | None:
     """The known name most like `name`, None if none is; what is no text (a key 2024) as written."""
     close = difflib.get_close_matches(str(name), [str(each) for each in known], n=1, cutoff=0.6)

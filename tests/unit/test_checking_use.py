@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.checks.folder import check_folder
@@ -105,3 +106,13 @@ def test_what_preparation_warns_of_is_shown(tmp_path: Path) -> None:
     assert check_folder(folder).warnings == ()
     (warning, *_) = check_study(Study("s", folder, ("ogden_1",)))[1]
     assert warning.startswith("study s, pull: displacement goes back and forth")
+
+
+def test_all_missing_quantities_are_said_at_once(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    described = yaml.safe_load((folder / "specimen.yaml").read_text())
+    described["quantities"] = {}
+    (folder / "specimen.yaml").write_text(yaml.safe_dump(described))
+    force, displacement = check_folder(folder).faults
+    assert "(relax): specimen 'strip A' lacks cross_section, which a force needs" in force
+    assert "lacks gauge_length, which a displacement needs" in displacement

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.faults import UserError
+from deabayes.faults import MissingQuantity, UserError
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Excitation
+    from deabayes.experiment import Excitation, Specimen
     from deabayes.reading.folder import StudyFolder
     from deabayes.reading.raw import ExperimentRow
 
-LACKS = " lacks "
-"""In what is said of a quantity that the specimen does not have."""
 SAMPLES = 50
 """Of a record that are shown to a candidate: it need only say whether it can."""
 
@@ -34,11 +34,11 @@ def without_candidate(read: StudyFolder) -> list[str]:
     found: dict[str, str] = {}
     for row in read.table:
         try:
-            reason = _reason(read, row, _driven(read, row))
+            reasons = _reasons(read.specimen, row, _driven(read, row))
         except UserError:  # said elsewhere
-            reason = _reason(read, row, _stand_in(row, system))
-            reason = reason if reason is not None and LACKS in reason else None
-        if reason is not None:
+            reasons = _reasons(read.specimen, row, _stand_in(row, system))
+            reasons = [each for each in reasons if isinstance(each, MissingQuantity)]
+        for reason in map(str, reasons):
             found.setdefault(reason, f"{read.path / 'experiments.csv'} ({row.name}): {reason}")
     return list(found.values())
 
@@ -76,21 +76,40 @@ def _stand_in(row: ExperimentRow, system: str) -> Excitation:
     return Excitation(name, unit, time if in_time else values, values, held, in_time)
 
 
-def _reason(read: StudyFolder, row: ExperimentRow, driven: Excitation) -> str | None:
-    """Why no candidate predicts a record: what the specimen lacks first; None if one may.
+def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequence[UserError]:
+    """Why no candidate predicts a record; none if one may.
 
+    All quantities that the first candidate lacks that lacks any, or else what the first one says.
     That a candidate is not one for this response says nothing: only examples are tried.
     """
-    from deabayes.systems import build, candidates
+    from deabayes.systems import candidates
 
-    reasons = []
-    for candidate in candidates(read.specimen.system):
+    each = [_obstacles(specimen, name, row, driven) for name in candidates(specimen.system)]
+    if [] in each:
+        return []
+    general = [found for found in each if not str(found[-1]).startswith("candidate ")]
+    lacking = [[e for e in found if isinstance(e, MissingQuantity)] for found in general]
+    return next(filter(None, lacking), next(iter(general), []))
+
+
+def _obstacles(
+    specimen: Specimen, candidate: str, row: ExperimentRow, driven: Excitation
+) -> Sequence[UserError]:
+    """Every quantity that a candidate lacks, and what else keeps it from predicting a record."""
+    from deabayes.experiment import Quantity
+    from deabayes.systems import build
+
+    found: list[UserError] = []
+    while True:
         try:
-            system = build(read.specimen.system, candidate, read.specimen)
-            system.simulator(driven, driven.coordinate, row.response)
+            build(specimen.system, candidate, specimen).simulator(
+                driven, driven.coordinate, row.response
+            )
+        except MissingQuantity as lacking:
+            found.append(lacking)
+            stand_in = {lacking.quantity: Quantity(1.0, lacking.unit)}
+            specimen = replace(specimen, quantities={**specimen.quantities, **stand_in})
         except UserError as error:
-            reasons.append(str(error))
+            return [*found, error]
         else:
-            return None
-    general = [reason for reason in reasons if not reason.startswith("candidate ")]
-    return min(general, key=lambda reason: LACKS not in reason, default=None)
+            return found

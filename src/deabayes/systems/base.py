@@ -19,7 +19,7 @@ from deabayes.experiment import (
     Quantity,
     Specimen,
 )
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import Faults, MissingQuantity, UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.systems.stretched_spring import StretchedSpring
 
@@ -203,15 +203,11 @@ class System(ABC):
 
         Raises
         ------
-        UserError
+        MissingQuantity
         """
         if quantity not in self.specimen.quantities:
             unit = {**self.required_quantities, **self.optional_quantities}[quantity]
-            needed = f", which {purpose} needs" if purpose else ""
-            raise UserError(
-                f"specimen {self.specimen.name!r} lacks {quantity}{needed}; add it to "
-                f"quantities in specimen.yaml, in {unit}"
-            )
+            raise MissingQuantity(self.specimen.name, quantity, unit, purpose)
         return self.specimen.quantities[quantity]
 
     def check_conditions(self, given: Mapping[str, object]) -> None:
