@@ -68,6 +68,8 @@ class Excitation:
     values : (K,) the channel at the knots, SI.
     conditions : what was held during the record (`load_g`, `deformation`, ...).
     in_time : whether the knots are times; without them they are the excitation itself.
+    noisy : whether the values are a monitor's readings: a little scatter about a smooth curve is
+        the monitor's then, and not driven.
     """
 
     name: str
@@ -76,6 +78,7 @@ class Excitation:
     values: FloatArray
     conditions: Mapping[str, float | str] = field(default_factory=dict)
     in_time: bool = True
+    noisy: bool = False
 
     def at(self, coordinate: FloatArray) -> FloatArray:
         """The channel at `coordinate`, by linear interpolation."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.unit.membranes import golden_draws, membrane, sine, voltage
@@ -62,7 +64,7 @@ def test_noise_of_the_monitor_is_smoothed_not_followed():
     noisy = exact + 0.5 * rng.standard_normal(time.size)
     assert scatter(time, noisy) == pytest.approx(0.5, rel=0.1)
     assert scatter(time, exact) < 1e-3
-    found = drive(time, noisy, 0.0, 200.0, 1e-7)
+    found = drive(time, noisy, 0.0, 200.0, 1e-7, noisy=True)
     assert len(found.edges) < 150
     assert np.std(found.at(time) - exact) < 0.5
     draws = golden_draws({
@@ -70,10 +72,29 @@ def test_noise_of_the_monitor_is_smoothed_not_followed():
         "mu_beta_Pa": [15e3], "zeta_beta_Pa_s": [6e4],
     }, 1)  # fmt: skip
     smooth, rough = (
-        membrane("kv_gm_1").predict(voltage(time, values), time, "stretch", draws)[0]
-        for values in (exact, noisy)
+        membrane("kv_gm_1").predict(driven, time, "stretch", draws)[0]
+        for driven in (voltage(time, exact), replace(voltage(time, noisy), noisy=True))
     )
     assert np.max(np.abs(smooth - rough)) < 5e-4 * np.ptp(smooth)
+
+
+@pytest.mark.parametrize("size", [0.001, 0.008])
+def test_a_small_signal_on_a_bias_is_followed_where_it_is_no_monitor_s(size: float) -> None:
+    time = np.linspace(0.0, 1.0, 501)
+    levels = 2e3 * (1.0 + size * np.random.default_rng(1).choice([-1.0, 1.0], time.size))
+    np.testing.assert_allclose(drive(time, levels, 0.0, 1.0, 1e-7).at(time), levels, atol=1e-9)
+    smoothed = drive(time, levels, 0.0, 1.0, 1e-7, noisy=True)
+    assert np.std(smoothed.at(time)) < 0.5 * np.std(levels)
+
+
+@pytest.mark.parametrize("per_period", [33, 36, 40, 48, 53, 80])
+def test_a_sine_is_smooth_to_its_end(per_period: int) -> None:
+    time = np.arange(3 * per_period + 1) / per_period
+    found = drive(time, 1e3 - 1e3 * np.cos(2.0 * np.pi * time), 0.0, 3.0, 1e-7)
+    inside = np.linspace(0.0, 3.0, 2437)
+    exact = 1e3 - 1e3 * np.cos(2.0 * np.pi * inside)
+    cut_off_by_lines = 1e3 * (2.0 * np.pi / per_period) ** 2 / 8.0
+    assert np.max(np.abs(found.at(inside) - exact)) < 0.1 * cut_off_by_lines
 
 
 @pytest.mark.parametrize("held", [1, 2, 3])
@@ -99,7 +120,7 @@ def test_a_recorded_step_restarts_at_its_edges_only():
     rng = np.random.default_rng(5)
     time = np.arange(3001) * 0.2
     volts = np.where(time > 1.9, 4e3, 0.0) + 0.3 * rng.standard_normal(time.size)
-    found = drive(time, volts, 0.0, 600.0, 1e-7)
+    found = drive(time, volts, 0.0, 600.0, 1e-7, noisy=True)
     assert len(found.edges) < 40
     assert not found.varies
     assert 2 <= found.restart.sum() <= 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -204,6 +205,34 @@ def test_damaged_files(tmp_path: Path, name: str, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"copy"):
         read_record(path, columns=from_text("time [s]"))
+
+
+def test_tdms_cut_anywhere_in_its_second_segment(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    channels: dict[str, tuple[np.ndarray, dict]] = {
+        "time [s]": (TIME, {}),
+        "voltage [kV]": (VOLTAGE_KV, {}),
+    }
+    path = write_groups(tmp_path / "a.tdms", {"g": channels})
+    first = path.stat().st_size
+    content = write_groups(path, {"g": channels, "h": channels}).read_bytes()
+    data = len(content) - 2 * TIME.nbytes
+    for end in (first + 10, first + 40, data, data + TIME.nbytes, len(content) - 1):
+        path.write_bytes(content[:end])
+        with pytest.raises(UserError, match="it is truncated; copy it again"):
+            read_record(path)
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(("cut", "said"), [(0, "holds no channels"), (1, "is truncated")])
+def test_tdms_lengths_of_a_big_endian_file(tmp_path: Path, cut: int, said: str) -> None:
+    big_endian_with_metadata, no_objects = 1 << 6 | 1 << 1, struct.pack(">L", 0)
+    lead_in = struct.pack("<4sL", b"TDSm", big_endian_with_metadata)
+    lead_in += struct.pack(">LQQ", 4713, len(no_objects), len(no_objects))
+    (tmp_path / "a.tdms").write_bytes((lead_in + no_objects)[: len(lead_in) + 4 - cut])
+    with pytest.raises(UserError, match=said):
+        read_record(tmp_path / "a.tdms")
 
 
 def write_groups(path: Path, groups: dict[str, dict[str, tuple[np.ndarray, dict]]]) -> Path:

@@ -9,22 +9,18 @@ are long. Elsewhere (the two knots of a step, a triangle's corners) the lines st
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.integrate.smooth_piece import DEGREE, fitted, line
 
-DEGREE = 5
 FEWEST_KNOTS = 12
 """On one polynomial, twice its coefficients, before it counts as the signal's own shape."""
-LARGEST_SCATTER = 5.0
-"""Knots may lie this many times their scatter about a smooth curve from the polynomial."""
 CUT_OFF, COARSE_CUT_OFF = 1e-4, 4e-3
 """Of second differences, of which lines cut off an eighth: what a polynomial may miss, and
 what it may where even the fewest knots are too far apart for that."""
-EVEN = 1e-9
-"""Knots this close to even spacing, over their span, share one basis."""
 SCATTER_NORM = 0.6745 * np.sqrt(924.0)
 """Median absolute sixth difference of white noise over its standard deviation."""
 NOISIEST = 0.01
@@ -34,12 +30,6 @@ STEADY = 0.01
 JUMP, TURN, WORTH = 0.01, 0.05, 1e-3
 """What restarts the step size: a jump, over the largest drive; a turn, over its largest
 slope, if it changes the drive by this share within the piece."""
-_CHEBYSHEV_POWERS = np.zeros((DEGREE + 1, DEGREE + 1))
-for _n in range(DEGREE + 1):
-    _shifted = np.polynomial.Chebyshev.basis(_n, domain=[0.0, 1.0])
-    _CHEBYSHEV_POWERS[: _n + 1, _n] = _shifted.convert(
-        kind=np.polynomial.Polynomial, domain=[-1.0, 1.0], window=[-1.0, 1.0]
-    ).coef
 
 
 @dataclass(frozen=True)
@@ -77,7 +67,12 @@ class Drive:
 
 
 def drive(
-    knots: FloatArray, volts: FloatArray, first: float, last: float, tolerance: float
+    knots: FloatArray,
+    volts: FloatArray,
+    first: float,
+    last: float,
+    tolerance: float,
+    noisy: bool = False,
 ) -> Drive:
     """Pieces of a voltage that is zero before its first knot, and constant after its last.
 
@@ -86,26 +81,26 @@ def drive(
     knots, volts : (K,) ascending times [s]; a repeated time marks a jump.
     first, last : times the pieces must span [s].
     tolerance : of the voltage relative to its peak; what the knots themselves leave open adds
-        to it: their scatter about a smooth curve, and a little of what their straight lines
-        cut off it.
+        to it: a little of what straight lines cut off a smooth curve and, where they are
+        `noisy`, their scatter about it.
     """
     peak = float(np.max(np.abs(volts)))
     knots, volts = _spanning(knots, volts, first, last)
     bend = float(np.median(np.abs(np.diff(volts, 2)))) if volts.size > 2 else 0.0
-    allowed = tolerance * peak + CUT_OFF * bend, scatter(knots, volts)
-    coarse = tolerance * peak + COARSE_CUT_OFF * bend, allowed[1]
+    noise = scatter(knots, volts) if noisy else 0.0
+    allowed = tolerance * peak + CUT_OFF * bend, noise
+    coarse = tolerance * peak + COARSE_CUT_OFF * bend, noise
     edges, pieces = [float(knots[0])], []
     jumps = np.append(np.flatnonzero(np.diff(knots) == 0.0), knots.size - 1)
-    begin, count = 0, 1
+    begin, after_jump, count = 0, 0, 1
     while begin < knots.size - 1:
         room = int(jumps[np.searchsorted(jumps, begin)]) - begin
         if room == 0:
-            begin += 1
+            begin = after_jump = begin + 1
             continue
         count, coefficients = _longest(knots, volts, begin, room, allowed, count)
-        if count == 1 and room >= FEWEST_KNOTS - 1:
-            fit = _fit(knots, volts, begin, FEWEST_KNOTS - 1, coarse)
-            count, coefficients = (1, coefficients) if fit is None else (FEWEST_KNOTS - 1, fit)
+        if count == 1 and room > 1:
+            count, coefficients = _shortest(knots, volts, begin, room, after_jump, coarse)
         edges.append(float(knots[begin + count]))
         pieces.append(coefficients)
         begin += count
@@ -157,11 +152,11 @@ def _longest(
     ----------
     before : knot intervals of the piece before, to try first.
     """
-    best, found = 1, _line(volts[begin], volts[begin + 1])
+    best, found = 1, line(volts[begin], volts[begin + 1])
     fewest, too_many = FEWEST_KNOTS - 1, room + 1
     count = min(max(fewest, before), room)
     while fewest <= count < too_many:
-        fit = _fit(knots, volts, begin, count, allowed)
+        fit = fitted(knots, volts, begin, count, allowed)
         if fit is None:
             too_many = count
         else:
@@ -174,53 +169,35 @@ def _longest(
             count = max((best + too_many) // 2, fewest)
     if 0 < room - best < fewest <= room - fewest:
         # Leave the last piece enough knots to be smooth too.
-        fit = _fit(knots, volts, begin, room - fewest, allowed)
+        fit = fitted(knots, volts, begin, room - fewest, allowed)
         best, found = (best, found) if fit is None else (room - fewest, fit)
     return best, found
 
 
-def _line(start: float, end: float) -> FloatArray:
-    return np.array([start, end - start, 0.0, 0.0, 0.0, 0.0])
-
-
-def _fit(
-    knots: FloatArray, volts: FloatArray, begin: int, count: int, allowed: tuple[float, float]
-) -> FloatArray | None:
-    """Least-squares polynomial over `count` intervals, or None if it misses knots.
+def _shortest(
+    knots: FloatArray,
+    volts: FloatArray,
+    begin: int,
+    room: int,
+    after_jump: int,
+    allowed: tuple[float, float],
+) -> tuple[int, FloatArray]:
+    """As `_longest`, of the fewest knots: those before `begin` are used where room is less.
 
     Parameters
     ----------
-    allowed : misfit of a knot, and the scatter that comes on top.
+    after_jump : the first knot after the last jump.
     """
-    time, values = knots[begin : begin + count + 1], volts[begin : begin + count + 1]
-    if np.ptp(values) == 0.0:
-        return _line(float(values[0]), float(values[0]))
-    x = (time - time[0]) / (time[-1] - time[0])
-    if np.max(np.abs(x - np.arange(count + 1) / count)) < EVEN:
-        basis, to_powers = _even_basis(count)
-    else:
-        basis, to_powers = _basis(x)
-    weights = basis.T @ values
-    misfit, noise = np.abs(basis @ weights - values), allowed[1]
-    if np.max(misfit) > allowed[0] + LARGEST_SCATTER * noise:
-        return None
-    # More than noise would leave is a shape the polynomial misses (chi-square, 2 sd).
-    more = 1.0 + 2.0 * np.sqrt(2.0 / misfit.size)
-    if np.mean(misfit**2) > allowed[0] ** 2 + more * noise**2:
-        return None
-    return np.asarray(to_powers @ weights)
-
-
-def _basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal polynomials at `x` (M,) within [0, 1], (M, 6), and the powers they are of."""
-    chebyshev = np.polynomial.chebyshev.chebvander(2.0 * x - 1.0, DEGREE)
-    basis, triangle = np.linalg.qr(chebyshev)
-    return basis, _CHEBYSHEV_POWERS @ np.linalg.inv(triangle)
-
-
-@lru_cache(maxsize=256)
-def _even_basis(count: int) -> tuple[FloatArray, FloatArray]:
-    return _basis(np.arange(count + 1) / count)
+    fewest = FEWEST_KNOTS - 1
+    start = min(begin, begin + room - fewest)
+    fit = fitted(knots, volts, start, fewest, allowed) if start >= after_jump else None
+    if fit is None:
+        return 1, line(volts[begin], volts[begin + 1])
+    before = (knots[begin] - knots[start]) / (knots[start + fewest] - knots[start])
+    rest, found = np.polynomial.Polynomial([before, 1.0 - before]), np.zeros(DEGREE + 1)
+    powers = np.asarray(np.polynomial.Polynomial(fit)(rest).coef, dtype=float)
+    found[: powers.size] = powers
+    return min(room, fewest), found
 
 
 def _restarts(edges: FloatArray, coefficients: FloatArray) -> FloatArray:

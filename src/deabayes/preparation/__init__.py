@@ -155,7 +155,12 @@ def _experiment(record: WorkingRecord, raw: RawRecord) -> Experiment:
         response=record.response[used],
         samples_averaged=record.samples_averaged[used],
         excitation=Excitation(
-            row.excitation, record.excitation_unit, knots, values, conditions(row, raw)
+            row.excitation,
+            record.excitation_unit,
+            knots,
+            values,
+            conditions(row, raw),
+            noisy=True,
         ),
         metadata=dict(row.metadata),
         provenance=record.specimen.provenance.get("kind", "measured"),

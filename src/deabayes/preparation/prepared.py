@@ -119,6 +119,7 @@ def read_prepared(path: Path) -> Experiment:
             coordinate=dataset["excitation_coordinate"].values,
             values=dataset["excitation"].values,
             conditions=json.loads(attributes["conditions"]),
+            noisy=True,
         ),
         metadata=json.loads(attributes["metadata"]),
         record_sha256=str(attributes["record_sha256"]),

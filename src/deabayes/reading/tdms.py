@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,8 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
 from deabayes.reading.binary import opened, pick
 from deabayes.reading.columns import Column, Table, from_header
+
+TAG, LEAD_IN = b"TDSm", 28
+"""Bytes in front of every segment: a tag, flags and a version of four each, then two lengths."""
+FLAGS, BIG_ENDIAN, LENGTH = 4, 1 << 6, 12
+"""Where the flags are, the one that says how lengths are written, and where the segment's is."""
 
 
 class Sampling(NamedTuple):
@@ -41,6 +48,8 @@ def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
     """
     from nptdms import TdmsFile
 
+    if _truncated(path):
+        raise UserError(f"{path}: ends within a segment, it is truncated; copy it again")
     groups = opened(TdmsFile.read, path, "a TDMS file").groups()
     paths = {f"{group.name}/{c.name}": c for group in groups for c in group.channels()}
     counts = Counter(channel.name for channel in paths.values())
@@ -57,6 +66,23 @@ def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
         arrays["time"] = sampling.times(arrays[name].size)
         wanted = [c for c in wanted if c.source != "time"] + [Column("time", "s", source="time")]
     return pick(path, wanted, arrays, "channel")
+
+
+def _truncated(path: Path) -> bool:
+    """Whether the file ends within a segment; of what is no TDMS file, its reader says so."""
+    end, size = 0, path.stat().st_size
+    with path.open("rb") as file:
+        while end < size:
+            file.seek(end)
+            lead_in = file.read(LEAD_IN)
+            if not lead_in.startswith(TAG):
+                return end > 0
+            if len(lead_in) < LEAD_IN:
+                return True
+            (flags,) = struct.unpack_from("<I", lead_in, FLAGS)
+            order = ">" if flags & BIG_ENDIAN else "<"
+            end += LEAD_IN + struct.unpack_from(f"{order}Q", lead_in, LENGTH)[0]
+    return end > size
 
 
 def _column(channel: Any) -> Column:

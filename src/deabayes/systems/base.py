@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -21,6 +20,7 @@ from deabayes.experiment import (
 )
 from deabayes.faults import Faults, MissingQuantity, UserError, nearest
 from deabayes.parameter import Parameter
+from deabayes.systems.conditions import Conditions, condition_faults
 from deabayes.systems.stretched_spring import StretchedSpring
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]
-Conditions = Mapping[str, Mapping[str, float | str | None]]
-"""Excitation channel -> condition -> its value where a record states none; None if not known."""
 
 
 @dataclass(frozen=True)
@@ -217,21 +215,7 @@ class System(ABC):
         ------
         Faults
         """
-        told = self.conditions
-        known = dict.fromkeys(
-            given if told is None else (name for names in told.values() for name in names)
-        )
-        hint = "" if known else "; it has none, remove it"
-        faults = [
-            f"condition {name!r} is unknown for system {self.name!r}{hint or nearest(name, known)}"
-            for name in given
-            if name not in known and name != "protocol"
-        ]
-        faults += [
-            f"condition {name!r} must be a number or a text, found {value!r}"
-            for name, value in given.items()
-            if name in known and not isinstance(value, str | Real)
-        ]
+        faults = condition_faults(self.name, self.conditions, given)
         if faults:
             raise Faults(faults)
 

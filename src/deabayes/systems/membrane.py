@@ -28,8 +28,9 @@ from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
-from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
+from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
+from deabayes.systems.conditions import Conditions
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
 from deabayes.systems.membrane_solid import solid
@@ -288,4 +289,5 @@ class Membrane(System):
         if np.any(np.diff(knots) < 0.0):
             raise UserError("excitation 'voltage': times must ascend; sort the record by time")
         tolerance = DRIVE_TOLERANCE * self.tolerance
-        return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
+        span = float(times[0]), float(times[-1])
+        return drive(knots, volts, *span, tolerance, noisy=excitation.noisy)

@@ -29,8 +29,9 @@ from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive, drive
 from deabayes.parameter import Parameter
-from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
+from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
+from deabayes.systems.conditions import Conditions
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.structure_candidates import StructureModel, examples
@@ -208,7 +209,8 @@ class MinimumEnergyStructure(System):
         if np.any(np.diff(knots) < 0.0):
             raise UserError("excitation 'voltage': times must ascend; sort the record by time")
         tolerance = DRIVE_TOLERANCE * self.tolerance
-        return drive(knots, volts, float(times[0]), float(times[-1]), tolerance)
+        span = float(times[0]), float(times[-1])
+        return drive(knots, volts, *span, tolerance, noisy=excitation.noisy)
 
     @property
     def cheap(self) -> bool:
@@ -272,3 +274,12 @@ class MinimumEnergyStructure(System):
         unstable = ~(structure.stiffness(structure.rest) > 0.0)
         words = np.where(unstable, "unstable at its rest angle", "left the bent branch")
         return np.where(pushing, "the film would need hinges that push", words)
+
+    def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
+        """Why; of a force, first where the slider is asked to go beyond what the links reach."""
+        structure = self.structure(draws)
+        reach = 2.0 * structure.length * (1.0 - np.cos(structure.rest))
+        if excitation.name == "displacement" and np.all(np.max(coordinate) > reach):
+            furthest = 1e3 * float(np.median(reach))
+            return f"beyond {furthest:.3g} mm, where its links are straight"
+        return super().failure_note(excitation, coordinate, draws)

@@ -128,9 +128,13 @@ class Structure:
         return np.asarray(film - loads - column(self.electric) * sine * cosine * voltage**2)
 
     def force(self, displacement: FloatArray, voltage: float) -> FloatArray:
-        """Force [N] on what holds the slider, outwards, (W, N), at displacements (N,)."""
+        """Force [N] on what holds the slider, outwards, (W, N), at displacements (N,).
+
+        NaN beyond 2 L (1 - cos theta_0), where the links are stretched out.
+        """
         length = column(self.length)
-        angle = np.arccos(np.cos(column(self.rest)) + displacement / (2.0 * length))
+        with np.errstate(invalid="ignore"):  # NaN beyond what the links reach
+            angle = np.arccos(np.cos(column(self.rest)) + displacement / (2.0 * length))
         return -self.moment(angle, voltage) / (2.0 * length * np.sin(angle))
 
     def squared_voltage(self, angle: FloatArray) -> FloatArray:

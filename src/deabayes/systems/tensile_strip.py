@@ -21,7 +21,8 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.parameter import Parameter
 from deabayes.springs.base import DEFORMATIONS, column, principal_stretches
-from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
+from deabayes.systems.base import Derived, Draws, Simulator, System
+from deabayes.systems.conditions import Conditions
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.strip_candidates import StripModel, examples

@@ -148,7 +148,7 @@ class Tubular(TubularBase):
         """Strain, or displacement, when it happens (W, N)."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
-        mass = hung(excitation) if self.inertia else 0.0
+        mass = hung(excitation)
 
         def simulate(draws: Draws) -> FloatArray:
             chain = self._chain(draws)

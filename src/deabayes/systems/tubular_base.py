@@ -13,9 +13,10 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Sp
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.parameter import Parameter
-from deabayes.systems.base import Conditions, Draws, Simulator, System
+from deabayes.systems.base import Draws, Simulator, System
 from deabayes.systems.batch import once
 from deabayes.systems.circuit import Circuit, Supply
+from deabayes.systems.conditions import Conditions
 from deabayes.systems.inertial_parameter import moving_quantity
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.steady_sine import drive_of
