@@ -98,9 +98,10 @@ class Posterior:
             noise of calibrated records of that protocol; by default the fitted candidate solves
             it.
         **channels : `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...),
-            linear between its values; one value is held. Without `time` the excitation is
-            quasi-static. Numbers are SI unless they carry a unit: ``"1.8 kV"``, a pint
-            quantity, a DataArray with `units`, a Series called ``voltage [kV]``.
+            linear between its values, or the smooth curve that a voltage's many values are
+            samples of (twelve neighbours on one polynomial); one value is held. Without `time`
+            the excitation is quasi-static. Numbers are SI unless they carry a unit: ``"1.8 kV"``,
+            a pint quantity, a DataArray with `units`, a Series called ``voltage [kV]``.
 
         Returns
         -------

@@ -45,7 +45,8 @@ def simulate(
     response : response channel; the system's first by default.
     conditions : what is held during the record (`deformation`, `load_g`).
     **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...;
-        linear between its values; one value is held.
+        linear between its values, or the smooth curve that a voltage's many values are samples
+        of (twelve neighbours on one polynomial); one value is held.
 
     Returns
     -------

@@ -131,6 +131,16 @@ def test_the_breakdown_stretch_bounds_draws_without_a_fold():
     assert weak.steady_stretch(draws, found.voltage[0] * 0.999999)[0] < 3.3
 
 
+@pytest.mark.parametrize(
+    ("limit", "why"),
+    [(15.1, "at the Gent spring's lock-up"), (14.0, "Gent limit below the pre-stretch")],
+)
+def test_a_spring_about_to_lock_up_is_named(limit: float, why: str) -> None:
+    draws = golden_draws(load_golden("membrane_step")["inputs"], 3) | {"J_alpha": np.array([limit])}
+    note = membrane().failure_note(step(4e3), np.array([0.0, 600.0]), draws)
+    assert note.startswith(why)
+
+
 def test_lost_draws_cost_little_and_change_no_other():
     system = membrane()
     draws = prior_draws(system, 64)

@@ -191,3 +191,16 @@ def test_the_branch_of_a_film_that_locks_ends_there():
     moved = 0.067 * (np.cos(angle) - np.cos(np.pi / 4.0))
     np.testing.assert_allclose(found["free_displacement_5kV"].values, moved, rtol=1e-9)
     assert np.all(found["snap_voltage"].values > 5e4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_slider_pulled_beyond_what_the_links_reach() -> None:
+    displacements = np.linspace(0.0, 0.03, 7)
+    draws = paper_draws()
+    length = specimen().quantities["link_length"].value
+    reach = 2.0 * length * (1.0 - np.cos(np.radians(45.0)))
+    assert np.all(
+        np.isnan(AT_REST.predict(pull(displacements, 2e3), displacements, "force", draws))
+    )
+    note = AT_REST.failure_note(pull(displacements, 2e3), displacements, draws)
+    assert note == f"beyond {1e3 * reach:.3g} mm, where its links are straight"

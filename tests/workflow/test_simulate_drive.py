@@ -61,6 +61,7 @@ def test_a_drive_in_time(
     )
 
     assert re.search(words, said), said
+    assert "specimen.yaml" not in said
     assert not (place / "out.csv").exists()
 
 

@@ -64,11 +64,11 @@ def _check_without_time(record: RawRecord, in_time: list[str], path: Path) -> No
 def _faults(driven: Mapping[str, FloatArray], where: str) -> list[str]:
     from deabayes.reading.checks import not_finite, time_goes_back, time_repeats
 
-    faults = [fault for name, values in driven.items() for fault in not_finite(values, name, where)]
+    faults = [f for name, values in driven.items() for f in not_finite(values, name, where, "")]
     if faults:
         return faults
     if "time" in driven:
-        return time_goes_back(driven["time"], where) + time_repeats(driven["time"], where)
+        return time_goes_back(driven["time"], where) + time_repeats(driven["time"], where, "")
     for name, values in driven.items():
         back = np.flatnonzero(np.diff(values) <= 0.0)
         if back.size:

@@ -99,7 +99,7 @@ def drive(
             begin = after_jump = begin + 1
             continue
         count, coefficients = _longest(knots, volts, begin, room, allowed, count)
-        if count == 1 and room > 1:
+        if count == 1:
             count, coefficients = _shortest(knots, volts, begin, room, after_jump, coarse)
         edges.append(float(knots[begin + count]))
         pieces.append(coefficients)

@@ -37,15 +37,17 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
     ]
 
 
-def not_finite(values: FloatArray, channel: str, where: str) -> list[str]:
-    """NaN, infinite or missing values."""
+def not_finite(
+    values: FloatArray, channel: str, where: str, otherwise: str = f", {REMEDY}"
+) -> list[str]:
+    """NaN, infinite or missing values; `otherwise` is what else can be done than to mend them."""
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size == 0:
         return []
     run = int(np.argmin(np.append(np.diff(bad) == 1, False))) + 1
     return [
         f"{where}, column {channel}: values missing, NaN or infinite: {bad.size}, the first in "
-        f"data row {bad[0] + 1} (a run of {run}); repair the record or cut it there, {REMEDY}"
+        f"data row {bad[0] + 1} (a run of {run}); repair the record or cut it there{otherwise}"
     ]
 
 
@@ -61,16 +63,16 @@ def time_goes_back(time: FloatArray, where: str) -> list[str]:
     ]
 
 
-def time_repeats(time: FloatArray, where: str) -> list[str]:
-    """Time stamps given twice."""
+def time_repeats(time: FloatArray, where: str, otherwise: str = f", {REMEDY}") -> list[str]:
+    """Time stamps given twice; `otherwise` as for `not_finite`."""
     same = np.flatnonzero(np.diff(time) == 0.0)
     if same.size == 0:
         return []
     row = int(same[0]) + 2
     return [
         f"{where}, column time: data row {row} repeats the time {time[row - 1]:.9g} s of the row "
-        f"before ({same.size} such rows); remove the duplicates or give time more digits, "
-        f"{REMEDY}"
+        f"before ({same.size} such rows); remove the duplicates or give time more "
+        f"digits{otherwise}"
     ]
 
 

@@ -3,7 +3,7 @@ r"""A sensor that shows what was a while ago, where that while is not known exac
 With the stated delay T_0 and its sd s, the response is computed at t - T_0 and at
 t - T_0 +- 2 s, and read at t - T by the parabola through the three. That is exact for a
 parabola; of a response that oscillates at omega the error is about (2 s omega)^3 / 16 of its
-amplitude within 2 s of T_0: 1e-6 for 0.05 ms at 62 Hz. No parabola follows a jump: what answers
+amplitude within 2 s of T_0: 4e-6 for 0.05 ms at 62 Hz. No parabola follows a jump: what answers
 the excitation at once is read at t - T itself.
 """
 

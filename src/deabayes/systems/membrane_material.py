@@ -156,8 +156,10 @@ class Material:
     def why_lost(self, breakdown: float) -> NDArray[np.str_]:
         """What ends the near branch of each draw (W,), in words."""
         locked = np.isnan(gent_stress(self.prestretch, self.inverse_limit)[0])
-        fold = self.pull_in(breakdown).fold
-        words = np.where(fold, "pull-in", "beyond the breakdown stretch")
+        end = self.pull_in(breakdown)
+        whole = end.stretch >= breakdown
+        words = np.where(whole, "beyond the breakdown stretch", "at the Gent spring's lock-up")
+        words = np.where(end.fold, "pull-in", words)
         return np.where(locked, "Gent limit below the pre-stretch", words)
 
     def steady_stretch(self, voltage: float, end: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ PERMITTIVITY_SOURCE = (
 )
 STRESS = LogNormal(1e6, 1.0)
 STRESS_SOURCE = (
-    f"true stress of the film at rest: {PAPER}, Table 3, makes 1.4 MPa at 45 degrees; "
+    f"true stress of the film at rest: {PAPER}, Table 3, makes 1.3 MPa at 45 degrees; "
     "5-95 % is 0.19 to 5.2 MPa"
 )
 STIFFNESS = LogNormal(5.0, 2.0)
