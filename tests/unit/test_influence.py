@@ -62,12 +62,13 @@ def test_a_limit_at_the_fold_loses_about_half():
 
 def test_why_draws_are_lost():
     system = membrane("kv_gm_1")
-    draws = {n: np.tile(v, 3) for n, v in golden_draws(PAPER, 1).items()}
-    draws["J_alpha"] = np.array([1e9, 10.0, 60.0])
-    pull_in, below, beyond = system.why_failed(draws)
+    draws = {n: np.tile(v, 4) for n, v in golden_draws(PAPER, 1).items()}
+    draws["J_alpha"] = np.array([1e9, 10.0, 60.0, 75.0])
+    pull_in, below, locked, beyond = system.why_failed(draws)
     assert pull_in == "pull-in"
     assert "below the pre-stretch" in below
-    assert "breakdown" in beyond
+    assert "lock-up" in locked  # at a stretch of 5.6
+    assert "breakdown" in beyond  # of 6, before the lock-up at 6.2
 
 
 def test_one_at_a_time_is_direct_simulation():
