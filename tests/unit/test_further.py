@@ -158,6 +158,12 @@ def test_longer_holds_the_last_excitation():
     assert np.isnan(long.response).all() and long.role == "validate"
 
 
+@pytest.mark.parametrize("change", [{"duration": 3}, {"speed": 4}, {"excitation": 1.5}])
+def test_what_was_recorded_is_still_a_monitor_s(change):
+    recorded = replace(record(), excitation=replace(record().excitation, noisy=True))
+    assert altered(recorded, "other", {"like": "step_2kV", **change}).excitation.noisy
+
+
 def test_faster_compresses_time_at_the_same_sampling():
     averaged = replace(record(), samples_averaged=np.full(TIME.size, 10.0))
     fast = altered(averaged, "fast", {"like": "step_2kV", "speed": 4})

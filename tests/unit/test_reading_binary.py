@@ -146,6 +146,13 @@ V7_3 = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
 COMPLEX = np.array([(1.0, 2.0)] * 3, dtype=[("real", float), ("imag", float)])
 
 
+def test_a_matlab_7_3_file_cut_short_is_named(tmp_path: Path) -> None:
+    path = write_mat_7_3(tmp_path / "a.mat", {"t": TIME, "u": VOLTAGE_KV})
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(UserError, match=r"a.mat: cannot be read as a MATLAB file .* copy it again"):
+        read_record(path, columns=from_text("t = time [s]; u = voltage [kV]"))
+
+
 def write_mat_7_3(path: Path, variables: dict[str, object]) -> Path:
     import h5py
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deabayes.experiment import PHASE, Excitation, Experiment, FloatArray
+from deabayes.experiment import PHASE, Experiment, FloatArray
 from deabayes.faults import Faults, nearest
 from deabayes.study import Settings
 
@@ -160,10 +160,9 @@ def _held(experiment: Experiment, factor: float) -> Experiment:
     averaged = np.append(
         experiment.samples_averaged, np.full(more.size, experiment.samples_averaged[-1])
     )
-    excitation = Excitation(driven.name, driven.unit, knots, values, driven.conditions)
     return replace(
         experiment,
         coordinate=np.concatenate([time, more]),
         samples_averaged=averaged,
-        excitation=excitation,
+        excitation=replace(driven, coordinate=knots, values=values),
     )

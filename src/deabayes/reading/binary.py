@@ -114,16 +114,14 @@ def pick(
 
 def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Arrays by name, and the names of structures that hold none themselves."""
+    import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
     import scipy.io
 
-    try:
-        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
-    except NotImplementedError:  # version 7.3 is HDF5
-        import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
-
-        with h5py.File(path) as file:
+    if h5py.is_hdf5(path):  # as version 7.3 is
+        with opened(h5py.File, path, "a MATLAB file") as file:
             arrays = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
             return arrays, [k for k in file if k not in arrays and not k.startswith("#")]
+    content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
     return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}, []
 
 
@@ -133,8 +131,6 @@ def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
         raise UserError(f"{path}: the file is empty; copy the record again")
     try:
         return opener(path, **settings)
-    except NotImplementedError:
-        raise
     except Exception as error:
         raise UserError(
             f"{path}: cannot be read as {kind} ({str(error)[:80]}); "

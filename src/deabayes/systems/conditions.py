@@ -13,14 +13,16 @@ Conditions = Mapping[str, Mapping[str, float | str | None]]
 
 A condition is a text where that value is one, and else a number."""
 
+TEXT, BARE = "a text", "a finite number without a unit (the one of its name, else SI)"
+
 
 def condition_faults(
     system: str, told: Conditions | None, given: Mapping[str, object]
 ) -> list[str]:
-    """What is wrong with conditions; of a system that tells none (`told` None), any name is."""
+    """What is wrong with conditions; a system that tells none (`told` None) may have any."""
     unstated = {name: held for names in (told or {}).values() for name, held in names.items()}
     if told is None:
-        unstated = dict.fromkeys(given)
+        return [fault for name in given for fault in _wrong(name, given[name], (BARE, TEXT))]
     hint = "" if unstated else "; it has none, remove it"
     faults = [
         f"condition {name!r} is unknown for system {system!r}{hint or nearest(name, unstated)}"
@@ -28,17 +30,17 @@ def condition_faults(
         if name not in unstated and name != "protocol"
     ]
     for name in (each for each in given if each in unstated):
-        as_text = told is None or isinstance(unstated[name], str)
-        as_number = told is None or not as_text
-        faults += _wrong(name, given[name], as_text, as_number)
+        wanted = TEXT if isinstance(unstated[name], str) else BARE
+        faults += _wrong(name, given[name], (wanted,))
     return faults
 
 
-def _wrong(name: str, value: object, as_text: bool, as_number: bool) -> list[str]:
-    """What is said of a value that is neither a text nor a finite number where one may be."""
-    number = isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
-    if (as_number and number) or (as_text and isinstance(value, str)):
+def _wrong(name: str, value: object, wanted: tuple[str, ...]) -> list[str]:
+    """What is said of a value that is nothing of what is wanted."""
+    if (TEXT in wanted and isinstance(value, str)) or (BARE in wanted and _is_number(value)):
         return []
-    bare = "a finite number without a unit (the one of its name, else SI)"
-    wanted = " or ".join([bare] * as_number + ["a text"] * as_text)
-    return [f"condition {name!r} must be {wanted}, found {value!r}"]
+    return [f"condition {name!r} must be {' or '.join(wanted)}, found {value!r}"]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
