@@ -27,6 +27,7 @@ include: "workflow/rules/predict.smk"
 include: "workflow/rules/analyse.smk"
 include: "workflow/rules/population.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/unfinished.smk"
 
 
 localrules:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from tests.unit.own_model_page import write_page
 from tests.unit.study_folders import replace_in
 from tests.workflow.snakemake_runs import snakemake
@@ -124,6 +125,21 @@ def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
         summary.write_bytes(kept)
         (place / "config.yaml").write_text(before)
         snakemake(place, "--cores", "1", "results/stack/prepared")
+
+
+def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path, tmp_path: Path) -> None:
+    """What one study holds out is edited, and another's posterior is asked for."""
+    place, other = tmp_path / "stack", "results/other/lag_0/ensembles/1.nc"
+    shutil.copytree(fitted, place)
+    config = yaml.safe_load((place / "config.yaml").read_text())
+    study = config["studies"]["stack"]
+    for edit, targets in [({}, ("results/logs/compiled",)), ({"validate": []}, (other,))]:
+        studies = {"stack": study | edit, "other": study}
+        (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
+        run = snakemake(place, "--cores", "1", *targets)
+    assert run.returncode != 0 and f"{other}: not made" in run.stderr + run.stdout
+    run = snakemake(place, "--cores", "1", other)
+    assert run.returncode == 0 and (place / other).exists(), run.stderr
 
 
 def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
