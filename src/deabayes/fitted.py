@@ -37,7 +37,8 @@ class Fitted:
 
     `draws` maps every parameter, noise included, to (S,) values in SI. `predicts_with` maps a
     protocol to the system that its records are predicted with, where that is a wider one than
-    the fitted `system` (`predict_with` of a study).
+    the fitted `system` (`predict_with` of a study). `new_specimen`: the draws are of none that
+    the records were taken of, but of another of its population.
     """
 
     candidate: str
@@ -50,6 +51,7 @@ class Fitted:
     records: tuple[CalibratedRecord, ...]
     converged: bool
     predicts_with: Mapping[str, System] = field(default_factory=dict)
+    new_specimen: bool = False
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
@@ -77,7 +79,13 @@ class Fitted:
                 protocol: build_system(specimen.system, candidate + ending, specimen)
                 for protocol, ending in settings.get("predict_with", {}).items()
             },
+            "population" in tree.attrs,
         )
+
+    def has_seen(self, experiment: Experiment) -> bool:
+        """Whether the draws were fitted to a record."""
+        named = any(record.name == experiment.name for record in self.records)
+        return named and not self.new_specimen
 
     def system_for(self, experiment: Experiment) -> System:
         """The forward model of a record: the fitted one, unless its protocol has a wider one."""
@@ -126,6 +134,7 @@ class Fitted:
             origin,
             origin.stretch * noise_coordinate(self.noise_along, experiment),
             rng,
+            self.has_seen(experiment),
         )
 
     def reading(self, experiment: Experiment) -> tuple[Reading, NDArray[np.bool_]]:

@@ -72,26 +72,31 @@ def noise_parameters(
 ) -> tuple[Parameter, ...]:
     """The noise parameters of every group, prefixed by the group's name.
 
-    Where specimen.yaml states the sensor's noise, it is the median of the white
-    noise's prior, known to a factor of about two.
+    Where specimen.yaml states the noise of the one sensor that a group's records were read
+    with, it is the median of the white noise's prior, known to a factor of about two.
 
     Raises
     ------
-    UserError : records of one group whose residuals have different units.
+    UserError : records of one group whose residuals, or coordinates, have different units;
+        two readings at one place that the noise model makes the same.
     """
     groups: dict[str, list[Experiment]] = {}
     for experiment in experiments:
         groups.setdefault(noise_group(study, experiment), []).append(experiment)
     parameters: list[Parameter] = []
     for group, members in groups.items():
-        _check_one_unit(group, {residual_unit(study, system, m) for m in members})
+        _check_one_unit(group, "size", {residual_unit(study, system, m) for m in members})
+        if noise.length and study.noise_coordinate != "grid":
+            _check_one_unit(group, "length", {m.coordinate_unit for m in members})
         scales = [record_scale(study, system, m) for m in members]
         unit = residual_unit(study, system, members[0])
         scale = float(np.mean([typical_size(study, system, m) for m in members]))
         along = [noise_coordinate(study.noise_coordinate, m) for m in members]
+        if not noise.has_white:
+            _check_no_repeats(noise, members, along)
         span = float(np.median([np.ptp(coordinate) for coordinate in along]))
         coordinate_unit = "1" if study.noise_coordinate == "grid" else members[0].coordinate_unit
-        sensor = _stated_noise(system, members[0])
+        sensor = _stated_noise(system, members)
         divisor = float(np.mean([s.scale for s in scales]))
         parameters += [
             replace(_of_sensor(p, sensor, divisor), name=f"{group}.{p.name}")
@@ -100,21 +105,41 @@ def noise_parameters(
     return tuple(parameters)
 
 
-def _check_one_unit(group: str, units: set[str]) -> None:
-    """Records that share an amplitude must have it in one unit."""
+def _check_one_unit(group: str, what: str, units: set[str]) -> None:
+    """Records that share a size of their noise must have it in one unit, and so its length."""
     if len(units) > 1:
+        along = "along coordinates " if what == "length" else ""
         raise UserError(
-            f"noise group {group!r} has records in {' and in '.join(sorted(units))}, which cannot "
-            "share the size of their noise; set noise_groups: experiment for the study"
+            f"noise group {group!r} has records {along}in {' and in '.join(sorted(units))}, which "
+            f"cannot share the {what} of their noise; set noise_groups: experiment for the study"
         )
 
 
-def _stated_noise(system: System, experiment: Experiment) -> Quantity | None:
-    """The sensor's noise as specimen.yaml states it, where residuals are differences."""
-    if experiment.response_name in system.proportional:
+def _check_no_repeats(
+    noise: NoiseModel, members: Sequence[Experiment], along: Sequence[FloatArray]
+) -> None:
+    for experiment, coordinate in zip(members, along, strict=True):
+        repeated = np.flatnonzero(np.diff(coordinate) == 0.0)
+        if repeated.size:
+            at = experiment.coordinate[repeated[0]]
+            raise UserError(
+                f"record {experiment.name}: {repeated.size} readings repeat their "
+                f"{experiment.coordinate_name} (the first at {at:.6g} {experiment.coordinate_unit})"
+                f", and noise {noise.name!r} has no white part that they could differ by; set "
+                "noise: ornstein_uhlenbeck or noise_coordinate: grid for the study"
+            )
+
+
+def _stated_noise(system: System, members: Sequence[Experiment]) -> Quantity | None:
+    """The sensor's noise as specimen.yaml states it, where residuals are differences.
+
+    None where records were read with several sensors: they share one size, in no sensor's unit.
+    """
+    first = members[0]
+    several = len({m.response_name for m in members}) > 1
+    if several or first.response_name in system.proportional:
         return None
-    name, unit = experiment.response_name, experiment.response_unit
-    return instrument(system.specimen, "noise", name, unit)
+    return instrument(system.specimen, "noise", first.response_name, first.response_unit)
 
 
 def _of_sensor(parameter: Parameter, sensor: Quantity | None, scale: float) -> Parameter:

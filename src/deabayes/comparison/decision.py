@@ -13,6 +13,8 @@ from deabayes.experiment import FloatArray
 SMALLEST_EVIDENCE_GAIN = 1.0
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
+SHOWN = "^chosen: |^not resolved by these data against "
+"""In the verdict of the candidate that the walk ended at."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,29 @@ def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
 
 
 def evidence_favours(larger: Score, smaller: Score) -> bool | None:
-    """Whether the evidence is for the larger candidate; None where it or its error is not known."""
-    gain = larger.log_evidence - smaller.log_evidence
-    error = float(np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse))
+    """Whether the evidence is for the larger candidate.
+
+    None where it or its error is not known, and where bridge and nested sampling do not agree on
+    a candidate's (`evidence_conflict`) and answer differently.
+    """
+    by_bridge = _favours(
+        larger.log_evidence - smaller.log_evidence,
+        np.hypot(larger.log_evidence_mcse, smaller.log_evidence_mcse),
+    )
+    if not evidence_conflict(larger) and not evidence_conflict(smaller):
+        return by_bridge
+    by_nested = _favours(
+        larger.log_evidence_nested - smaller.log_evidence_nested,
+        np.hypot(larger.log_evidence_nested_error, smaller.log_evidence_nested_error),
+    )
+    return by_bridge if by_bridge == by_nested else None
+
+
+def _favours(gain: float, error: float) -> bool | None:
+    """Whether a gain in log evidence speaks for a candidate; None where it is not known."""
     if not np.isfinite([gain, error]).all():
         return None
-    return gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error)
+    return bool(gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error))
 
 
 def judge(larger: Score, smaller: Score) -> str:
@@ -95,9 +114,13 @@ def decide(scores: Sequence[Score]) -> Decision:
             chosen = candidate
     unresolved = tuple(s.candidate for s in ranked if s is not chosen and not _favoured(chosen, s))
     for s in ranked:
-        verdicts[s.candidate] = _verdict(s, chosen, unresolved)
-    if not unresolved:
-        verdicts[chosen.candidate] = _chosen(chosen, scores)
+        if s is not chosen:
+            verdicts[s.candidate] = _verdict(s, chosen, unresolved)
+    verdicts[chosen.candidate] = (
+        _not_resolved(chosen, [s for s in ranked if s.candidate in unresolved])
+        if unresolved
+        else _chosen(chosen, scores)
+    )
     return Decision(chosen.candidate, unresolved, verdicts)
 
 
@@ -122,11 +145,16 @@ def _chosen(chosen: Score, scores: Sequence[Score]) -> str:
     return f"{words} among those that converged; {', '.join(lost)} did not"
 
 
+def _not_resolved(chosen: Score, others: Sequence[Score]) -> str:
+    """The verdict of a candidate that others are not told from."""
+    words = f"not resolved by these data against {', '.join(s.candidate for s in others)}"
+    smaller = [s.candidate for s in others if s.n_parameters < chosen.n_parameters]
+    if not smaller:
+        return f"{words}; smallest adequate order"
+    return f"{words}; shown, though {', '.join(smaller)} has fewer parameters and may do"
+
+
 def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
-    if score is chosen:
-        return (
-            f"not resolved by these data against {', '.join(unresolved)}; smallest adequate order"
-        )
     gain, se = elpd_difference(score, chosen)
     evidence = score.log_evidence - chosen.log_evidence
     figures = (

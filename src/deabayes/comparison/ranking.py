@@ -74,7 +74,8 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
             if name == f"{record.group}.{r.target.noise.length}"
         ]
         coordinate = record.noise_coordinate
-        spacing = 3.0 * float(np.median(np.diff(coordinate)))
+        steps = np.diff(coordinate)
+        spacing = 3.0 * float(np.median(steps[steps > 0.0]))
         length = CORRELATION_TIMES_PER_BLOCK * max(lengths) if lengths else spacing
         longest = float(np.ptp(coordinate)) / FEWEST_BLOCKS
         edges[record.experiment.name] = block_edges(coordinate, min(length, longest))

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deabayes.comparison.decision import SHOWN
 from deabayes.faults import UserError
 from deabayes.figures.analysis_results import AnalysisResults
 from deabayes.posteriors.found import fitted_posteriors
@@ -61,14 +62,13 @@ class StudyResults:
 
     @cached_property
     def recommended(self) -> CandidateResults:
-        """The chosen candidate, else the smallest adequate, the first converged, the first."""
+        """The candidate that the comparison ended at, else the first converged, the first."""
         by_name = {c.name: c for c in self.candidates}
         if self.comparison is not None:
-            verdicts = {str(n): str(v) for n, v in self.comparison["verdict"].items()}
-            for mark in ("chosen", "recommended", "smallest adequate"):
-                for name, verdict in verdicts.items():
-                    if name in by_name and not verdict.startswith("not chosen") and mark in verdict:
-                        return by_name[name]
+            shown = self.comparison["verdict"].astype(str).str.contains(SHOWN)
+            for name in self.comparison.index[shown].astype(str):
+                if name in by_name:
+                    return by_name[name]
         return next((c for c in self.candidates if c.converged), self.candidates[0])
 
     @cached_property

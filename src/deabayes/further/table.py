@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from deabayes.comparison.decision import SHOWN
 from deabayes.fitted import Fitted
 from deabayes.further.information import candidate_information, parameter_information
 from deabayes.further.planned import Planned
@@ -15,8 +16,7 @@ from deabayes.prediction.outcomes import Predictive
 
 IN_THE_RUNNING = 3.0
 """Nats of log evidence below the best, odds of 20 to 1, within which a candidate counts."""
-FIRST = "^chosen: |smallest adequate|^nothing to compare"
-"""In the verdict of the candidate that the comparison shows."""
+FIRST = f"{SHOWN}|^nothing to compare"
 SHARE_FOR_DENSITY = 2.0 / 3.0
 COLUMNS = (
     "experiment", "what", "held_out", "candidates",

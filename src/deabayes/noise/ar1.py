@@ -20,6 +20,7 @@ class AutoRegressive(OrnsteinUhlenbeck):
 
     name = "ar1"
     length = "tau_ar1"
+    has_white = False
 
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"

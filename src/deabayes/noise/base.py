@@ -35,6 +35,8 @@ class NoiseModel(ABC):
     """The standard deviations of its white and its correlated part, where it has both."""
     length: ClassVar[str] = ""
     """The parameter that is its correlation length, where it has one."""
+    has_white: ClassVar[bool] = True
+    """Whether two readings at one place may differ."""
 
     @abstractmethod
     def parameters(

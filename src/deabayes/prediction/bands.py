@@ -54,6 +54,7 @@ def sample_response(
     origin: NoiseOrigin,
     along: FloatArray,
     rng: np.random.Generator,
+    seen: bool = False,
 ) -> Samples:
     """Sample what one record may read under the posterior.
 
@@ -63,6 +64,7 @@ def sample_response(
         taken to have, without prefix.
     origin : whose noise that is, and what it is relative to.
     along : (N,) the coordinate along which the noise is correlated, in the group's terms.
+    seen : whether the draws were fitted to this record.
     """
     mean = system.predict(
         experiment.excitation, experiment.coordinate, experiment.response_name, draws
@@ -82,7 +84,7 @@ def sample_response(
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     if log_density is not None:
-        log_density[kept], pit = _judged(experiment, noise, scale, mean, along, noise_draws)
+        log_density[kept], pit = _judged(experiment, noise, scale, mean, along, noise_draws, seen)
     return Samples(
         mean,
         scale.with_residuals(mean, discrepancy),
@@ -102,6 +104,7 @@ def _judged(
     mean: FloatArray,
     along: FloatArray,
     noise_draws: Draws,
+    seen: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """log p(y | theta_s) of what was read, (W,), and its PIT, (N,)."""
     weights = 1.0 / experiment.samples_averaged
@@ -110,7 +113,7 @@ def _judged(
     each = each + scale.log_derivative(experiment.response)
     total = each.sum(axis=1)
     scores = noise.innovations(residuals, along, weights, noise_draws)
-    pit = transforms(scores, each if experiment.role == "validate" else None)
+    pit = transforms(scores, None if seen else each)
     return np.where(np.isfinite(total), total, -np.inf), pit
 
 

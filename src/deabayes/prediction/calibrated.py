@@ -43,7 +43,11 @@ class Calibrated:
 
     def _range(self, experiment: Experiment) -> str:
         driven = experiment.excitation
-        ends = [[r.lowest, r.highest] for r in self.records if r.excitation_name == driven.name]
+        ends = [
+            [r.lowest, r.highest] + [0.0] * _from_rest(driven.unit, r.coordinate_name)
+            for r in self.records
+            if r.excitation_name == driven.name
+        ]
         if not ends:
             return f"no calibration record was driven by {driven.name}"
         known = np.concatenate([self._folded(driven.name, np.array(pair)) for pair in ends])
@@ -121,6 +125,11 @@ class Calibrated:
             return values
         crosses = values.min() < 0.0 < values.max()
         return np.append(np.abs(values), 0.0) if crosses else np.abs(values)
+
+
+def _from_rest(unit: str, coordinate_name: str) -> bool:
+    """Whether a record began at no excitation: a voltage is zero before its first knot."""
+    return unit == "V" and coordinate_name == "time"
 
 
 def _within(asked: FloatArray, known: FloatArray) -> bool:

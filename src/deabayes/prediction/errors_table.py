@@ -19,8 +19,8 @@ from deabayes.prediction.errors import (
 def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:
     """Errors of the posterior median curve with their posterior intervals, and band scores.
 
-    e_rms and e_m are those of equations.md section 4, in percent; their
-    intervals come from the draws' own errors. Coverage is that of the
+    e_rms and e_m are those of equations.md section 4, in percent, NaN where the record does not
+    vary; their intervals come from the draws' own errors. Coverage is that of the
     predictive band, NaN as CRPS is where fewer than two draws have a response or the noise
     is not known; `joint_log_score` is log mean_s p(y | theta_s), a failed draw's p being zero;
     `pit_p` tests whether the probability integral transforms are uniform.
@@ -33,8 +33,11 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
         "protocol": experiment.protocol,
     }
     for name, measure in (("e_rms", relative_rms_error), ("e_m", relative_maximum_error)):
-        row[f"{name}_percent"] = 100.0 * float(measure(observed, median[None])[0])
-        low, high = np.quantile(100.0 * measure(observed, samples.parameter), [0.05, 0.95])
+        value = low = high = np.nan
+        if np.ptp(observed) > 0.0:
+            value = 100.0 * measure(observed, median[None])[0]
+            low, high = np.quantile(100.0 * measure(observed, samples.parameter), [0.05, 0.95])
+        row[f"{name}_percent"] = float(value)
         row[f"{name}_q05"], row[f"{name}_q95"] = float(low), float(high)
     predictive = samples.predictive
     known = len(predictive) > 1 and bool(np.isfinite(predictive).all())

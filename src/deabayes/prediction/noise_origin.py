@@ -139,7 +139,8 @@ def find_noise(
     """Whose noise an experiment is taken to have.
 
     A calibrated record has its own. Another one takes the group of a calibrated
-    record of its response's unit, of its protocol if there is one; relative noise then
+    record of its response's unit, of its protocol if there is one, and of those of one with its
+    coordinate; relative noise then
     scales with each draw's predicted range, but is no smaller than that of the calibrated
     record that varied least. Where none has that unit, noise is carried
     over (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
@@ -162,7 +163,8 @@ def find_noise(
             return NoiseOrigin(record.group, record.scale, proportional=proportional)
     alike = [r for r in records if system.responses[r.response_name] == experiment.response_unit]
     matches = alike or records
-    first = next((r for r in matches if r.protocol == experiment.protocol), matches[0])
+    like = [r for r in matches if r.protocol == experiment.protocol] or matches[:1]
+    first = next((r for r in like if r.coordinate_name == experiment.coordinate_name), like[0])
     stretch = 1.0 if along == "grid" else _stretch(experiment, first)
     if alike:
         if not relative or is_ratio(system, experiment.response_name):
