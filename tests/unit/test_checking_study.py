@@ -92,12 +92,14 @@ def test_further_experiments_of_a_study_are_checked_before_a_job(tmp_path):
 
 def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
-    replace_in(folder / "experiments.csv", "validate", "calibrate")
+    replace_in(folder / "experiments.csv", "calibrate", "validate")
     (folder / "records" / "pull.csv").write_bytes((folder / "records" / "relax.csv").read_bytes())
-    assert check_study(Study("s", folder, ("kv_gm_1",)))[0] == []
     study = Study("s", folder, ("kv_gm_1",), calibrate=("relax",), validate=("pull",))
     (fault,) = check_study(study)[0]
     assert "study s: validate record 'pull' holds the same values" in fault
+    (twice,) = check_study(Study("s", folder, ("kv_gm_1",), calibrate=("relax", "pull")))[0]
+    assert "calibrate record 'pull' holds the same values as calibrate record 'relax'" in twice
+    assert "would count twice" in twice
 
 
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ def test_decision_walks_up_and_names_the_unresolved():
     decision = decide(scores)
     assert decision.chosen == "n2"
     assert decision.unresolved == ("n3",)
-    assert "not resolved" in decision.verdicts["n2"]
+    assert decision.verdicts["n2"].endswith("against n3; smallest adequate order")
     assert decision.verdicts["n4"] == "not ranked: not converged"
 
 
@@ -165,7 +165,9 @@ def test_a_candidate_passed_over_may_still_contest_the_choice():
     decision = decide(scores)
     assert decision.chosen == "n3"
     assert decision.unresolved == ("n2",)
-    assert "not resolved" in decision.verdicts["n3"]
+    assert decision.verdicts["n3"] == (
+        "not resolved by these data against n2; shown, though n2 has fewer parameters and may do"
+    )
 
 
 def test_candidates_of_one_size_that_say_the_same_are_not_told_apart():
@@ -236,6 +238,24 @@ def test_evidence_checked_without_a_known_error_may_still_conflict():
         log_evidence_nested_error=0.1,
     )  # fmt: skip
     assert "rely on neither" in evidence_conflict(checked)
+
+
+def nested(score, evidence):
+    return dataclasses.replace(score, log_evidence_nested=evidence, log_evidence_nested_error=0.1)
+
+
+@pytest.mark.parametrize(
+    ("bridge", "by_nested", "expected"),
+    [
+        (9.0, 8.0, "larger"),  # they differ, and say the same
+        (9.0, -3.0, "conflict"),
+        (-3.0, 9.0, "conflict"),
+        (9.0, np.nan, "larger"),  # not checked
+    ],
+)
+def test_two_evidences_that_answer_differently_decide_nothing(bridge, by_nested, expected):
+    small = nested(score("a", 3, 0.0, ONES), 0.0)
+    assert judge(nested(score("b", 5, bridge, 1.5 * ONES), by_nested), small) == expected
 
 
 def test_nothing_is_chosen_when_nothing_converged():

@@ -140,3 +140,24 @@ def test_files_from_before_are_judged_as_they_were():
     plain = structure(0, 5)
     plain = replace(plain, records=tuple(replace(r, conditions=None) for r in plain.records))
     assert plain.extrapolation(held(force(5), voltage=20e3)) == ""
+
+
+def test_rest_belongs_to_every_record_that_a_voltage_drives():
+    """A voltage is zero before its first knot, whether or not the file has it."""
+    found = replace(membrane_fitted(), records=remembered(held(step_of(4e3))))
+    assert found.extrapolation(step_of(2e3)) == found.extrapolation(late(0.0, 300.0)) == ""
+    assert "4500 V lies outside the calibrated 0 to 4000" in found.extrapolation(step_of(4.5e3))
+
+
+def step_of(volts):
+    return experiment("step", "step", step(volts), np.linspace(1.0, 600.0, 50), "displacement")
+
+
+def test_the_other_polarity_of_a_tube_is_no_extrapolation():
+    time = np.linspace(0.0, 10.0, 50)
+    driven = {sign: voltage([0.0, 10.0], [sign * 2e3, sign * 2e3]) for sign in (1.0, -1.0)}
+    there, back = (
+        replace(experiment("creep", "creep", step(2e3), time, "displacement"), excitation=each)
+        for each in driven.values()
+    )
+    assert tube(there).extrapolation(back) == ""

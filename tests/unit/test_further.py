@@ -49,7 +49,7 @@ def seed(name):
 
 def table_of(asked, candidates=("kv_gm_1", "kv_gm_2")):
     made = {name: fitted(name, index) for index, name in enumerate(candidates)}
-    return further_table(plan([record(), record("less", 1500.0, "validate")], asked), made, seed)
+    return further_table(plan([record(), record("more", 2200.0, "validate")], asked), made, seed)
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +67,8 @@ def test_the_experiment_that_shows_the_difference_wins(weighed):
     assert weighed.index[0] == "long"
     assert weighed.loc["long", "probability_right"] > 0.9
     assert weighed.loc["again", "probability_right"] < 0.85
-    assert set(weighed.index) == {"long", "again", "less", "destroyed"}
-    assert weighed["held_out"].to_dict() == {n: n == "less" for n in weighed.index}
+    assert set(weighed.index) == {"long", "again", "more", "destroyed"}
+    assert weighed["held_out"].to_dict() == {n: n == "more" for n in weighed.index}
     assert (weighed["candidates"] == "kv_gm_1, kv_gm_2").all()
 
 
@@ -97,7 +97,7 @@ def test_draws_that_fail_are_counted_and_left_out():
 
 
 def test_extrapolation_is_flagged(weighed):
-    assert "lies outside" in weighed.loc["less", "extrapolation"]
+    assert "lies outside" in weighed.loc["more", "extrapolation"]
     assert "longest calibration record" in weighed.loc["long", "extrapolation"]
     assert weighed.loc["again", "extrapolation"] == ""
 
@@ -105,7 +105,7 @@ def test_extrapolation_is_flagged(weighed):
 def test_a_candidate_alone_has_its_parameters_only():
     table = table_of({"long": {"like": "step_2kV", "duration": 20}}, ("kv_gm_2",))
     assert table["probability_right"].isna().all()
-    assert table["experiment"].tolist() == ["long", "less"]
+    assert table["experiment"].tolist() == ["long", "more"]
     assert table.loc[0, "information_kv_gm_2_nats"] > table.loc[1, "information_kv_gm_2_nats"] > 0
 
 

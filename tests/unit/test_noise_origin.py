@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from tests.unit.contexts import PAPER, experiment
 from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step, voltage
+from tests.unit.structure_contexts import fitted as structure_fitted
+from tests.unit.structure_contexts import force
 
 from deabayes.experiment import Quantity
 from deabayes.faults import UserError
@@ -169,3 +171,15 @@ def test_noise_is_along_the_time_since_the_first_point():
     clock = replace(record(4e3), coordinate=1.7e9 + elapsed)
     np.testing.assert_array_equal(noise_coordinate("record", clock), elapsed)
     np.testing.assert_array_equal(noise_coordinate("grid", clock), np.arange(TIME.size))
+
+
+def test_a_record_of_the_same_coordinate_comes_before_others_of_its_protocol():
+    """Else its noise's length would be stretched from metres to volts."""
+    pulled = replace(force(5), name="pulled")
+    raised = replace(pulled, name="raised", coordinate_name="voltage", coordinate_unit="V")
+    for calibrated in ([pulled, raised], [raised, pulled]):
+        kept = tuple(CalibratedRecord.of(e, e.name, ResidualScale()) for e in calibrated)
+        found = replace(structure_fitted("ogden_4", "quasi_static"), records=kept)
+        for each in calibrated:
+            origin = found.noise_of(replace(each, name="other"))
+            assert (origin.group, origin.stretch) == (each.name, 1.0)

@@ -111,3 +111,28 @@ def test_a_row_of_errors_by_hand():
     assert row["joint_log_score"] == pytest.approx(np.log(0.3))
     assert row["failed_draws"] == 3 and row["extrapolation"] == "too far"
     assert (row["experiment"], row["role"], row["protocol"]) == ("a", "validate", "step")
+
+
+def test_a_record_that_the_draws_were_not_fitted_to_is_learned_from_point_by_point():
+    """Whatever the study calls it: a population's new specimen has seen no record."""
+    what = replace(record(), role="calibrate")
+    levels = np.linspace(1.5, 2.5, 200)
+    noise = {"sigma_white": np.full(levels.shape, SIGMA)}
+    given = Constant(), White(), {"level": levels}, noise, what, NoiseOrigin("step"), TIME
+    unseen, seen = (
+        sample_response(*given, np.random.default_rng(1), known).pit for known in (False, True)
+    )
+    each = norm(levels[:, None], SIGMA).cdf(what.response)
+    np.testing.assert_allclose(seen, each.mean(axis=0))
+    assert unseen[0] == pytest.approx(seen[0])
+    weights = norm(levels, SIGMA).pdf(what.response[0])
+    assert unseen[1] == pytest.approx(each[:, 1] @ weights / weights.sum())
+
+
+def test_a_record_that_does_not_vary_has_no_relative_errors():
+    what = replace(record(), response=np.full(TIME.size, 2.0))
+    row = error_row(what, sampled([1.9, 2.0, 2.1], what), "")
+    assert np.isnan(
+        [row["e_rms_percent"], row["e_rms_q05"], row["e_m_percent"], row["e_m_q95"]]
+    ).all()
+    assert 0.0 <= row["coverage_90"] <= 1.0 and np.isfinite(row["crps"])

@@ -59,6 +59,12 @@ def test_a_long_correlation_leaves_ten_blocks_and_none_three_points():
     assert starts(ranked("k_1"))[:4] == [0, 3, 6, 9]
 
 
+def test_places_read_twice_are_no_blocks_of_one_point():
+    turned = record()
+    turned.noise_coordinate = turned.experiment.coordinate = np.repeat(np.arange(100.0), 2)
+    assert starts(ranked("k_1", records=[turned]))[:3] == [0, 6, 12]
+
+
 def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     """The weights of the fourth block are a Pareto law's of shape 1.5, of the others even."""
     rng = np.random.default_rng(1)

@@ -68,7 +68,7 @@ def correlation_length(name: str, symbol: str, coordinate_unit: str, span: float
         coordinate_unit,
         "correlation length of the noise along the coordinate",
         LogUniform(shortest, longest),
-        "95 % below a tenth of the record, lest noise take the model's slow processes",
+        "95 % below a tenth of the median record, lest noise take the model's slow processes",
     )
 
 

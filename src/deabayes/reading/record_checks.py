@@ -104,21 +104,22 @@ def record_warnings(
 
 
 def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Validate records with the same values as a calibrate record."""
+    """Records with the same values as a calibrate record: held out, or to be counted twice."""
     calibrate: dict[str, str] = {}
-    validate: list[tuple[str, str]] = []
+    others: list[tuple[str, str, str]] = []
     for row, raw in records:
         if row.response not in raw.columns:
             continue
         digest = hashlib.sha256(raw.columns[row.response].tobytes()).hexdigest()
         if row.role == "calibrate":
             calibrate.setdefault(digest, row.name)
-        else:
-            validate.append((digest, row.name))
+        if row.role != "calibrate" or calibrate[digest] != row.name:
+            others.append((digest, row.name, row.role))
     return [
-        f"{where}: validate record {name!r} holds the same values as calibrate record "
-        f"{calibrate[digest]!r}; give it another measurement, or remove the row"
-        for digest, name in validate
+        f"{where}: {role} record {name!r} holds the same values as calibrate record "
+        f"{calibrate[digest]!r}{', and would count twice' if role == 'calibrate' else ''}; "
+        "give it another measurement, or remove the row"
+        for digest, name, role in others
         if calibrate.get(digest, name) != name  # a row given twice is said elsewhere
     ]
 

@@ -60,7 +60,7 @@ class System(ABC):
     in_time: ClassVar[tuple[str, ...]] = ()
     """Excitation channels that drive nothing without time."""
     even: ClassVar[tuple[str, ...]] = ()
-    """Excitation channels whose sign makes no difference to any response."""
+    """Excitation channels whose sign makes no difference to a response, or only turns its sign."""
     conditions: ClassVar[Conditions | None] = None
     """What is held during a record and its response depends on (`load_g`), by excitation: compared
     with the calibrated, and others refused; None where it is not told."""
