@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep
 
+from deabayes.checks.prior_scale import unexpected
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.pipeline import identify
@@ -41,6 +42,26 @@ def test_what_the_prior_does_not_expect_is_among_the_warnings_of_the_fit(
     odd = [text for text in found.warnings if "the prior expects it" in text or "reaches" in text]
     assert len(odd) == len(said)
     assert all(text.startswith(start) for text, start in zip(odd, said, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("offset", "said"), [(0.9, False), (-0.9, False), (1.6, True), (-1.6, True), (8.0, True)]
+)
+def test_a_zero_that_was_never_set_is_said(offset: float, said: bool) -> None:
+    """By more than the record's range at the first reading, where the tube is at rest."""
+    step, strain = creep(), np.r_[0.0, 0.0, creep().response]
+    driven = replace(
+        step.excitation, coordinate=np.array([0.0, 0.1, 0.1, 0.6]),
+        values=np.array([0.0, 0.0, 2e3, 2e3]),
+    )  # fmt: skip
+    moved = replace(
+        step, coordinate=np.r_[0.0, 0.05, 0.1 + step.coordinate], excitation=driven,
+        response=strain + offset * np.ptp(strain), samples_averaged=np.ones(strain.size),
+    )  # fmt: skip
+    system = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [step]).system
+    found = [text for text in unexpected(STUDY, system, [moved]) if "begins at" in text]
+    assert len(found) == said
+    assert all("strain begins at" in text and "`baseline`" in text for text in found)
 
 
 @pytest.mark.parametrize("lost", ["creep", "all records at once"])

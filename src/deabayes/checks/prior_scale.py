@@ -9,6 +9,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.posterior import wider_systems
 from deabayes.prior.joint import Prior
+from deabayes.quantities import with_unit
 from deabayes.study import Study
 from deabayes.systems import System
 
@@ -19,6 +20,7 @@ POINTS = 50
 OUTER = (0.05, 0.95)
 OPPOSITE = -0.5
 """Correlation with the draws' median below which a record runs against it."""
+FREQUENCY = "frequency"
 BEYOND = 10.0
 """Factor beyond the outer draws from which units are suspected, not materials."""
 
@@ -58,7 +60,9 @@ def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray
     if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
         return [f"{place}{each.response_name} falls where the prior expects it to rise; is its "
                 "sign right?"]  # fmt: skip
-    return _of_another_size(curves, measured, each, place)
+    return _of_another_size(curves, measured, each, place) or _off_its_zero(
+        curves[:, 0], measured, each, place
+    )
 
 
 def _of_another_size(
@@ -74,4 +78,21 @@ def _of_another_size(
     return [
         f"{place}{each.response_name} reaches {found:.2g}{unit}, where the prior expects "
         f"{low:.2g} to {high:.2g}{unit} (90 %); are the units of record, specimen and priors right?"
+    ]
+
+
+def _off_its_zero(
+    first: FloatArray, measured: FloatArray, each: Experiment, place: str
+) -> list[str]:
+    # A record begins where the model does: at rest, or after the part of its range that a step
+    # with no rest before it takes.
+    low, high = np.quantile(first, OUTER)
+    reach = float(np.ptp(measured))
+    if each.coordinate_name == FREQUENCY or low - reach <= measured[0] <= high + reach:
+        return []
+    name, unit = each.response_name, each.response_unit
+    found, expected = (with_unit(v, unit, name, 3) for v in (measured[0], np.median(first)))
+    return [
+        f"{place}{name} begins at {found}, where the model has {expected}; what is it counted "
+        "from? The step `baseline` takes the reading at rest for zero"
     ]
