@@ -175,6 +175,11 @@ def test_candidates_of_one_size_that_say_the_same_are_not_told_apart():
     assert decision.unresolved == ("b",)
 
 
+def test_an_unknown_block_decides_nothing():
+    unknown = score("b", 5, -9.0, np.where(np.arange(20) == 3, np.nan, ONES))
+    assert judge(unknown, score("a", 3, 0.0, ONES)) == "conflict"
+
+
 def test_an_unknown_evidence_decides_nothing():
     small = score("a", 3, 0.0, ONES)
     for evidence, error in ((np.nan, 0.1), (9.0, np.nan)):

@@ -76,11 +76,11 @@ def judge(larger: Score, smaller: Score) -> str:
     """Compare two candidates: `larger`, `smaller` or `conflict`.
 
     The larger wins only if it tells left-out blocks better (`blocks.favour`) and the evidence
-    agrees; the smaller wins if neither criterion speaks for the larger. All else, and an evidence
-    or error that is not known, is a conflict: these data do not resolve it.
+    agrees; the smaller wins if neither criterion speaks for the larger. All else, and an evidence,
+    error or block that is not known, is a conflict: these data do not resolve it.
     """
-    by_evidence = evidence_favours(larger, smaller)
-    if by_evidence is None or favour(gains(larger, smaller)) != by_evidence:
+    by_evidence, gained = evidence_favours(larger, smaller), gains(larger, smaller)
+    if by_evidence is None or np.isnan(gained).any() or favour(gained) != by_evidence:
         return "conflict"
     return "larger" if by_evidence else "smaller"
 
