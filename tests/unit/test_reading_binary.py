@@ -52,6 +52,14 @@ def test_excel_rows_above_the_header_and_names_in_the_table(tmp_path: Path) -> N
     check(read_record(path, {"header_lines": 1}, columns=named))
 
 
+def test_line_breaks_within_the_cells_of_a_header(tmp_path: Path) -> None:
+    rows = [["time\n[s]", "Hoch\r\nspannung [V]"], *zip(TIME, VOLTAGE_KV, strict=True)]
+    path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])
+    check(read_record(path, columns=from_text("Hoch spannung = voltage\n[kV]")))
+    channels = [("time\n[s]", TIME, {}), ("voltage\n[kV]", VOLTAGE_KV, {})]
+    check(read_record(write_tdms(tmp_path / "a.tdms", channels)))  # type: ignore[arg-type]
+
+
 def test_excel_text_among_numbers_is_named(tmp_path: Path) -> None:
     path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, "n/a"]])
     with pytest.raises(UserError, match=r"a\.xlsx, column force, data row 2: 'n/a'"):

@@ -70,10 +70,10 @@ class Table:
 
 
 def from_header(cells: Iterable[object]) -> list[Column]:
-    """Columns from header cells such as ``time [s]``."""
+    """Columns from header cells such as ``time [s]``, which may hold line breaks."""
     columns = []
     for cell in cells:
-        match = HEADER_CELL.match(str(cell if cell is not None else "").strip())
+        match = HEADER_CELL.match(" ".join(str(cell if cell is not None else "").split()))
         assert match is not None  # every part of the pattern is optional
         columns.append(Column(match["name"] or None, match["unit"]))
     return columns
