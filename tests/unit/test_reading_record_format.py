@@ -98,6 +98,16 @@ def test_columns_that_the_table_names(tmp_path: Path, header: str) -> None:
         read_record(path, columns=from_text("Wege = displacement [m]"))
 
 
+def test_columns_that_change_places(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    swapped = PLAIN.replace("voltage [kV],displacement [mm]", "displacement [mm],voltage [kV]")
+    path.write_text(swapped, encoding="utf-8")
+    named = from_text("voltage = displacement [mm]; displacement = voltage [kV]")
+    record = read_record(path, columns=named)
+    np.testing.assert_allclose(record.columns["voltage"], [0.0, 2500.0, 2500.0])
+    np.testing.assert_allclose(record.columns["displacement"], [5e-4, 1.5e-3, 2e-3])
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

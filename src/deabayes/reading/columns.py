@@ -91,8 +91,11 @@ def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
 
 
 def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -> list[Column]:
-    """Columns of a file with the names, and units if any, that experiments.csv gives to some."""
-    columns = list(columns)
+    """Columns of a file with the names, and units if any, that experiments.csv gives to some.
+
+    All are looked up by the names in the file, so that two can change places.
+    """
+    found = list(columns)
     for given in named or ():
         source = from_header([given.source or given.name])[0].name
         places = [i for i, column in enumerate(columns) if source in (column.name, column.source)]
@@ -104,8 +107,8 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
             )
         old = columns[places[0]]
         unit = old.unit if given.unit is None else given.unit
-        columns[places[0]] = replace(old, name=given.name, unit=unit, source=source)
-    return columns
+        found[places[0]] = replace(old, name=given.name, unit=unit, source=source)
+    return found
 
 
 def from_text(text: str) -> list[Column]:
