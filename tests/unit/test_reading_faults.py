@@ -90,6 +90,14 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
         header("time [s],displacement [mm,force [N]"),
         [RELAX, "the unit of column 'displacement [mm' has no end", "'displacement [mm]'"],
     ),
+    "text behind the unit": (
+        header("time [s],displacement [mm] (x1000),force [N]"),
+        [
+            RELAX,
+            "the unit of column 'displacement [mm] (x1000)' has text behind it",
+            "write 'displacement [mm]', and a factor as another unit",
+        ],
+    ),
     "round brackets": (
         header("time [s],displacement [mm],Force (N)"),
         ["the unit of column 'Force (N)' stands in round brackets; write 'force [N]'"],

@@ -156,10 +156,16 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
 
 
 def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
-    """What is wrong with the brackets around the unit of one of `channels`, None if nothing is."""
-    before, bracket, _ = (name or "").partition("[")
+    """What is wrong with how the unit of one of `channels` is written, None if nothing is."""
+    before, bracket, after = (name or "").partition("[")
     if bracket and before.strip() in channels:
-        return f"has no end; write '{name}]'"
+        unit, end, _ = after.partition("]")
+        if not end:
+            return f"has no end; write '{name}]'"
+        return (
+            f"has text behind it; write '{before}[{unit}]', and a factor as another unit, there or "
+            "in `columns` of experiments.csv"
+        )
     match = UNIT_IN_PARENTHESES.match(name or "")
     if match and match["name"].lower() in channels:
         return f"stands in round brackets; write '{match['name'].lower()} [{match['unit']}]'"
