@@ -219,15 +219,21 @@ def _base(unit: str, where: str) -> Any:
 def _parse(unit: str, where: str) -> Any:
     """The pint Unit written in `unit`.
 
-    Every failure of pint's parser means the same to a user, and it has many types.
+    Every failure of pint's parser means the same to a user, and it has many types. Its `px` is
+    that of web pages, 1/96 inch.
     """
     text = unit.strip()
     if text.lower() in DIMENSIONLESS:
         return registry().dimensionless
     try:
-        return registry().parse_units(text)
+        parsed = registry().parse_units(text)
     except Exception:
-        raise UserError(f"{where}: unknown unit {unit!r}{_nearest_unit(text)}") from None
+        parsed = None
+    if "pixel" in f"{text} {parsed}".lower():
+        raise UserError(f"{where}: unit {unit!r}: a pixel has no size; give values in mm")
+    if parsed is None:
+        raise UserError(f"{where}: unknown unit {unit!r}{_nearest_unit(text)}")
+    return parsed
 
 
 def _nearest_unit(text: str) -> str:

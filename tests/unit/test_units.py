@@ -59,6 +59,8 @@ def test_arrays_keep_their_shape_and_the_input_is_untouched() -> None:
         ("10 mm", "m", ["unknown unit '10 mm'"]),
         ("(", "m", ["unknown unit '('", "such as 'kV'"]),
         ("m**", "m", ["unknown unit 'm**'"]),
+        *[(u, "m", [f"{u!r}: a pixel has no size", "mm"]) for u in "px Pixel dot Mpx".split()],
+        *[(u, "m^2", [f"{u!r}: a pixel has no size"]) for u in ("px^2", "pixel/mm")],
     ],
 )
 def test_wrong_units_are_named_with_a_remedy(
