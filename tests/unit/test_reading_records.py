@@ -12,6 +12,7 @@ import pytest
 from tests.unit.plain_record import PLAIN
 
 from deabayes.faults import UserError
+from deabayes.reading.columns import from_text
 from deabayes.reading.records import read_record
 
 
@@ -69,11 +70,20 @@ def test_decimal_comma_far_down_is_seen(tmp_path: Path) -> None:
 
 def test_unknown_column_keeps_its_unit_and_one_without_unit_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    header = "time [s],force [N],oven [degC],remark,force (raw)"
-    path.write_text(f"{header}\n0,1,20,ok,7\n1,2,21,,8\n", encoding="utf-8")
+    header = "time [s],force [N],oven [degC],remark,force (raw),trigger [TTL],sample [#],on [d.m.y]"
+    rows = "0,1,20,ok,7,0,1,1.5.2024\n1,2,21,,8,5,2,1.5.2024"
+    path.write_text(f"{header}\n{rows}\n", encoding="utf-8")
     record = read_record(path)
     assert set(record.columns) == {"time", "force", "oven"}
     assert record.columns["oven"][0] == pytest.approx(293.15)
+
+
+def test_a_known_column_is_left_out_by_its_row(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time [s],current [TTL]\n0,1\n1,2\n", encoding="utf-8")
+    assert set(read_record(path, columns=from_text("current = -")).columns) == {"time"}
+    with pytest.raises(UserError, match="column current: unknown unit 'TTL'"):
+        read_record(path)
 
 
 @pytest.mark.parametrize(

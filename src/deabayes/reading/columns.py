@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from deabayes.experiment import FloatArray
 from deabayes.faults import Faults, UserError
 from deabayes.reading.raw import RawRecord
-from deabayes.units import si_unit, to_si
+from deabayes.units import same_dimension, si_unit, to_si
 
 CHANNELS: Mapping[str, str] = {
     "time": "s",
@@ -124,8 +124,8 @@ def from_text(text: str) -> list[Column]:
 def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str) -> RawRecord:
     """Convert a table to SI.
 
-    A column without a unit is a fault when its name is a known channel and is
-    left out otherwise; a column with a unit must hold numbers.
+    A column without a unit, or with one that is none, is a fault when its name is a known
+    channel and is left out otherwise; a column with a unit must hold numbers.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
         if column.unit is None and (wrong := _unit_mistaken(name, unnamed)):
             faults.append(f"{where}: the unit of column {name!r} {wrong}")
             continue
-        if name in (None, "-") or (column.unit is None and name not in channels):
+        if name in (None, "-") or (name not in channels and not _is_unit(column.unit)):
             continue
         if name in values:
             faults.append(f"{where}: column {name!r} occurs twice; rename or remove one")
@@ -153,6 +153,10 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     if faults:
         raise Faults(faults)
     return RawRecord(values, units, sha256)
+
+
+def _is_unit(unit: str | None) -> bool:
+    return unit is not None and same_dimension(unit, unit)
 
 
 def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
