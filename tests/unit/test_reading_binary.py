@@ -6,6 +6,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,16 @@ def test_line_breaks_within_the_cells_of_a_header(tmp_path: Path) -> None:
 def test_excel_text_among_numbers_is_named(tmp_path: Path) -> None:
     path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, "n/a"]])
     with pytest.raises(UserError, match=r"a\.xlsx, column force, data row 2: 'n/a'"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    "start",
+    [datetime(2024, 5, 13, 10), datetime(2024, 5, 13, 10).time(), timedelta(days=1, seconds=5)],
+)
+def test_excel_dates_and_times(tmp_path: Path, start: object) -> None:
+    path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [start, 1], [start, 2]])
+    with pytest.raises(UserError, match=r"data row 1: .* is a date .*; give seconds since the f"):
         read_record(path)
 
 

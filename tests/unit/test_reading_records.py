@@ -126,6 +126,17 @@ def test_broken_files_are_named_with_a_remedy(
 
 
 @pytest.mark.parametrize(
+    "clock", ["2024-05-13 10:00:00", "13.5.24", "5/13/2024 9:00", "10:00:00.5", "09:59"]
+)
+def test_dates_and_clock_times(tmp_path: Path, clock: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"time [s],force [N]\n{clock},1\n{clock},2\n", encoding="utf-8")
+    said = f"{clock!r} is a date or a clock time (2 such rows); give seconds since the first row"
+    with pytest.raises(UserError, match=rf"column time, data row 1: {re.escape(said)}"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
     "error", "#N/A #NV #DIV/0! #VALUE! #WERT! #REF! #BEZUG! #NUM! #ZAHL! #NAME? 1.#QNAN".split()
 )
 @pytest.mark.parametrize("row", ["{},2", "2,{}", '"{}",2', "{},{}"])

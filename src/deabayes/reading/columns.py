@@ -38,6 +38,8 @@ HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
 """A number that is no number with the other decimal sign."""
+CLOCK = re.compile(r"(\d{1,4}([-./])\d{1,2}\2\d{1,4}(?!\d)|\d+:[0-5]\d(?!\d)|\d+ days?\b)")
+"""How a date, a time of day or a span of time begins, as loggers and Excel write them."""
 COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
 """What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
 
@@ -208,6 +210,8 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
 
 def _no_number(found: str, rows: str) -> str:
     """What a text is that should be a number, and what to do."""
+    if CLOCK.match(found):
+        return f"{found!r} is a date or a clock time {rows}; give seconds since the first row"
     if OTHER_DECIMAL.fullmatch(found):
         has, has_not = ("comma", "point") if "," in found else ("point", "comma")
         return (
