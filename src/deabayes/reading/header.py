@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import re
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from deabayes.reading.cells import DELIMITERS, is_number, sniff_delimiter, split
 from deabayes.reading.columns import CHANNELS, Column, from_header, renamed, unit_hint
 from deabayes.reading.lines import lines, skip_lines
 
-ONE_COLUMN = re.compile(r"\w+ *\[[^\[\]]*\]")
+NAME_AND_UNIT = re.compile(r"\w+ *\[[^\[\]]*\]")
 
 
 def read_header(
@@ -35,7 +36,7 @@ def read_header(
     marks = DELIMITERS if delimiter is None else (delimiter,)
     if any(all(map(is_number, split(header, mark))) for mark in marks):
         raise UserError(f"{path}: starts with numbers ({header[:40]!r}) where a header such as "
-                        f"'time [s],voltage [kV]' is needed; {_remedy(above)}")  # fmt: skip
+                        f"'time [s],voltage [kV]' is needed; {_remedy(stream, above)}")  # fmt: skip
     delimiter = delimiter or sniff_delimiter(header)
     cells = split(header, delimiter)
     columns = renamed(from_header(cells), named, str(path))
@@ -45,13 +46,24 @@ def read_header(
     return columns, delimiter
 
 
-def _remedy(above: str) -> str:
+def _remedy(stream: io.BytesIO, above: str) -> str:
+    """What to do where the line just read is none of a header; `above` are header_lines' last."""
+    comment = _line_before(stream)
+    if comment.startswith("#") and NAME_AND_UNIT.search(comment):
+        return f"remove the '#' before {comment.lstrip('# ')[:40]!r}"
     if not above:
         return "add it, or describe the columns under record_format in specimen.yaml"
     return (
         f"header_lines under record_format in specimen.yaml, which counts the lines above the "
         f"header where no `columns` are given, ends with {above[:40]!r}; state fewer, or `columns`"
     )
+
+
+def _line_before(stream: io.BytesIO) -> str:
+    """The line above the one just read, empty ones not counted."""
+    read = stream.getvalue()[: stream.tell()].removeprefix(codecs.BOM_UTF8)
+    filled = [line.strip() for line in read.splitlines() if line.strip()]
+    return filled[-2].decode("utf-8", errors="replace") if len(filled) > 1 else ""
 
 
 def _header_line(stream: io.BytesIO, path: Path) -> str:
@@ -69,7 +81,7 @@ def _header_line(stream: io.BytesIO, path: Path) -> str:
 
 
 def _check_columns(columns: list[Column], cells: list[str], header: str, path: Path) -> None:
-    if len(columns) == 1 and not ONE_COLUMN.fullmatch(header.strip()):
+    if len(columns) == 1 and not NAME_AND_UNIT.fullmatch(header.strip()):
         raise UserError(
             f"{path}: only one column found in the header {header[:60]!r}; "
             "separate columns with a comma, ';' or a tab"
