@@ -178,7 +178,16 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     },
     "same name twice": (table("pull,load", "Relax,load"), ["2 rows are named 'relax'"]),
     "bad name": (table("relax,relax", "re/lax,relax"), ["line 2, name", "'re/lax'"]),
-    "comma in a note": (table("first,", "first, second, third"), ["line 2", "quotation marks"]),
+    "comma in a note": (
+        table("first,", "first, second, third"),
+        ["line 2", 'a text that holds a comma in "quotation marks"'],
+    ),
+    "semicolon in a note": (
+        lambda f: (f / "experiments.csv").write_text(
+            TABLE.replace(",", ";").replace("first", "a; b; c")
+        ),
+        ["line 2", "a text that holds ';' in \"quotation marks\""],
+    ),
     "no cell filled": (
         lambda f: write_lines(f / "experiments.csv", ['"",""', '"",""']),
         ["experiments.csv: the file is empty"],

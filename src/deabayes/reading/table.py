@@ -46,7 +46,7 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
     """
     path = Path(folder) / FILE
     try:
-        lines, header, cells = _read_cells(path)
+        lines, header, cells, delimiter = _read_cells(path)
     except UserError as error:
         return [], [str(error)]
     faults = header_faults(header, path)
@@ -59,7 +59,9 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
         content = _content(header, values)
         no_numbers = _no_numbers(content, where)
         sound = {name: cell for name, cell in content.items() if name not in no_numbers}
-        wrong = _too_many(header, values, where) + violations(sound, "experiments", where)
+        wrong = _too_many(header, values, delimiter, where) + violations(
+            sound, "experiments", where
+        )
         wrong += no_numbers.values()
         row = None if wrong else _row(content)
         if row is not None and system is not None:
@@ -71,11 +73,12 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
     return rows, faults + _repeated(rows, path)
 
 
-def _too_many(header: list[str], values: list[str], where: str) -> list[str]:
+def _too_many(header: list[str], values: list[str], delimiter: str, where: str) -> list[str]:
     if any(values[len(header) :]):
+        mark = {",": "a comma", "\t": "a tab"}.get(delimiter, repr(delimiter))
         return [
             f"{where}: has {len(values)} cells under {len(header)} columns; put a text that "
-            'holds a comma in "quotation marks"'
+            f'holds {mark} in "quotation marks"'
         ]
     return []
 
@@ -126,8 +129,8 @@ def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[E
     ]
 
 
-def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
-    """Line numbers, header and cells; empty lines and comments left out."""
+def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]], str]:
+    """Line numbers, header, cells and delimiter; empty lines and comments left out."""
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; write one row per record into it")
     try:
@@ -136,11 +139,12 @@ def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]]]:
         byte = error.object[error.start]
         raise UserError(f"{path}: is not UTF-8 (byte 0x{byte:02x}); save it as UTF-8") from None
     plain = [line for line in text.split("\n") if line.strip(" ,;\t") and not _is_comment(line)]
-    rows = _rows(text, max(DELIMITERS, key=plain[0].count), path) if plain else {}
+    delimiter = max(DELIMITERS, key=(plain or [""])[0].count)
+    rows = _rows(text, delimiter, path) if plain else {}
     if not rows:
         raise UserError(f"{path}: the file is empty; write a header and one row per record into it")
     lines = list(rows)[1:]
-    return lines, next(iter(rows.values())), [rows[line] for line in lines]
+    return lines, next(iter(rows.values())), [rows[line] for line in lines], delimiter
 
 
 def _rows(text: str, delimiter: str, path: Path) -> dict[int, list[str]]:
