@@ -98,6 +98,29 @@ def test_columns_that_the_table_names(tmp_path: Path, header: str) -> None:
         read_record(path, columns=from_text("Wege = displacement [m]"))
 
 
+@pytest.mark.parametrize(
+    ("mark", "cells"),
+    [(",", ['"2,000"', '"-12,500"']), (";", ["2,000", "300"]), ("\t", ["2,000", "1,500"])],
+)
+def test_commas_that_may_separate_thousands(tmp_path: Path, mark: str, cells: list[str]) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"{i}{mark}{cell}\n" for i, cell in enumerate(cells)]
+    path.write_text(f"time [s]{mark}voltage [V]\n{''.join(rows)}", encoding="utf-8")
+    with pytest.raises(UserError, match=r"a\.csv: 2,000 may be 2000 or 2\.000; .*decimal: ','"):
+        read_record(path)
+    assert read_record(path, {"decimal": ","}).columns["voltage"][0] == 2.0
+    with pytest.raises(UserError, match=r"'2,000' has a decimal comma .* separators of thousands"):
+        read_record(path, {"decimal": "."})
+
+
+@pytest.mark.parametrize("other", ["0,125", "-0,125", "1,25", "1000,125", "1,2500"])
+def test_one_decimal_comma_decides(tmp_path: Path, other: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"time [s];voltage [V]\n0;1,250\n1;{other}\n2;3,000\n", encoding="utf-8")
+    decimal = float(other.replace(",", "."))
+    np.testing.assert_allclose(read_record(path).columns["voltage"], [1.25, decimal, 3.0])
+
+
 def test_columns_that_change_places(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     swapped = PLAIN.replace("voltage [kV],displacement [mm]", "displacement [mm],voltage [kV]")

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
+from pathlib import Path
+
+from deabayes.faults import UserError
 
 DELIMITERS = ("\t", ";", ",")
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+"""A number whose comma may be a decimal one or separate thousands."""
 
 
 def split(line: str, delimiter: str) -> list[str]:
@@ -34,8 +40,22 @@ def sniff_delimiter(header: str) -> str:
     return max(DELIMITERS, key=cells)
 
 
-def sniff_decimal(lines: Sequence[str], delimiter: str) -> str:
-    """Decimal comma when numbers hold a comma and none holds a point."""
+def sniff_decimal(lines: Sequence[str], delimiter: str, path: Path) -> str:
+    """Decimal comma when numbers hold a comma and none holds a point.
+
+    Raises
+    ------
+    UserError : every comma may separate thousands.
+    """
     cells = [cell for line in lines for cell in split(line, delimiter) if is_number(cell)]
-    comma = any("," in cell for cell in cells)
-    return "," if comma and not any("." in cell for cell in cells) else "."
+    commas = [cell for cell in cells if "," in cell]
+    if not commas or any("." in cell for cell in cells):
+        return "."
+    if all(THOUSANDS.fullmatch(cell) for cell in commas):
+        one = commas[0]
+        raise UserError(
+            f"{path}: {one} may be {one.replace(',', '')} or {one.replace(',', '.')}; write "
+            "numbers with a decimal point and without separators of thousands, or state "
+            "record_format: {decimal: ','} in specimen.yaml"
+        )
+    return ","

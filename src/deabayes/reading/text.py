@@ -67,7 +67,7 @@ def _read(
     if not sample:
         raise UserError(f"{path}: holds no data rows after the header; copy the record again")
     last = last_line(stream)
-    decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter)
+    decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter, path)
     _check_rows(path, len(columns), delimiter, sample[0], last)
     trailing = split(sample[0], delimiter)[len(columns) :]
     return _read_columns(stream, path, columns, delimiter, decimal, len(trailing))
