@@ -1,4 +1,4 @@
-"""Records in Excel and MATLAB files."""
+"""Records in MATLAB files, and what all binary files have in common."""
 
 from __future__ import annotations
 
@@ -10,66 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.faults import UserError, nearest
-from deabayes.reading.columns import (
-    COMMENT,
-    Column,
-    Table,
-    from_format,
-    from_header,
-    renamed,
-    unit_hint,
-)
-
-
-def read_xlsx(
-    path: Path,
-    record_format: Mapping[str, Any] | None = None,
-    named: Sequence[Column] | None = None,
-) -> Table:
-    """Read the first sheet; the first row, or the first below `header_lines`, is the header.
-
-    Rows that are empty or comments do not count. `named` are names and units that
-    experiments.csv gives to columns of the header.
-    """
-    rows = opened(_first_sheet, path, "an Excel file")
-    rows = rows[int((record_format or {}).get("header_lines", 0)) :]
-    columns = from_format(record_format)
-    if columns is None:
-        columns, rows = _header(rows[0] if rows else (), path, named), rows[1:]
-    else:
-        columns = renamed(columns, named, str(path))
-    if not rows:
-        raise UserError(f"{path}: the first sheet holds no data rows; copy the record again")
-    width = max(map(len, rows))
-    if width < len(columns):
-        raise UserError(
-            f"{path}: {len(columns)} columns are named, but the first sheet has {width}"
-        )
-    filled = zip(*(row + (None,) * (width - len(row)) for row in rows), strict=True)
-    return Table(columns, [_cells(values) for _, values in zip(columns, filled, strict=False)])
-
-
-def _first_sheet(path: Path) -> list[tuple[object, ...]]:
-    """Rows that are neither empty nor comments."""
-    from openpyxl import load_workbook
-
-    workbook = load_workbook(path, read_only=True, data_only=True)
-    try:
-        return [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
-    finally:
-        workbook.close()
-
-
-def _header(row: Sequence[object], path: Path, named: Sequence[Column] | None) -> list[Column]:
-    columns = renamed(from_header(row), named, str(path))
-    if row and all(column.unit is None for column in columns):
-        cells = [str(cell) for cell in row if cell is not None]
-        hint = unit_hint(cells) or "; write it as 'time [s]', 'voltage [kV]'"
-        raise UserError(
-            f"{path}: no column of the first row {', '.join(cells)[:60]!r} has a unit{hint}; "
-            "remove titles above it, or count them as header_lines"
-        )
-    return columns
+from deabayes.reading.columns import Column, Table
 
 
 def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
@@ -136,14 +77,3 @@ def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
             f"{path}: cannot be read as {kind} ({str(error)[:80]}); "
             "copy it again or export it as csv"
         ) from None
-
-
-def _holds(row: Sequence[object]) -> bool:
-    return any(cell is not None for cell in row) and not COMMENT.match(str(row[0] or ""))
-
-
-def _cells(values: Sequence[object]) -> NDArray[Any]:
-    """Cells as floats where they all are numbers, else as they are."""
-    if all(value is None or isinstance(value, int | float) for value in values):
-        return np.asarray([np.nan if value is None else value for value in values], dtype=float)
-    return np.asarray(values, dtype=object)

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.faults import UserError
-from deabayes.reading.binary import read_mat, read_xlsx
+from deabayes.reading.binary import read_mat
 from deabayes.reading.columns import CHANNELS, Column, Table, from_format, to_record
+from deabayes.reading.excel import read_xlsx
 from deabayes.reading.raw import RawRecord
 from deabayes.reading.tdms import read_tdms
 from deabayes.reading.text import read_text
