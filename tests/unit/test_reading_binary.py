@@ -53,6 +53,35 @@ def test_excel_rows_above_the_header_and_names_in_the_table(tmp_path: Path) -> N
     check(read_record(path, {"header_lines": 1}, columns=named))
 
 
+def test_excel_without_a_header(tmp_path: Path) -> None:
+    rows = [["t", "U", "", "note"], *zip(TIME, VOLTAGE_KV, "abc", strict=True)]
+    path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])
+    columns = [{"name": "time", "unit": "s"}, {"name": "voltage", "unit": "kV"}, {"name": "-"}]
+    check(read_record(path, {"header_lines": 1, "columns": columns}))
+
+
+@pytest.mark.parametrize(
+    ("header_lines", "names", "words"),
+    [
+        (
+            3,
+            "time voltage force",
+            "the last header line is '0.5, 2.5, 1', which is data; correct h",
+        ),
+        (1, "time voltage", "2 columns are named, but the first sheet has 3; name all of them"),
+    ],
+)
+def test_excel_described_as_it_is_not(
+    tmp_path: Path, header_lines: int, names: str, words: str
+) -> None:
+    rows = [["t", "U", "F", "note"], *zip(TIME, VOLTAGE_KV, "011", strict=True)]
+    path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])
+    units = {"time": "s", "voltage": "kV", "force": "N"}
+    columns = [{"name": name, "unit": units[name]} for name in names.split()]
+    with pytest.raises(UserError, match=rf"a\.xlsx: {words}"):
+        read_record(path, {"header_lines": header_lines, "columns": columns})
+
+
 def test_line_breaks_within_the_cells_of_a_header(tmp_path: Path) -> None:
     rows = [["time\n[s]", "Hoch\r\nspannung [V]"], *zip(TIME, VOLTAGE_KV, strict=True)]
     path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])

@@ -30,6 +30,15 @@ def is_number(cell: str) -> bool:
     return True
 
 
+def refuse_skipped_data(cells: Sequence[str], count: int, path: Path) -> None:
+    """A UserError for a last header line that is a row of `count` numbers."""
+    if len(cells) == count and all(map(is_number, cells)):
+        raise UserError(
+            f"{path}: the last header line is {', '.join(cells)[:40]!r}, which is data; "
+            "correct header_lines under record_format in specimen.yaml"
+        )
+
+
 def sniff_delimiter(header: str) -> str:
     """Tab, semicolon or comma: the one that splits a header into the most ``name [unit]`` cells."""
 

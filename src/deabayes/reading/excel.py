@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from deabayes.faults import UserError
 from deabayes.reading.binary import opened
+from deabayes.reading.cells import refuse_skipped_data
 from deabayes.reading.columns import (
     COMMENT,
     Column,
@@ -33,11 +34,14 @@ def read_xlsx(
     experiments.csv gives to columns of the header.
     """
     rows = opened(_first_sheet, path, "an Excel file")
-    rows = rows[int((record_format or {}).get("header_lines", 0)) :]
+    header_lines = int((record_format or {}).get("header_lines", 0))
+    skipped, rows = rows[:header_lines], rows[header_lines:]
     columns = from_format(record_format)
     if columns is None:
         columns, rows = _header(rows[0] if rows else (), path, named), rows[1:]
     else:
+        refuse_skipped_data(_filled(skipped[-1]) if skipped else [], len(columns), path)
+        _refuse_unnamed(path, len(columns), rows)
         columns = renamed(columns, named, str(path))
     if not rows:
         raise UserError(f"{path}: the first sheet holds no data rows; copy the record again")
@@ -59,6 +63,22 @@ def _first_sheet(path: Path) -> list[tuple[object, ...]]:
         return [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
     finally:
         workbook.close()
+
+
+def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) -> None:
+    """A UserError for more columns than the `count` that are named, which may be other ones."""
+    width = max((len(_filled(row)) for row in rows), default=0)
+    if width > count:
+        raise UserError(
+            f"{path}: {count} columns are named, but the first sheet has {width}; name all of "
+            "them under record_format in specimen.yaml, from left to right, '-' to leave one out"
+        )
+
+
+def _filled(row: Sequence[object]) -> list[str]:
+    """Cells up to the last that holds something."""
+    last = max((i for i, cell in enumerate(row) if cell is not None), default=-1)
+    return [str(cell) for cell in row[: last + 1]]
 
 
 def _header(row: Sequence[object], path: Path, named: Sequence[Column] | None) -> list[Column]:

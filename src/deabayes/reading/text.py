@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.cells import DELIMITERS, is_number, sniff_decimal, split
+from deabayes.reading.cells import (
+    DELIMITERS,
+    is_number,
+    refuse_skipped_data,
+    sniff_decimal,
+    split,
+)
 from deabayes.reading.columns import Column, Table, from_format, renamed
 from deabayes.reading.header import read_header
 from deabayes.reading.lines import (
@@ -84,7 +90,7 @@ def _columns(
         return read_header(stream, path, header_lines, delimiter, named)
     skipped = skip_lines(stream, header_lines, path)
     delimiter = delimiter or _data_delimiter(peek(stream, 1), len(columns))
-    _check_skipped(skipped, delimiter, len(columns), path)
+    refuse_skipped_data(split(skipped, delimiter), len(columns), path)
     return renamed(columns, named, str(path)), delimiter
 
 
@@ -110,15 +116,6 @@ def format_faults(record_format: Mapping[str, Any] | None, where: str) -> list[s
 
 def _named_delimiter(name: str | None) -> str | None:
     return None if name is None else DELIMITER_NAMES.get(name.strip(" ").lower(), name.strip(" "))
-
-
-def _check_skipped(line: str, delimiter: str, count: int, path: Path) -> None:
-    cells = split(line, delimiter)
-    if len(cells) == count and all(is_number(cell) for cell in cells):
-        raise UserError(
-            f"{path}: the last header line is {line[:40]!r}, which is data; "
-            "correct header_lines under record_format in specimen.yaml"
-        )
 
 
 def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
