@@ -139,6 +139,26 @@ def test_excel_rows_of_unlike_length(tmp_path: Path) -> None:
         read_record(path)
 
 
+def test_excel_formulas_without_stored_values(tmp_path: Path) -> None:
+    rows: list[list[object]] = [["time [s]", "force [N]"], [0, 1], ["=A2+1", "=2*B2"], ["=A3+1", 2]]
+    path = write_xlsx(tmp_path / "a.xlsx", rows)
+    with pytest.raises(UserError) as caught:
+        read_record(path)
+    time, force = str(caught.value).splitlines()
+    assert "column time, data row 2: '=A2+1' is a formula without a stored value (2 such" in time
+    assert "column force, data row 2: '=2*B2' is a" in force and "program and save it" in force
+
+
+@pytest.mark.parametrize(
+    ("stored", "value"), [(b' t="str"><f>2*B2</f><v></v>', np.nan), (b"><f>2*B2</f><v>4</v>", 4.0)]
+)
+def test_excel_formulas_with_stored_values(tmp_path: Path, stored: bytes, value: float) -> None:
+    rows: list[list[object]] = [["time [s]", "force [N]", ""], [0, 1, None], [1, "=2*B2", None]]
+    path = write_xlsx(tmp_path / "a.xlsx", rows)
+    rewritten(path, lambda xml: re.sub(rb"><f>2\*B2</f><v ?/>", stored, xml))
+    np.testing.assert_array_equal(read_record(path).columns["force"], [1.0, value])
+
+
 def test_excel_cut_sheet(tmp_path: Path) -> None:
     path = write_xlsx(tmp_path / "a.xlsx", [["time [s]", "force [N]"], [0, 1], [1, 2]])
     with pytest.raises(UserError, match=r"cannot be read as an Excel file.*copy it again"):

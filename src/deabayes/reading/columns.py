@@ -210,6 +210,11 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
 
 def _no_number(found: str, rows: str) -> str:
     """What a text is that should be a number, and what to do."""
+    if found.startswith("="):
+        return (
+            f"{found!r} is a formula without a stored value {rows}; open the file in a "
+            "spreadsheet program and save it"
+        )
     if CLOCK.match(found):
         return f"{found!r} is a date or a clock time {rows}; give seconds since the first row"
     if OTHER_DECIMAL.fullmatch(found):

@@ -55,14 +55,34 @@ def read_xlsx(
 
 
 def _first_sheet(path: Path) -> list[tuple[object, ...]]:
-    """Rows that are neither empty nor comments."""
+    """Rows that are neither empty nor comments; a formula never calculated is its own text."""
+    rows = _rows(path, calculated=True)
+    if any(None in row for row in rows):
+        written = _rows(path, calculated=False)
+        rows = [
+            tuple(other if cell is None else cell for cell, other in zip(*pair, strict=True))
+            for pair in zip(rows, written, strict=True)
+        ]
+    rows = [tuple(None if cell == "" else cell for cell in row) for row in rows]
+    return [row for row in rows if _holds(row)]
+
+
+def _rows(path: Path, calculated: bool) -> list[tuple[object, ...]]:
+    """All rows, with the values of formulas or with what these say."""
     from openpyxl import load_workbook
 
-    workbook = load_workbook(path, read_only=True, data_only=True)
+    workbook = load_workbook(path, read_only=True, data_only=calculated)
     try:
-        return [row for row in workbook.worksheets[0].iter_rows(values_only=True) if _holds(row)]
+        return [tuple(map(_content, row)) for row in workbook.worksheets[0].iter_rows()]
     finally:
         workbook.close()
+
+
+def _content(cell: Any) -> object:
+    """A formula that comes to no text has a value, of type `str`, which openpyxl leaves out."""
+    if cell.value is None and cell.data_type == "str":
+        return ""
+    return getattr(cell.value, "text", cell.value)  # an array's formula is an object
 
 
 def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) -> None:
