@@ -246,12 +246,34 @@ def test_matlab_structures(tmp_path: Path) -> None:
     import scipy.io
 
     scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": TIME, "u": VOLTAGE_KV}})
-    with pytest.raises(UserError, match=r"holds a structure \(t, u\); save its fields"):
-        read_record(tmp_path / "a.mat", columns=from_text("run = time [s]"))
     write_mat_7_3(tmp_path / "b.mat", {"run/t": TIME, "run/u": VOLTAGE_KV})
-    for columns in (from_text("t = time [s]"), None):
-        with pytest.raises(UserError, match=r"holds no variables but structures \(run\); save"):
-            read_record(tmp_path / "b.mat", columns=columns)
+    for name in ("a.mat", "b.mat"):
+        for columns in (from_text("t = time [s]"), from_text("run = time [s]"), None):
+            with pytest.raises(UserError, match=r"holds no variables but structures \(run\); save"):
+                read_record(tmp_path / name, columns=columns)
+
+
+def test_matlab_structures_beside_variables(tmp_path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": TIME, "u": VOLTAGE_KV}, "rate": TIME})
+    write_mat_7_3(tmp_path / "b.mat", {"run/t": TIME, "run/u": VOLTAGE_KV, "rate": TIME})
+    for name in ("a.mat", "b.mat"):
+        assert read_record(tmp_path / name, columns=from_text("rate = time [s]; run = -")).columns
+        with pytest.raises(UserError) as caught:
+            read_record(tmp_path / name, columns=from_text("t = time [s]"))
+        assert "holds no variable 't'; known: rate" in str(caught.value)
+        assert f"{name}: holds structures (run); save their fields as v" in str(caught.value)
+        assert "(save('file.mat', '-struct', 'run'))" in str(caught.value)
+
+
+def test_matlab_structures_in_a_cell_array(tmp_path: Path) -> None:
+    import scipy.io
+
+    cells = np.array([{"t": TIME}, "text"], dtype=object)
+    scipy.io.savemat(tmp_path / "a.mat", {"runs": cells})
+    with pytest.raises(UserError, match="column time: holds structures; save their fields"):
+        read_record(tmp_path / "a.mat", columns=from_text("runs = time [s]"))
 
 
 def write_tdms(path: Path, channels: list[tuple[str, np.ndarray, dict[str, object]]]) -> Path:

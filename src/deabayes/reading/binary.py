@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,33 @@ from numpy.typing import NDArray
 from deabayes.faults import UserError, nearest
 from deabayes.reading.columns import Column, Table
 
+COMPLEX = ("real", "imag")
+"""What a complex number of version 7.3 consists of; other arrays with fields are structures."""
+
 
 def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
     """Read variables of a MATLAB file, which knows no units, as the given columns."""
     variables, structures = _mat_variables(path)
     if not variables:
-        found = f" but structures ({', '.join(structures)}); save their fields as variables"
-        raise UserError(
-            f"{path}: holds no variables{found if structures else '; copy the record again'}"
-        )
+        found = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
+        raise UserError(f"{path}: holds no variables{found}")
     if columns is None:
         raise UserError(
             f"{path}: a .mat file holds no units; name its variables ({', '.join(variables)}) in "
             "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
             "under record_format.columns in specimen.yaml"
         )
-    return pick(path, columns, variables, "variable")
+    table = pick(path, columns, variables, "variable")
+    if table.faults and structures:
+        return replace(table, faults=[*table.faults, f"{path}: holds {_fields_wanted(structures)}"])
+    return table
+
+
+def _fields_wanted(structures: Sequence[str]) -> str:
+    return (
+        f"structures ({', '.join(structures)}); save their fields as variables "
+        f"(save('file.mat', '-struct', '{structures[0]}'))"
+    )
 
 
 def pick(
@@ -60,10 +72,14 @@ def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
     if h5py.is_hdf5(path):  # as version 7.3 is
         with opened(h5py.File, path, "a MATLAB file") as file:
-            arrays = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
-            return arrays, [k for k in file if k not in arrays and not k.startswith("#")]
-    content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
-    return {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}, []
+            found = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
+            names = [k for k in file if not k.startswith("#")]
+    else:
+        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
+        found = {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
+        names = list(found)
+    arrays = {k: v for k, v in found.items() if v.dtype.names in (None, COMPLEX)}
+    return arrays, [k for k in names if k not in arrays]
 
 
 def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:

@@ -192,15 +192,13 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
         return np.asarray(array, dtype=float).ravel()
     if array.dtype.kind == "c" or (array.dtype.names and "imag" in array.dtype.names):
         raise UserError(f"{where}: holds complex numbers; save its modulus and phase")
-    if array.dtype.names:
-        raise UserError(
-            f"{where}: holds a structure ({', '.join(array.dtype.names)}); save its fields as "
-            "variables"
-        )
     import pandas as pd
 
     series = pd.Series(array.ravel(), dtype=object)
-    converted = pd.to_numeric(series, errors="coerce")
+    try:
+        converted = pd.to_numeric(series, errors="coerce")
+    except TypeError:  # of pandas, for structures in a cell array
+        raise UserError(f"{where}: holds structures; save their fields as variables") from None
     bad = np.flatnonzero(converted.isna() & series.notna())
     if bad.size:
         found, rows = str(series[bad[0]]), f"({bad.size} such rows)"
