@@ -139,8 +139,10 @@ def test_tdms_units_from_names_or_properties(tmp_path: Path) -> None:
 
 
 def test_tdms_line_breaks_within_the_names_of_channels(tmp_path: Path) -> None:
-    channels = [("time\n[s]", TIME, {}), ("voltage\n[kV]", VOLTAGE_KV, {})]
-    check(read_record(write_tdms(tmp_path / "a.tdms", channels)))  # type: ignore[arg-type]
+    channels = [("time\n[s]", TIME, {}), ("voltage [kV]", VOLTAGE_KV, {}), ("a\nb [N]", TIME, {})]
+    record = read_record(write_tdms(tmp_path / "a.tdms", channels))  # type: ignore[arg-type]
+    check(record)
+    assert "a b" in record.columns
 
 
 def test_tdms_time_from_the_increment(tmp_path: Path) -> None:
