@@ -58,11 +58,17 @@ def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray
                 "the units of record and specimen right?"]  # fmt: skip
     middle = np.median(curves, axis=0)
     if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
-        return [f"{place}{each.response_name} falls where the prior expects it to rise; is its "
-                "sign right?"]  # fmt: skip
+        return [f"{place}{_opposite(middle, each.response_name)}"]
     return _of_another_size(curves, measured, each, place) or _off_its_zero(
         curves[:, 0], measured, each, place
     )
+
+
+def _opposite(middle: FloatArray, name: str) -> str:
+    rises = middle[np.argmax(np.abs(middle - middle[0]))] > middle[0]
+    found, expected = ("falls", "rise") if rises else ("rises", "fall")
+    lag = " (lag is negative)" if name == "phase" else ""
+    return f"{name} {found} where the prior expects it to {expected}; is its sign right{lag}?"
 
 
 def _of_another_size(
