@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 from tests.unit.golden import REPOSITORY, golden_table, load_golden
 
 from deabayes.experiment import Specimen
-from deabayes.reading.record_checks import record_faults, record_warnings, repeated_records
+from deabayes.reading.record_checks import record_faults, record_warnings
 from deabayes.reading.records import read_record
+from deabayes.reading.repeated import repeated_records
 from deabayes.reading.schema import violations
 from deabayes.reading.table import read_table
 from deabayes.reference import minimum_energy_structure as reference

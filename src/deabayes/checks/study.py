@@ -21,7 +21,7 @@ from deabayes.preparation.addressed import misaddressed
 from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import repeated_records
+from deabayes.reading.repeated import repeated_records
 from deabayes.reading.specimen import system_class
 from deabayes.reading.table import selected
 

@@ -13,12 +13,9 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
 from deabayes.preparation.defaults import DEFAULT_STEPS, with_default_steps
-from deabayes.preparation.opening import (
-    conditions,
-    measured_rows,
-    open_record,
-)
+from deabayes.preparation.opening import conditions, open_record
 from deabayes.preparation.working import WorkingRecord
+from deabayes.reading.measured import measured_rows
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.registry import load
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deabayes.experiment import PHASE, FloatArray, Specimen
+from deabayes.experiment import FloatArray, Specimen
 from deabayes.faults import Faults
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.columns import COMMANDS
@@ -71,17 +71,6 @@ def _as_excitation(row: ExperimentRow) -> ExperimentRow:
     return replace(row, excitation=COMMANDS[row.excitation], metadata=metadata)
 
 
-def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:
-    """The rows that a row of experiments.csv stands for.
-
-    A frequency response's gain brings the phase of the same record with it, called
-    `NAME_phase`.
-    """
-    if (row.protocol, row.response) != ("frequency_response", "gain") or "phase" not in raw.columns:
-        return [row]
-    return [row, replace(row, name=f"{row.name}{PHASE}", response="phase")]
-
-
 def continuous_phase(phase: FloatArray) -> FloatArray:
     """The phase [rad] without jumps of a turn, its first value above -3/4 turn, up to +1/4.
 
@@ -107,9 +96,10 @@ def _ascending(record: WorkingRecord) -> WorkingRecord:
     )
     if np.all(steps <= 0.0):
         return ordered
+    loaded = record.row.protocol == "quasi_static"
+    mixed = ", so that loading and unloading are mixed" if loaded else ""
     return ordered.with_warning(
-        f"{record.coordinate_name} goes back and forth; samples were put in ascending order, "
-        "so that loading and unloading are mixed"
+        f"{record.coordinate_name} goes back and forth; samples were put in ascending order{mixed}"
     )
 
 

@@ -11,14 +11,11 @@ from deabayes.faults import Faults, UserError, closest
 from deabayes.reading.columns import CHANNELS, from_text
 from deabayes.reading.download import PublicRecord, locate, missing_sentence, read_registry
 from deabayes.reading.incomplete import without_incomplete
+from deabayes.reading.measured import measured_rows
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import (
-    needed_columns,
-    record_faults,
-    record_warnings,
-    repeated_records,
-)
+from deabayes.reading.record_checks import needed_columns, record_faults, record_warnings
 from deabayes.reading.records import read_record
+from deabayes.reading.repeated import repeated_records, taken_names
 from deabayes.reading.specimen import SpecimenFile, read_specimen_file
 from deabayes.reading.table import FILE, channels_of, scan_table
 from deabayes.reading.yaml_file import read_yaml
@@ -59,9 +56,10 @@ class StudyFolder:
         if row.name in self._kept:
             return self._kept[row.name]
         raw = self.read(row)
-        faults = record_faults(row, raw, self.specimen, self._where(row))
-        if faults:
-            raise Faults(faults)
+        where = self._where(row)
+        found = [record_faults(e, raw, self.specimen, where) for e in measured_rows(row, raw)]
+        if faults := dict.fromkeys(fault for each in found for fault in each):
+            raise Faults(list(faults))
         used = sum(a.nbytes for r in self._kept.values() for a in r.columns.values())
         if used + sum(a.nbytes for a in raw.columns.values()) < KEPT_BYTES:
             self._kept[row.name] = raw
@@ -76,7 +74,8 @@ class StudyFolder:
         columns = from_text(text) if isinstance(text, str) else None
         raw = read_record(path, self.file.record_format, self._channels(row), columns)
         drop = (self.file.record_format or {}).get("incomplete_rows") == "drop"
-        return without_incomplete(raw, needed_columns(row)) if drop else raw
+        needed = [name for each in measured_rows(row, raw) for name in needed_columns(each)]
+        return without_incomplete(raw, needed) if drop else raw
 
     def warnings(self, row: ExperimentRow) -> list[str]:
         """What to know before trusting a row's record."""
@@ -101,7 +100,8 @@ class StudyFolder:
                 found += error.faults
             except UserError as error:
                 found.append(str(error))
-        return found + repeated_records(sound, str(self.path / FILE))
+        table = str(self.path / FILE)
+        return found + repeated_records(sound, table) + taken_names(sound, table)
 
     def missing(self, rows: Sequence[ExperimentRow]) -> list[str]:
         """What is to be said of those of these rows whose record is not there."""

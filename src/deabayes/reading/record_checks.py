@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable
-
 import numpy as np
 
 from deabayes.experiment import Specimen
@@ -101,27 +98,6 @@ def record_warnings(
             raw.columns["current"], limit.value, row.protocol, where
         )
     return found
-
-
-def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Records with the same values as a calibrate record: held out, or to be counted twice."""
-    calibrate: dict[str, str] = {}
-    others: list[tuple[str, str, str]] = []
-    for row, raw in records:
-        if row.response not in raw.columns:
-            continue
-        digest = hashlib.sha256(raw.columns[row.response].tobytes()).hexdigest()
-        if row.role == "calibrate":
-            calibrate.setdefault(digest, row.name)
-        if row.role != "calibrate" or calibrate[digest] != row.name:
-            others.append((digest, row.name, row.role))
-    return [
-        f"{where}: {role} record {name!r} holds the same values as calibrate record "
-        f"{calibrate[digest]!r}{', and would count twice' if role == 'calibrate' else ''}; "
-        "give it another measurement, or remove the row"
-        for digest, name, role in others
-        if calibrate.get(digest, name) != name  # a row given twice is said elsewhere
-    ]
 
 
 def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:

@@ -1,0 +1,119 @@
+"""A gain brings its record's phase: whether that is counted twice, named twice, sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deabayes.checks.study import check_study
+from deabayes.experiment import FloatArray
+from deabayes.pipeline.prepare import prepare_study
+from deabayes.reading.folder import read_folder, scan_folder
+from deabayes.study import Study
+
+SPECIMEN = """\
+name: tube
+system: tubular
+provenance: {kind: measured, source: here, licence: none}
+quantities:
+  thickness: {value: 80, unit: um, sd: 2}
+  relative_permittivity: {value: 3.1, unit: '1', sd: 0.1}
+  active_length: {value: 70, unit: mm}
+  cross_section: {value: 600, unit: mm^2}
+  total_mass: {value: 100.5, unit: g}
+  active_mass: {value: 46.2, unit: g}
+  sensor_mass: {value: 10, unit: g}
+"""
+TABLE = """\
+name,protocol,record,role,excitation,response,bias_kV
+f1,frequency_response,f1.csv,calibrate,frequency,gain,2
+"""
+FREQUENCY = np.linspace(1.0, 50.0, 60)
+RATIO = 1e-5 / (1.0 - (FREQUENCY / 30.0) ** 2 + 0.1j * FREQUENCY / 30.0)
+PHASE = np.angle(RATIO)
+
+
+def folder(path: Path, *rows: str, phase: FloatArray = PHASE, more: str = "") -> Path:
+    """A study folder with one record of gain and phase, named by further rows."""
+    table = np.column_stack([FREQUENCY, np.abs(RATIO), phase])
+    np.savetxt(path / "f1.csv", table, delimiter=",", comments="",
+               header="frequency [Hz],gain [1/V],phase [rad]")  # fmt: skip
+    (path / "specimen.yaml").write_text(SPECIMEN + more, encoding="utf-8")
+    (path / "experiments.csv").write_text(TABLE + "".join(f"{r}\n" for r in rows), encoding="utf-8")
+    return path
+
+
+def row(name: str, role: str, response: str) -> str:
+    return f"{name},frequency_response,f1.csv,{role},frequency,{response},2"
+
+
+@pytest.mark.parametrize(
+    ("added", "said"),
+    [
+        (row("f1p", "validate", "phase"),
+         "validate record 'f1p' is the phase that calibrate record 'f1' brings with its gain, as "
+         "'f1_phase'; remove the row 'f1p'"),
+        (row("f1p", "calibrate", "phase"), "calibrate record 'f1p' is the phase that calibrate"),
+        (row("F1_phase", "calibrate", "phase"), "remove the row 'F1_phase'"),
+        (row("f1_phase", "calibrate", "phase"),
+         "row 'f1_phase' has the name of the phase that row 'f1' brings with its gain; rename it"),
+        (row("f2", "calibrate", "gain"),
+         "calibrate record 'f2' holds the same values as calibrate record 'f1'"),
+        (row("f2", "validate", "gain"),
+         "validate record 'f2' holds the same values as calibrate record 'f1'"),
+    ],
+)  # fmt: skip
+def test_what_a_gain_brings_is_not_given_again(tmp_path: Path, added: str, said: str) -> None:
+    faults = scan_folder(folder(tmp_path, added))[1]
+    assert len([fault for fault in faults if said in fault]) == 1
+    assert len(faults) == 1 + ("F1_phase" in added)
+
+
+def test_what_is_only_held_out_may_be_the_same(tmp_path: Path) -> None:
+    """Unless a study fits one of the two."""
+    path = folder(tmp_path, row("f1p", "validate", "phase"))
+    table = (path / "experiments.csv").read_text()
+    (path / "experiments.csv").write_text(table.replace("calibrate", "validate"))
+    assert scan_folder(path)[1] == []
+    study = Study("s", path, ("voigt_kelvin_1_inertia",), calibrate=("f1p",), validate=("f1",))
+    (fault,) = check_study(study)[0]
+    assert "study s: calibrate record 'f1p' is the phase that validate record 'f1' brings" in fault
+
+
+def test_a_phase_without_a_value_is_a_fault_of_the_folder(tmp_path: Path) -> None:
+    lost = np.where(FREQUENCY < 3.0, np.nan, PHASE)
+    (fault,) = scan_folder(folder(tmp_path, phase=lost))[1]
+    assert "f1.csv (f1), column phase: values missing, NaN or infinite: 3" in fault
+
+
+def test_rows_without_a_phase_are_left_out_where_asked_for(tmp_path: Path) -> None:
+    lost = np.where(FREQUENCY < 3.0, np.nan, PHASE)
+    drop = "record_format: {incomplete_rows: drop}\n"
+    path = folder(tmp_path, phase=lost, more=drop)
+    read = read_folder(path)
+    assert read.record(read.table[0]).left_out == 3
+    gain, phase = prepare_study(Study("s", path, ("voigt_kelvin_1_inertia",)), tmp_path / "out")
+    assert gain.response.size == phase.response.size == 57
+
+
+def test_unsorted_frequencies_are_no_loading(tmp_path: Path) -> None:
+    path = folder(tmp_path)
+    lines = (path / "f1.csv").read_text().splitlines()
+    (path / "f1.csv").write_text("\n".join([lines[0], *lines[31:], *lines[1:31]]) + "\n")
+    gain, _ = prepare_study(Study("s", path, ("voigt_kelvin_1_inertia",)), tmp_path / "out")
+    (warning,) = gain.warnings
+    assert warning == "frequency goes back and forth; samples were put in ascending order"
+
+
+def test_a_phase_of_the_wrong_sign_rises(tmp_path: Path) -> None:
+    """Its prior expects it to fall, and says which sign a lag has."""
+    path = folder(tmp_path, phase=-PHASE)
+    study = Study("s", path, ("voigt_kelvin_1_inertia",))
+    warnings = check_study(study, compare=True)[1]
+    (found,) = [line for line in warnings if "f1_phase" in line]
+    assert found.endswith(
+        "f1_phase: phase rises where the prior expects it to fall; is its sign right (lag is "
+        "negative)?"
+    )
