@@ -9,6 +9,7 @@ import pytest
 
 from deabayes.checks.study import check_study
 from deabayes.experiment import FloatArray
+from deabayes.faults import Faults
 from deabayes.pipeline.prepare import prepare_study
 from deabayes.reading.folder import read_folder, scan_folder
 from deabayes.study import Study
@@ -117,3 +118,13 @@ def test_a_phase_of_the_wrong_sign_rises(tmp_path: Path) -> None:
         "f1_phase: phase rises where the prior expects it to fall; is its sign right (lag is "
         "negative)?"
     )
+
+
+def test_a_bias_beyond_what_the_amplifier_can(tmp_path: Path) -> None:
+    path = folder(tmp_path, more="instruments: {voltage: {range: {value: 5, unit: kV}}}\n")
+    table = (path / "experiments.csv").read_text()
+    (path / "experiments.csv").write_text(table.replace("gain,2\n", "gain,2000\n"))
+    with pytest.raises(Faults) as error:
+        read_folder(path)
+    (fault,) = error.value.faults
+    assert "bias_kV is 2000 in experiments.csv, beyond the voltage's range of 5 kV" in fault

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import Faults
 from deabayes.preparation import prepare
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -13,7 +15,12 @@ from deabayes.reading.raw import ExperimentRow, RawRecord
 STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
 
 
-def pull(voltage: FloatArray | None = None, **metadata: object) -> Experiment:
+AMPLIFIER = replace(STRIP, instruments={"voltage.range": Quantity(5e3, "V")})
+
+
+def pull(
+    voltage: FloatArray | None = None, specimen: Specimen = STRIP, **metadata: object
+) -> Experiment:
     """An outward force at a held voltage against a slider's displacement, downwards first."""
     travel = np.linspace(0.01, 0.0, 21)
     columns = {"displacement": travel, "force": 5.0 - 300.0 * travel}
@@ -23,7 +30,7 @@ def pull(voltage: FloatArray | None = None, **metadata: object) -> Experiment:
     row = ExperimentRow(
         "a", "quasi_static", "a.csv", "calibrate", "displacement", "force", metadata
     )  # type: ignore[arg-type]
-    return prepare(row, RawRecord(columns, units, "cd" * 32), STRIP)
+    return prepare(row, RawRecord(columns, units, "cd" * 32), specimen)
 
 
 @pytest.mark.parametrize(
@@ -33,6 +40,7 @@ def pull(voltage: FloatArray | None = None, **metadata: object) -> Experiment:
         (None, {"voltage_kV": 0.0}, 0.0),
         (3000.0, {"voltage_kV": 4.5}, 3000.0),  # the column has the say
         (3000.0, {}, 3000.0),
+        (0.0, {"voltage_kV": 0.0}, 0.0),
         (0.0, {}, 0.0),  # a monitor's noise about zero is no variation
         (None, {}, None),
     ],
@@ -59,6 +67,7 @@ def test_a_pull_hands_on_its_voltage(
         (np.append(np.full(20, 3000.0), np.nan), {}, "column voltage: values missing, NaN"),
         (None, {"voltage_kV": "3 kV"}, "voltage_kV is '3 kV' in experiments.csv; give a number"),
         (None, {"voltage_kV": np.nan}, "voltage_kV is nan"),
+        (np.zeros(21), {"voltage_kV": 3.0}, "comes to 0 V where experiments.csv says voltage_kV 3"),
     ],
 )
 def test_a_voltage_that_is_not_held_is_refused(
@@ -69,3 +78,20 @@ def test_a_voltage_that_is_not_held_is_refused(
     assert "a.csv (a)" in str(error.value)
     assert message in str(error.value)
     assert len(error.value.faults) == 1
+
+
+@pytest.mark.parametrize(
+    ("voltage", "metadata", "message"),
+    [
+        (None, {"voltage_kV": 3000.0}, "voltage_kV is 3000 in experiments.csv, beyond the voltage"),
+        (np.full(21, 3e6), {}, "column voltage: reaches 3000 kV, beyond the instrument's range"),
+    ],
+)
+def test_a_voltage_that_no_amplifier_holds_is_refused(
+    voltage: FloatArray | None, metadata: dict[str, object], message: str
+) -> None:
+    with pytest.raises(Faults) as error:
+        pull(voltage, AMPLIFIER, **metadata)
+    (fault,) = error.value.faults
+    assert message in fault and "range of 5 kV" in fault
+    assert pull(np.full(21, 5e3), AMPLIFIER, voltage_kV=5.0).warnings == ()

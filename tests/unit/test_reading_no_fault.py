@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.unit.breaks import column, specimen, table, voltage
 from tests.unit.study_folders import make_folder
 
+from deabayes.experiment import Specimen
 from deabayes.faults import Faults
 from deabayes.reading.folder import read_folder, scan_folder
+from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.reading.record_checks import record_faults
 
 
 @pytest.mark.parametrize(
@@ -34,6 +38,16 @@ def test_a_constant_response_is_one_fault(tmp_path: Path) -> None:
     column(2, "0.5")(folder)
     (fault,) = scan_folder(folder)[1]
     assert "column force: is constant" in fault
+
+
+def test_an_excitation_of_zeros_is_one_fault() -> None:
+    """That it is constant; that its row says another voltage is no second one."""
+    columns = {"time": np.arange(9.0), "voltage": np.zeros(9), "displacement": np.arange(9.0)}
+    raw = RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
+    said = {"voltage_kV": 3.0}
+    row = ExperimentRow("a", "creep", "a.csv", "calibrate", "voltage", "displacement", said)
+    (fault,) = record_faults(row, raw, Specimen("film", "membrane", {}, {}), "a.csv")
+    assert "column voltage: is constant (0 in all" in fault
 
 
 @pytest.mark.parametrize(("newton", "refused"), [(1.13, False), (1.09, True)])

@@ -47,12 +47,8 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
             faults += checks.constant_channel(raw.columns[name], name, where)
         if name in POSITIVE:
             faults += checks.not_positive(raw.columns[name], name, where)
-    faults += _voltage_unit_faults(row, raw, where)
-    for name, allowed in ((row.excitation, 1e-9), (row.response, BEYOND_SENSOR)):
-        limit = instrument(specimen, "range", name, raw.units[name])
-        if limit is not None:
-            values = raw.columns[name]
-            faults += checks.outside_range(values, limit.value, name, limit.unit, where, allowed)
+    faults += _stated_voltage_faults(row, raw, specimen, where)
+    faults += _range_faults(row, raw, specimen, where)
     noise = instrument(specimen, "noise", row.response, raw.units[row.response])
     if noise is not None:
         values = raw.columns[row.response]
@@ -107,9 +103,14 @@ def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:
     return "voltage" in channels_of(specimen.system, row.protocol)[0]
 
 
+def _is_under_held_voltage(row: ExperimentRow) -> bool:
+    """A quasi-static record that something else than a voltage excites."""
+    return row.protocol == "quasi_static" and row.excitation != "voltage"
+
+
 def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
     """What is wrong with the voltage that a quasi-static record says it was taken at."""
-    if row.protocol != "quasi_static" or row.excitation == "voltage":
+    if not _is_under_held_voltage(row):
         return []
     if "voltage" in raw.columns:
         return voltage_checks.voltage_not_held(raw.columns["voltage"], where)
@@ -118,15 +119,37 @@ def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list
     return []
 
 
-def _voltage_unit_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """A voltage in another unit than its column says, seen from the row's own numbers."""
+def _stated_voltage_faults(
+    row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str
+) -> list[str]:
+    """Voltages of experiments.csv in another unit: by the record, without one by the amplifier."""
     if "voltage" not in raw.columns or row.protocol == "frequency_response":
-        return []
+        limit = instrument(specimen, "range", "voltage", "V")
+        given = row.metadata
+        return voltage_checks.stated_beyond_range(given, limit.value, where) if limit else []
     voltage, stated = raw.columns["voltage"], row.metadata.get
     largest, half = float(np.max(np.abs(voltage))), float(np.ptp(voltage)) / 2.0
+    if largest == 0.0 and row.excitation == "voltage":
+        return []  # a constant excitation is said to be so
     check = voltage_checks.voltage_in_another_unit
-    return (check(largest, "voltage_kV", stated("voltage_kV"), where)
-            or check(half, "amplitude_kV", stated("amplitude_kV"), where))  # fmt: skip
+    found = check(largest, "voltage_kV", stated("voltage_kV"), where)
+    if found or _is_step_from_the_start(row, raw, "voltage"):
+        return found
+    return check(half, "amplitude_kV", stated("amplitude_kV"), where)
+
+
+def _range_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
+    """Channels that are further beyond their instrument's range than they can be."""
+    allowed = {row.excitation: 1e-9, row.response: BEYOND_SENSOR}
+    if _is_under_held_voltage(row) and "voltage" in raw.columns:
+        allowed["voltage"] = BEYOND_SENSOR
+    faults = []
+    for name, share in allowed.items():
+        limit = instrument(specimen, "range", name, raw.units[name])
+        if limit is not None:
+            values = raw.columns[name]
+            faults += checks.outside_range(values, limit.value, name, limit.unit, where, share)
+    return faults
 
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:

@@ -5,16 +5,18 @@ They return sentences as those in `checks` do.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.quantities import with_unit
 from deabayes.reading.checks import not_finite
 
 HELD_CONSTANT = 0.01
 MONITOR_NOISE = 10.0
 """Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
+STATED = ("voltage_kV", "amplitude_kV", "bias_kV")
 UNIT_FACTOR = 30.0
 """Voltages apart by more than this are in different units; kV and V are 1000 apart."""
 
@@ -55,11 +57,22 @@ def voltage_in_another_unit(
     size: float, column: str, stated: float | str | None, where: str
 ) -> list[str]:
     """The `size` [V] of a record's voltage against what `column` of experiments.csv says [kV]."""
-    if not isinstance(stated, float) or not stated > 0.0 or not size > 0.0:
+    if not isinstance(stated, float) or not stated > 0.0 or np.isnan(size):
         return []
     if 1.0 / UNIT_FACTOR <= size / (1000.0 * stated) <= UNIT_FACTOR:
         return []
     return [
         f"{where}, column voltage: comes to {size:g} V where experiments.csv says {column} "
         f"{stated:g}; correct the column's unit, or {column}"
+    ]
+
+
+def stated_beyond_range(metadata: Mapping[str, float | str], limit: float, where: str) -> list[str]:
+    """Voltages in experiments.csv [kV] beyond what the amplifier can give, `limit` [V]."""
+    stated = {name: metadata.get(name) for name in STATED}
+    return [
+        f"{where}: {name} is {value:g} in experiments.csv, beyond the voltage's range of "
+        f"{with_unit(limit, 'V')} in specimen.yaml; give it in kV, or correct the range"
+        for name, value in stated.items()
+        if isinstance(value, float) and 1000.0 * abs(value) > limit * (1.0 + 1e-9)
     ]
