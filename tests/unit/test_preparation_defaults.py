@@ -143,6 +143,30 @@ def test_what_is_switched_on_and_off_does_not_ring() -> None:
     assert not experiment.warnings and "widest" not in str(experiment.steps)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_voltage_on_from_the_start_is_a_step_there(noise: float) -> None:
+    """A monitor's noise makes no knots of it, nor corners between which nothing could ring."""
+    time, _, moved, _ = ringing_step(0.5, 0.016, 0.05)
+    on = time >= 0.02
+    monitor = 2e3 + noise * np.random.default_rng(6).standard_normal(on.sum())
+    experiment = recorded(time[on], monitor, moved[on], protocol="creep")
+    (warning,) = experiment.warnings
+    assert "so the step is taken to happen at the first sample" in warning
+    assert ("voltage is constant but for 2" in warning) == (noise > 0.0)
+    assert experiment.excitation.values.size == 2
+    assert "widest" in str(experiment.steps)
+    uniform = {"average": {"grid": "uniform", "points": 100}}
+    assert recorded(time[on], monitor, moved[on], uniform, protocol="creep").response.size == 100
+
+
+def test_a_voltage_that_sags_keeps_its_knots() -> None:
+    time = np.arange(0.0, 10.0, 1e-2)
+    sagging = 2e3 - 15.0 * (1.0 - np.exp(-time))
+    experiment = recorded(time, sagging, 1.0 + 0.1 * time, protocol="creep")
+    away = np.abs(experiment.excitation.at(time) - sagging)
+    assert away.max() < 1.001 * 2.0 and experiment.excitation.values.size > 2
+
+
 def test_many_knots_are_put_down_to_noise_only_where_there_is_some() -> None:
     knots = {"excitation_knots": {}}
     time = np.arange(0.0, 100.0, 1e-3)

@@ -25,14 +25,15 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
     Settings
     --------
     tolerance : in the excitation's unit, e.g. 0.05 mm; or
-    fraction : of the excitation's range; default 0.001.
+    fraction : of the excitation's range, which begins at zero where a voltage is constant but for
+        its monitor's noise; default 0.001.
     """
     read = Settings("excitation_knots", settings, record, ("tolerance", "fraction"))
     if read.has("tolerance"):
         tolerance = read.positive("tolerance", record.excitation_unit)
     else:
         fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, 0.5)
-        tolerance = fraction * float(np.ptp(record.excitation))
+        tolerance = fraction * record.excitation_range
     knots = polyline(record.excitation_coordinate, record.excitation, tolerance)
     reduced = replace(
         record,

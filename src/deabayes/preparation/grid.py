@@ -36,7 +36,8 @@ def geometric_edges(
     """
     last = float(record.coordinate[-1])
     interval = float(np.median(np.diff(record.coordinate)))
-    turns = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION, interval)
+    tolerance = CORNER_FRACTION * record.excitation_range
+    turns = corners(record.excitation_coordinate, record.excitation, tolerance, interval)
     starts = [float(min(record.coordinate[0], record.excitation_start())), *map(float, turns)]
     starts = sorted({start for start in starts if start < last})
     path = travel(record)
@@ -75,7 +76,7 @@ def travel(record: WorkingRecord) -> tuple[FloatArray, FloatArray]:
     Counted on a polyline within 1 % of the range, so that noise on a monitored
     voltage does not add up to a path.
     """
-    size = float(np.ptp(record.excitation))
+    size = record.excitation_range
     knots = polyline(record.excitation_coordinate, record.excitation, NOISE_FRACTION * size)
     steps = np.abs(np.diff(record.excitation[knots])) / (size or 1.0)
     return record.excitation_coordinate[knots], np.concatenate([[0.0], np.cumsum(steps)])
@@ -110,7 +111,7 @@ def jumps(record: WorkingRecord) -> FloatArray:
     excitation is on average along its path: a sine of more than six cycles has the first pace on
     its own, of which its straight pieces or few samples are no jumps.
     """
-    size = float(np.ptp(record.excitation))
+    size = record.excitation_range
     change = np.abs(np.diff(record.excitation))
     knots, path = travel(record)
     usual = size * max(JUMP_RATIO, ALONG_PATH * float(path[-1])) / (knots[-1] - knots[0])

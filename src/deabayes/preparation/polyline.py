@@ -55,19 +55,16 @@ def _furthest(x: list[float], y: list[float], start: int, tolerance: float) -> i
 
 
 def corners(
-    coordinate: FloatArray, values: FloatArray, fraction: float, interval: float
+    coordinate: FloatArray, values: FloatArray, tolerance: float, interval: float
 ) -> FloatArray:
     """Where an excitation turns: ends of ramps, steps, peaks of triangles.
 
     The inner knots of a Ramer-Douglas-Peucker polyline (Douglas and Peucker
-    1973) within `fraction` of the range, which stand at the turns themselves;
+    1973) within `tolerance`, which stand at the turns themselves;
     the two knots of a jump within a sampling `interval` are one corner, at the later.
     """
-    size = float(np.ptp(values))
-    if size == 0.0:
-        return np.array([])
-    thinned = polyline(coordinate, values, 0.1 * fraction * size)
-    knots = thinned[_worst_first(coordinate[thinned], values[thinned], fraction * size)]
+    thinned = polyline(coordinate, values, 0.1 * tolerance)
+    knots = thinned[_worst_first(coordinate[thinned], values[thinned], tolerance)]
     inner = coordinate[knots[1:-1]]
     before_jump = np.diff(coordinate[knots[1:]]) <= 1.5 * interval
     return inner[~before_jump]

@@ -40,7 +40,8 @@ def ringing(record: WorkingRecord) -> Ringing | None:
     swing = least_swing(response)
     response = without_single_samples(response, swing)
     interval = float(np.median(np.diff(time)))
-    inner = corners(record.excitation_coordinate, record.excitation, CORNER_FRACTION, interval)
+    tolerance = CORNER_FRACTION * record.excitation_range
+    inner = corners(record.excitation_coordinate, record.excitation, tolerance, interval)
     edges = [record.excitation_start(), *map(float, inner), np.nextafter(time[-1], np.inf)]
     found = []
     for start, end in pairwise(edges):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Specimen
+from deabayes.reading.held import excitation_range
 from deabayes.reading.raw import ExperimentRow
 
 BoolArray = NDArray[np.bool_]
@@ -62,6 +63,11 @@ class WorkingRecord:
     def in_time(self) -> bool:
         """Whether the coordinate is time rather than the excitation or a frequency."""
         return self.coordinate_name == "time"
+
+    @property
+    def excitation_range(self) -> float:
+        """Largest change of the excitation, that to its first sample where it is a step there."""
+        return excitation_range(self.row.protocol, self.excitation, self.excitation_unit)
 
     def mask(self, hidden: BoolArray, **changes: object) -> WorkingRecord:
         """Hide samples (M,) from the likelihood; none becomes visible again."""

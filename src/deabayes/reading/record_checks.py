@@ -6,14 +6,15 @@ import numpy as np
 
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
+from deabayes.quantities import with_unit
 from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.columns import COMMANDS
+from deabayes.reading.held import STEPS, is_step_from_the_start
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.single_samples import standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
-STEPS = ("creep", "step")
 BEYOND_SENSOR = 0.05
 """How far beyond its stated range a clipped sensor may read; more is another unit."""
 
@@ -80,9 +81,7 @@ def record_warnings(
         if row.protocol in STEPS:
             driven = raw.columns[row.excitation]
             found += standing_out(time, driven, response, row.response, unit, where)
-    if _is_step_from_the_start(row, raw, row.excitation):
-        found.append(f"{where}: {row.excitation} is constant, so the step is taken to happen at "
-                     "the first sample")  # fmt: skip
+    found += _step_from_the_start_warnings(row, raw, where)
     if row.excitation in COMMANDS:
         found.append(
             f"{where}: {row.excitation} is what was asked of the amplifier and is taken for its "
@@ -94,6 +93,17 @@ def record_warnings(
             raw.columns["current"], limit.value, row.protocol, where
         )
     return found
+
+
+def _step_from_the_start_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """When a step is taken to happen that the record does not show."""
+    name = row.excitation
+    if not _is_step_from_the_start(row, raw, name):
+        return []
+    spread = float(np.ptp(raw.columns[name]))
+    noise = f" but for {with_unit(spread, raw.units[name], name, digits=2)}" if spread else ""
+    return [f"{where}: {name} is constant{noise}, so the step is taken to happen at the first "
+            "sample"]  # fmt: skip
 
 
 def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:
@@ -154,6 +164,5 @@ def _range_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:
     """A voltage that is on from the first sample is a step there, no dead channel."""
-    values = raw.columns[channel]
-    held = channel == row.excitation and row.protocol in STEPS
-    return bool(held and values[0] != 0.0 and np.all(values == values[0]))
+    values, unit = raw.columns[channel], raw.units[channel]
+    return channel == row.excitation and is_step_from_the_start(row.protocol, values, unit)

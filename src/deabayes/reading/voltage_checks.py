@@ -12,10 +12,8 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
 from deabayes.reading.checks import not_finite
+from deabayes.reading.held import is_held
 
-HELD_CONSTANT = 0.01
-MONITOR_NOISE = 10.0
-"""Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
 STATED = ("voltage_kV", "amplitude_kV", "bias_kV")
 UNIT_FACTOR = 30.0
 """Voltages apart by more than this are in different units; kV and V are 1000 apart."""
@@ -34,8 +32,7 @@ def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: 
 def voltage_not_held(voltage: FloatArray, where: str) -> list[str]:
     """A voltage [V] that varies during a pull by more than 1 % of it or a monitor's noise."""
     faults = not_finite(voltage, "voltage", where)
-    allowed = max(HELD_CONSTANT * abs(float(np.mean(voltage))), MONITOR_NOISE)
-    if faults or float(np.ptp(voltage)) <= allowed:
+    if faults or is_held(voltage):
         return faults
     return [
         f"{where}, column voltage: varies from {voltage.min():g} to {voltage.max():g} V during the "
