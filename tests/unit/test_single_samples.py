@@ -8,7 +8,12 @@ import pytest
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.preparation import prepare
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.single_samples import least_swing, single_samples, without_single_samples
+from deabayes.reading.single_samples import (
+    glitches,
+    least_swing,
+    single_samples,
+    without_single_samples,
+)
 
 TIME = np.arange(0.0, 60.0, 0.2)
 VOLTS = np.where(TIME < 5.0, 0.0, 3e3)
@@ -51,6 +56,49 @@ def test_creep_noise_and_a_pulse_are_no_single_samples() -> None:
     assert not prepared(VOLTS, crept()).warnings
     pulse = np.where(np.abs(TIME - 30.0) < 0.05, 0.0, VOLTS)
     assert not prepared(pulse, crept((30.0, 2e-4)), "step").warnings
+
+
+@pytest.mark.parametrize("value", [0.0, 4e4, -4e4])
+@pytest.mark.parametrize("protocol", ["creep", "step", "sweep"])
+def test_a_glitch_of_the_voltages_monitor_is_named(protocol: str, value: float) -> None:
+    volts = np.where(np.abs(TIME - 30.0) < 0.05, value, VOLTS)
+    (warning,) = prepared(volts, crept(), protocol).warnings
+    shown = {0.0: "0 V", 4e4: "40 kV", -4e4: "-40 kV"}[value]
+    assert warning == (
+        f"a.csv (a), column voltage: the single sample at 30 s, {shown} before 3 kV, stands out; "
+        "if it was not driven so, correct the row in the file, or remove it"
+    )
+
+
+def shapes() -> dict[str, FloatArray]:
+    """What excitations may look like [V], 2000 samples each."""
+    rng, place = np.random.default_rng(6), np.arange(2000)
+    levels, times = rng.uniform(0.0, 4e3, 2000), rng.integers(1, 20, 2000)
+    return {
+        "step with an overshoot": np.where(place < 200, 0.0, 4e3) + 300.0 * (place == 200),
+        "triangle": 4e3 * np.abs((place / 100.0) % 2.0 - 1.0),
+        "triangle of few samples": 4e3 * np.abs((place / 4.0) % 2.0 - 1.0),
+        "sine": 2e3 + 2e3 * np.sin(0.05 * place),
+        "sine of few samples": 2e3 + 2e3 * np.sin(1.3 * place),
+        "small sine on a bias": 3e3 + 20.0 * np.sin(0.05 * place),
+        "square wave": 4e3 * ((place // 50) % 2),
+        "pulses of two samples": 4e3 * (place % 100 < 2),
+        "random levels": levels,
+        "random levels, held": np.repeat(levels, 5)[:2000],
+        "random levels, held for various times": np.repeat(levels, times)[:2000],
+        "two levels": 4e3 * rng.integers(0, 2, 2000),
+        "on from the start": np.full(2000, 2e3),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("lag", [2.0, 50.0])
+@pytest.mark.parametrize("shape", shapes())
+def test_what_is_driven_is_no_glitch(shape: str, lag: float, noise: float) -> None:
+    volts, rng = shapes()[shape], np.random.default_rng(7)
+    followed = np.convolve(volts**2, np.exp(-np.arange(500.0) / lag))[:2000]
+    response = followed + 1e-3 * np.ptp(followed) * rng.standard_normal(2000)
+    assert glitches(volts + noise * rng.standard_normal(2000), response).size == 0
 
 
 @pytest.mark.parametrize("period", [2.0, 2.5, 3.0, 4.0, 5.0, 8.0, 12.0, 30.0])

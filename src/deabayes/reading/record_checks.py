@@ -9,9 +9,9 @@ from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
 from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.columns import COMMANDS
-from deabayes.reading.held import STEPS, is_step_from_the_start
+from deabayes.reading.held import STEPS, excitation_range, is_step_from_the_start
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.single_samples import standing_out
+from deabayes.reading.single_samples import glitches, named, standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
@@ -76,11 +76,8 @@ def record_warnings(
         found.append(f"{where}: {raw.left_out} of {rows} data rows are left out, without a value "
                      "or at a repeated time (record_format.incomplete_rows)")  # fmt: skip
     if "time" in needed_columns(row):
-        time = raw.columns["time"]
-        found += checks.sampling_jitter(time, where)
-        if row.protocol in STEPS:
-            driven = raw.columns[row.excitation]
-            found += standing_out(time, driven, response, row.response, unit, where)
+        found += checks.sampling_jitter(raw.columns["time"], where)
+        found += _single_sample_warnings(row, raw, where)
     found += _step_from_the_start_warnings(row, raw, where)
     if row.excitation in COMMANDS:
         found.append(
@@ -104,6 +101,24 @@ def _step_from_the_start_warnings(row: ExperimentRow, raw: RawRecord, where: str
     noise = f" but for {with_unit(spread, raw.units[name], name, digits=2)}" if spread else ""
     return [f"{where}: {name} is constant{noise}, so the step is taken to happen at the first "
             "sample"]  # fmt: skip
+
+
+def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """Glitches: of a response to a step, which is smooth otherwise, and of any excitation."""
+    excitation, response = raw.columns[row.excitation], raw.columns[row.response]
+    units, time = raw.units, raw.columns["time"]
+    found = []
+    if row.protocol in STEPS:
+        size = excitation_range(row.protocol, excitation, units[row.excitation])
+        remedy = "if the sensor failed there, hide it with `mask_between`"
+        found.append((standing_out(excitation, size, response), row.response, remedy))
+    remedy = "if it was not driven so, correct the row in the file, or remove it"
+    found.append((glitches(excitation, response), row.excitation, remedy))
+    return [
+        f"{where}, {named(at, time, raw.columns[name], name, units[name], remedy)}"
+        for at, name, remedy in found
+        if at.size
+    ]
 
 
 def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:

@@ -1,4 +1,4 @@
-"""Single samples that stand out: a glitch of the sensor, which no motion makes."""
+"""Single samples that stand out: a glitch of the sensor, or of the voltage's monitor."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ STEADY = 0.02
 LEVEL = 0.25
 """Of a sample's height over its neighbours: what differs more behind it may oscillate."""
 BEHIND = 3
+JUMPS = 10
+"""As large as single samples of an excitation, for each of them: more are its own."""
 
 
 def least_swing(response: FloatArray) -> float:
@@ -46,27 +48,51 @@ def without_single_samples(response: FloatArray, swing: float) -> FloatArray:
 
 
 def standing_out(
-    time: FloatArray,
-    excitation: FloatArray,
-    response: FloatArray,
-    channel: str,
-    unit: str,
-    where: str,
-) -> list[str]:
-    """Single samples that stand out of a response while the excitation stays as it is."""
+    excitation: FloatArray, excitation_range: float, response: FloatArray
+) -> NDArray[np.intp]:
+    """Single samples of a response while the excitation stays as it is."""
     found = single_samples(response, least_swing(response))
     change = np.abs(np.diff(np.pad(excitation, (1, BEHIND), mode="edge")))
     moved = np.max([change[k : k + response.size] for k in range(BEHIND + 1)], axis=0)
-    found = found[moved[found] <= STEADY * np.ptp(excitation)]
-    if not found.size:
-        return []
+    return found[moved[found] <= STEADY * excitation_range]
+
+
+def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
+    """Single samples of an excitation that is as before behind them, which no response follows.
+
+    None where the excitation jumps as far time and again, as random levels do.
+    """
+    found = single_samples(excitation, least_swing(excitation))
+    before, behind = excitation[found - 1], excitation[found + 1]
+    height = np.minimum(np.abs(excitation[found] - before), np.abs(excitation[found] - behind))
+    followed = _off_neighbours(response) > least_swing(response)
+    alone = (np.abs(behind - before) <= LEVEL * height) & ~(followed[found] | followed[found + 1])
+    found, height = found[alone], height[alone]
+    far = np.abs(np.diff(excitation)) > 0.5 * np.min(height, initial=np.inf)
+    return found if far.sum() <= JUMPS * found.size else found[:0]
+
+
+def named(
+    found: NDArray[np.intp],
+    time: FloatArray,
+    values: FloatArray,
+    channel: str,
+    unit: str,
+    remedy: str,
+) -> str:
+    """A sentence on samples that were found, the first of them with its time and value."""
     at = int(found[0])
-    value, beside = (with_unit(float(response[i]), unit, channel) for i in (at, at + 1))
+    value, beside = (with_unit(float(values[i]), unit, channel) for i in (at, at + 1))
     others = f" (and {found.size - 1} more)" if found.size > 1 else ""
-    return [
-        f"{where}, column {channel}: the single sample at {time[at]:.6g} s, {value} before "
-        f"{beside}, stands out{others}; if the sensor failed there, hide it with `mask_between`"
-    ]
+    return (
+        f"column {channel}: the single sample at {time[at]:.6g} s, {value} before {beside}, "
+        f"stands out{others}; {remedy}"
+    )
+
+
+def _off_neighbours(values: FloatArray) -> FloatArray:
+    """How far each sample is off the mean of its neighbours."""
+    return np.abs(np.pad(0.5 * np.diff(values, 2), 1))
 
 
 def _noise(values: FloatArray) -> float:
