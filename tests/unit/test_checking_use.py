@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.unit.study_folders import make_folder, replace_in
+from tests.unit.study_folders import make_folder, record_lines, replace_in, write_lines
 
 from deabayes.checks.folder import check_folder
 from deabayes.checks.study import check_study
 from deabayes.cli import main
+from deabayes.pipeline.prepare import prepare_study
 from deabayes.study import Study
 
 
@@ -39,6 +40,38 @@ def test_steps_that_no_record_takes_are_a_warning(tmp_path: Path) -> None:
     faults, warnings = check_study(study)
     assert not faults
     assert "preparation.sine: no record of the study is of this protocol" in warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        ({"mask_between": {"from": 200, "to": 300}},
+         "step mask_between (from: 200, to: 300) hides no sample of any relaxation record, from "
+         "0 to 3.9 s; correct its times or their unit, or remove it"),
+        ({"mask_after": {"time": 500}}, "mask_after (time: 500) hides no sample of any relaxation"),
+        ({"mask_before": {"time": "0 s"}}, "mask_before (time: 0 s) hides no sample of any relaxa"),
+        ({"mask_between": {"from": 5, "to": 6, "record": "relax"}}, "no sample of relax record"),
+        ({"mask_between": {"from": 5, "to": 6, "record": "late"}}, None),
+        ({"mask_after": {"time": 4}}, None),  # within the longer record
+    ],
+)  # fmt: skip
+def test_masks_that_hide_nothing_are_a_warning(
+    tmp_path: Path, step: dict[str, object], said: str | None
+) -> None:
+    folder = make_folder(tmp_path)
+    row = "late,relaxation,records/late.csv,validate,displacement,force,,\n"
+    with (folder / "experiments.csv").open("a") as table:
+        table.write(row)
+    rows = 40 if said else 80
+    write_lines(folder / "records" / "late.csv", record_lines(3, rows))
+    study = Study("s", folder, ("kv_gm_1",), preparation={"relaxation": [step]})
+    faults, warnings = check_study(study)
+    assert not faults
+    found = [warning for warning in warnings if "hides no sample" in warning]
+    assert len(found) == (said is not None)
+    assert said is None or (found[0].startswith("study s, relax: step ") and said in found[0])
+    stored = [each.warnings for each in prepare_study(study, tmp_path / "out")]
+    assert sum("hides no sample" in str(each) for each in stored) == len(found)
 
 
 @pytest.mark.parametrize(

@@ -186,6 +186,7 @@ def test_steps_remember_settings_and_what_they_did() -> None:
         ),
         ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
+        ({"delay": {"time": "-1 s"}}, "delay.time: must not be negative, found -1 s"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),
     ],
 )

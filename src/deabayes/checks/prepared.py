@@ -22,18 +22,25 @@ def prepared_records(
     Warnings are those of the steps: what a record itself is warned of is its folder's.
     """
     from deabayes.preparation import measured_rows, prepare
+    from deabayes.preparation.idle_masks import with_idle_masks
 
+    measured: list[ExperimentRow] = []
     experiments: list[Experiment] = []
     faults: dict[str, str] = {}
-    warnings: list[str] = []
     for row in rows:
         try:
             raw, steps = read.record(row), study.preparation.get(row.protocol)
             for each in measured_rows(row, raw):
                 experiments.append(prepare(each, raw, read.specimen, steps))
-                warnings += _of_steps(study, each, experiments[-1])
+                measured.append(each)
         except UserError as error:
             faults[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
+    experiments = experiments if faults else with_idle_masks(experiments)
+    warnings = [
+        warning
+        for row, each in zip(measured, experiments, strict=True)
+        for warning in _of_steps(study, row, each)
+    ]
     return experiments, list(faults.values()), warnings
 
 

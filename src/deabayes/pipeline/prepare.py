@@ -22,6 +22,7 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     from deabayes.posteriors.storage import write_datasets
     from deabayes.preparation import measured_rows, prepare
     from deabayes.preparation.addressed import misaddressed
+    from deabayes.preparation.idle_masks import with_idle_masks
     from deabayes.preparation.prepared import to_dataset
     from deabayes.reading.folder import read_folder
 
@@ -29,16 +30,17 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
     rows = select_rows(study, folder.table)
     if wrong := misaddressed(study.preparation, folder.table):
         raise UserError("\n".join(f"study {study.name}, {fault}" for fault in wrong))
-    experiments, datasets = [], {}
+    experiments, raws = [], []
     for row in rows:
         raw, steps = folder.record(row), study.preparation.get(row.protocol)
         for each in measured_rows(row, raw):
             experiment = prepare(each, raw, folder.specimen, steps)
             said = {warning.partition(": ")[2] for warning in experiment.warnings}
             unseen = [w for w in folder.warnings(row) if w.partition(": ")[2] not in said]
-            experiment = replace(experiment, warnings=(*experiment.warnings, *unseen))
-            datasets[experiment.name] = to_dataset(experiment, raw)
-            experiments.append(experiment)
+            experiments.append(replace(experiment, warnings=(*experiment.warnings, *unseen)))
+            raws.append(raw)
+    experiments = with_idle_masks(experiments)
+    datasets = {e.name: to_dataset(e, raw) for e, raw in zip(experiments, raws, strict=True)}
     write_datasets(datasets, output, mark="record_sha256")
     return experiments
 

@@ -30,6 +30,11 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
     if not read.has("time") and sensor is None:
         raise UserError(f"{read.where}: give `time`, or {_where_stated(record.row.response)}")
     shift = read.quantity("time", "s", None if sensor is None else sensor.value)
+    if shift < 0.0:
+        raise UserError(
+            f"{read.where}.time: must not be negative, found {shift:g} s; a sensor lags, give the "
+            "time by which it does"
+        )
     if record.coordinate_name == "frequency":
         phase = record.row.response == "phase"
         lag = 2.0 * np.pi * record.coordinate * shift
