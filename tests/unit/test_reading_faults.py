@@ -249,3 +249,5 @@ def test_a_file_for_a_folder(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     with pytest.raises(UserError, match=r"specimen\.yaml: is a file; name its folder .*strip$"):
         read_folder(folder / "specimen.yaml")
+    with pytest.raises(UserError, match=r"relax\.csv: is a file; name its folder .*strip$"):
+        read_folder(folder / "records" / "relax.csv")

@@ -166,7 +166,7 @@ def scan_folder(
     """As much of a study folder as can be read, and every fault of it."""
     folder = Path(folder)
     if folder.is_file():
-        return None, [f"{folder}: is a file; name its folder {folder.parent}"]
+        return None, [f"{folder}: is a file; name its folder {_study_of(folder)}"]
     if not folder.is_dir():
         return None, [f"{folder}: there is no such folder; `deabayes new` makes one to fill in"]
     faults: list[str] = []
@@ -178,6 +178,12 @@ def scan_folder(
         return None, faults
     read = StudyFolder(folder, file, tuple(rows), data_root)
     return read, faults + (read.faults() if check_records else [])
+
+
+def _study_of(file: Path) -> Path:
+    """The study folder that a file is in, at any depth; else the folder that it is in."""
+    above = (each for each in file.parents if (each / "specimen.yaml").is_file())
+    return next(above, file.parent)
 
 
 def _specimen_file(folder: Path, faults: list[str]) -> SpecimenFile | None:
