@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from deabayes.faults import UserError
+from deabayes.reading.columns import COMMANDS
 from deabayes.reading.schema import schema
 from deabayes.reading.specimen import system_class
-from deabayes.reading.table import channels_of
+from deabayes.reading.table import WITHOUT_TIME, channels_of
 from deabayes.reading.yaml_file import scalar
 
 DISPLAY_UNITS = {"m": "mm", "m^2": "mm^2", "kg": "g", "V": "kV", "F": "nF", "Pa": "kPa"}
+MEANINGS = {"control_voltage": "what was asked of the amplifier, on the scale of its output"}
 METADATA = {
     "sine": "frequency_Hz",
     "quasi_static": "voltage_kV",
@@ -48,21 +50,24 @@ instruments:
 #   delimiter: ","       # or ";", tab, whitespace
 #   header_lines: 2      # lines to skip, the header too if columns follow; empty ones not counted
 #   columns:             # all of them, from left to right; name "-" leaves one out
-#     - {{name: time, unit: s}}
-#     - {{name: {excitation}, unit: {excitation_unit}}}
-#     - {{name: {response}, unit: {response_unit}}}
-"""
+{format_columns}"""
 
 README = """\
 One file per record, named in experiments.csv. Text files have a header of `name [unit]`
 per column, separated by commas, `;` or tabs:
 
-    time [s],{excitation} [{excitation_unit}],{response} [{response_unit}]
+    {header}
 
-The columns that this system knows, in any unit of their kind:
+{pull}The columns that this system knows, in any unit of their kind:
 
 {channels}
 Excel (.xlsx, first sheet, same header), MATLAB (.mat) and TDMS files are read as well.
+"""
+
+PULL = """\
+A pull (quasi_static) needs no column `time`, other records do. It needs the voltage that was
+held: a column `voltage`, or `voltage_kV` in experiments.csv (0 without voltage).
+
 """
 
 ENTRY = """\
@@ -96,7 +101,9 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
     words["required"] = _quantity_lines(kind.required_quantities, kind.meanings, "  ")
     optional = _quantity_lines(kind.optional_quantities, kind.meanings, "  # ")
     words["optional"] = optional or "  # (none)\n"
-    words["channels"] = _channel_lines({**kind.excitations, **kind.responses}, kind.meanings)
+    commands = {name: kind.excitations[of] for name, of in COMMANDS.items() if of in kind.in_time}
+    known = {**kind.excitations, **commands, **kind.responses}
+    words["channels"] = _channel_lines(known, {**MEANINGS, **kind.meanings})
     (folder / "records").mkdir(parents=True)
     (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
     (folder / "experiments.csv").write_text(_table(system), encoding="utf-8")
@@ -112,17 +119,23 @@ def _candidates(system: str) -> list[str]:
 
 
 def _channels(system: str) -> dict[str, str]:
-    """The example channels of a system, and the units they are usually recorded in."""
+    """The example channels of a system, and their record's columns in the units usual for them."""
     protocol = system_class(system).protocols[0]
     excitations, responses = channels_of(system, protocol)
-    (excitation, first), (response, second) = (
-        next(iter(c.items())) for c in (excitations, responses)
-    )
+    excitation, response = next(iter(excitations)), next(iter(responses))
+    units = {} if protocol in WITHOUT_TIME else {"time": "s"}
+    units |= {excitation: excitations[excitation], response: responses[response]}
+    pulled = protocol == "quasi_static" and "voltage" in excitations
+    units |= {"voltage": "V"} if pulled else {}
+    columns = {name: DISPLAY_UNITS.get(unit, unit) for name, unit in units.items()}
+    lines = [f"#     - {{name: {name}, unit: {unit}}}\n" for name, unit in columns.items()]
     return {
         "excitation": excitation,
-        "excitation_unit": DISPLAY_UNITS.get(first, first),
         "response": response,
-        "response_unit": DISPLAY_UNITS.get(second, second),
+        "response_unit": columns[response],
+        "header": ",".join(f"{name} [{unit}]" for name, unit in columns.items()),
+        "format_columns": "".join(lines),
+        "pull": PULL if pulled else "",
     }
 
 

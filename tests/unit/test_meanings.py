@@ -43,3 +43,26 @@ def test_a_new_study_says_them(system: str, tmp_path: Path) -> None:
     for name, unit in {**kind.excitations, **kind.responses}.items():
         said = f": {kind.meanings[name]}" if name in kind.meanings else ""
         assert f"    {name} [{unit}]{said}\n" in columns
+
+
+@pytest.mark.parametrize(
+    ("system", "header", "pulled"),
+    [
+        ("minimum_energy_structure", "displacement [mm],force [N],voltage [kV]", True),
+        ("tubular", "time [s],voltage [kV],strain [1]", False),
+        ("tensile_strip", "time [s],stretch [1],nominal_stress [kPa]", False),
+    ],
+)
+def test_a_new_study_shows_columns_of_its_first_protocol(
+    system: str, header: str, pulled: bool, tmp_path: Path
+) -> None:
+    new_study("mine", system, tmp_path)
+    columns = (tmp_path / "mine" / "records" / "README").read_text(encoding="utf-8")
+    assert f"\n    {header}\n" in columns
+    assert ("or `voltage_kV` in experiments.csv" in columns) == pulled
+    assert ("    control_voltage [V]: what was asked" in columns) == (system != "tensile_strip")
+    specimen = (tmp_path / "mine" / "specimen.yaml").read_text(encoding="utf-8")
+    listed = [x for x in specimen.splitlines() if x.startswith("#     - {name: ")]
+    assert ",".join(x.split("name: ")[1].split(",")[0] for x in listed) == ",".join(
+        x.split(" [")[0] for x in header.split(",")
+    )
