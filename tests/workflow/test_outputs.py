@@ -60,3 +60,19 @@ def test_the_table_of_errors_is_not_written_over_the_posterior(
 ) -> None:
     said = refusal(capsys, "predict", POSTERIOR, "--prepared", "prepared", "--errors", POSTERIOR)
     assert said.startswith(f"deabayes: --errors {POSTERIOR}: is the file that is read")
+
+
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [
+        ("strip", "is the folder that is read; name another"),
+        ("strip/../strip/records", "is the folder that is read; name another"),
+        ("strip/specimen.yaml", "is a file; name a folder"),
+    ],
+)
+def test_records_are_not_prepared_into_the_folder_of_the_study(
+    place: Path, capsys: pytest.CaptureFixture[str], output: str, said: str
+) -> None:
+    (place / "config.yaml").write_text("studies: {s: {specimen: strip, candidates: [kv_gm_1]}}\n")
+    assert refusal(capsys, "prepare", "s", "-o", output) == f"deabayes: -o {output}: {said}\n"
+    assert not list((place / "strip").rglob("*.nc"))

@@ -120,3 +120,28 @@ def test_a_response_alone_goes_with_an_excitation(
     with pytest.raises(SystemExit):
         main(["predict", "posterior.nc", "--response", "strain"])
     assert "--response goes with --excitation" in capsys.readouterr().err
+
+
+def test_a_study_by_name_has_one_posterior_or_names_them(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where a folder is called as the study."""
+    (place / "tube").mkdir()
+    wanted = Path("results/tube/one/posterior.nc")
+    wanted.parent.mkdir(parents=True)
+    wanted.write_bytes(Path("posterior.nc").read_bytes())
+    by_name = ("predict", "tube", "--excitation", "drive.csv", "-o")
+    main([*by_name, "named.csv"])
+    predict("-o", "file.csv")
+    assert Path("named.csv").read_text() == Path("file.csv").read_text()
+    other = Path("results/tube/two/posterior.nc")
+    other.parent.mkdir()
+    other.write_bytes(wanted.read_bytes())
+    capsys.readouterr()
+    for arguments, said in (
+        ([*by_name, "again.csv"], f"study tube has 2 fitted candidates; give {wanted} or {other}"),
+        (["predict", "tub", *by_name[2:], "again.csv"], "'tub' is neither a posterior file nor"),
+    ):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        assert said in capsys.readouterr().err

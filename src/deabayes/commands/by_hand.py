@@ -9,10 +9,10 @@ from typing import Any
 from deabayes.commands.checks import checked
 from deabayes.commands.drive import read_drive
 from deabayes.commands.find import find_study
-from deabayes.commands.output import keep_inputs
+from deabayes.commands.find_results import found_posteriors
+from deabayes.commands.output import a_folder, keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
-from deabayes.posteriors.found import fitted_posteriors
 from deabayes.study import Study, load_study, settings_on_file, write_study
 from deabayes.units import NUMBER_AND_UNIT
 
@@ -33,8 +33,10 @@ def prepare_by_name(study: str, config: Path, output: Path) -> None:
     """Prepare the records of one study, if all that it asks for can be given."""
     from deabayes.pipeline import prepare_study
 
+    a_folder(output)
     found = find_study(study, config)
     checked(found)
+    keep_inputs(output, *_folders_of(found))
     prepare_study(found, output)
 
 
@@ -99,7 +101,7 @@ def compare_posteriors(
     """Score the posteriors that have no score yet, rank them; the table as text."""
     from deabayes.pipeline import compare_candidates, score_candidate
 
-    posteriors = _posteriors(sources, results)
+    posteriors = found_posteriors(sources, results)
     prepared = prepared or posteriors[0].parent.parent / "prepared"
     output = output or posteriors[0].parent.parent / "comparison.csv"
     keep_inputs(output, prepared, *posteriors, *(p.with_name("scores.json") for p in posteriors))
@@ -136,7 +138,7 @@ def predict_posteriors(
     """Predict with one posterior, or with every posterior of a study; where the tables are."""
     from deabayes.pipeline import predict_candidate
 
-    posteriors = _posteriors([source], results)
+    posteriors = found_posteriors([source], results)
     if len(posteriors) > 1 and (output or errors):
         raise UserError("--output and --errors go with one posterior file, not with a study")
     lines = []
@@ -153,15 +155,6 @@ def predict_posteriors(
         )
         lines.append(f"{table}")
     return "\n".join(lines)
-
-
-def study_folders(names: Sequence[str], results: Path) -> list[Path]:
-    """Results folders given as such, or as those of studies under `results`, which come first."""
-    folders = [each if (each := results / name).exists() else Path(name) for name in names]
-    for name, folder in zip(names, folders, strict=True):
-        if not folder.exists():
-            raise _unknown(name, "results folder", results)
-    return folders
 
 
 def simulate_record(
@@ -212,6 +205,15 @@ def download(studies: Sequence[str], config: Path) -> Iterator[str]:
             yield f"{folder}: records are in {place}"
 
 
+def _folders_of(study: Study) -> list[Path]:
+    """Where a study's tables and its records are."""
+    from deabayes.reading.folder import read_folder
+
+    read = read_folder(study.specimen, study.data_root, check_records=False)
+    files = [path for row in read.table if (path := read.locate(row)) is not None]
+    return [study.specimen, *dict.fromkeys(path.parent for path in files)]
+
+
 def _keep_settings(study: Study, path: Path) -> None:
     """Write study.yaml, unless the workflow's says the same: a newer one has it prepare again."""
     if not path.is_file() or settings_on_file(load_study(path)) != settings_on_file(study):
@@ -225,26 +227,6 @@ def _known(study: Study, candidate: str) -> str:
             f"{nearest(candidate, study.candidates)}"
         )
     return candidate
-
-
-def _posteriors(sources: Sequence[str], results: Path) -> list[Path]:
-    """Posterior files given as such, or all those of one study given by name."""
-    if all(Path(source).is_file() for source in sources):
-        return [Path(source) for source in sources]
-    if len(sources) > 1:
-        missing = [source for source in sources if not Path(source).is_file()]
-        raise UserError(f"{missing[0]}: no such posterior file")
-    found = fitted_posteriors(results / sources[0])
-    if not found:
-        raise _unknown(sources[0], "posterior file", results)
-    return found
-
-
-def _unknown(name: str, kind: str, results: Path) -> UserError:
-    """That a name is of nothing, and of which fitted study it may be meant."""
-    fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
-    hint = nearest(name, fitted) if fitted else "; run `deabayes fit` first"
-    return UserError(f"{name!r} is neither a {kind} nor a fitted study under {results}{hint}")
 
 
 def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:

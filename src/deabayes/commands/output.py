@@ -20,3 +20,14 @@ def keep_inputs(output: Path | None, *inputs: Path | None, option: str = "-o") -
         if source is not None and source.exists() and output.samefile(source):
             kind = "folder" if output.is_dir() else "file"
             raise UserError(f"{option} {output}: is the {kind} that is read; name another")
+
+
+def a_folder(output: Path, option: str = "-o") -> None:
+    """Refuse a file where a folder is to be written.
+
+    Raises
+    ------
+    UserError
+    """
+    if output.is_file():
+        raise UserError(f"{option} {output}: is a file; name a folder")

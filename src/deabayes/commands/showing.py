@@ -36,10 +36,12 @@ def predict(
 
     POSTERIOR is a file, or the name of a fitted study (all its candidates).
 
-    With --excitation FILE (a record with `time [s]` and the drive, any unit) it is a file, and
-    what is predicted is the response to that drive, into -o FILE.csv or FILE.nc.
+    With --excitation FILE (a record with `time [s]` and the drive, any unit) it is a file, or a
+    study with one fitted candidate, and what is predicted is the response to that drive, into
+    -o FILE.csv or FILE.nc.
     """
     from deabayes.commands.by_hand import predict_posteriors
+    from deabayes.commands.find_results import one_posterior
     from deabayes.commands.own_protocol import predict_record
 
     _go_together(
@@ -49,7 +51,7 @@ def predict(
     )
     if excitation is not None:
         for line in predict_record(
-            Path(posterior), excitation, output, response, protocol, conditions
+            one_posterior(posterior, results), excitation, output, response, protocol, conditions
         ):
             click.echo(line, err=True)
         return
@@ -90,7 +92,7 @@ def report(
     left_out: Sequence[str],
 ) -> None:
     """Build the report page from results folders (results/NAME ...), or of studies by name."""
-    from deabayes.commands.by_hand import study_folders
+    from deabayes.commands.find_results import study_folders
     from deabayes.pipeline import build_report
 
     tables = tables or output.parent / "tables"
