@@ -10,6 +10,8 @@ STEPS = ("creep", "step")
 HELD_CONSTANT = 0.01
 MONITOR_NOISE = 10.0
 """Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
+WIDEST_NOISE = 12.0
+"""Range of white noise over its standard deviation; that of 10^5 normal numbers is 9."""
 
 
 def is_held(voltage: FloatArray) -> bool:
@@ -21,10 +23,12 @@ def is_held(voltage: FloatArray) -> bool:
 def is_step_from_the_start(protocol: str, excitation: FloatArray, unit: str) -> bool:
     """Whether a creep's or step's excitation is there from its first sample on, and constant.
 
-    A voltage is so with its monitor's noise; a small step of a stretch would look alike.
+    A voltage is so with its monitor's noise, which changes from sample to sample: a small step on
+    a bias, or a drift, is none.
     """
     spread, size = float(np.ptp(excitation)), abs(float(np.mean(excitation)))
-    constant = is_held(excitation) if unit == "V" else spread == 0.0
+    noise = float(np.std(np.diff(excitation))) / np.sqrt(2.0) if unit == "V" else 0.0
+    constant = spread <= WIDEST_NOISE * noise and is_held(excitation)
     return protocol in STEPS and constant and spread < size
 
 
