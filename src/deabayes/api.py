@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from deabayes.faults import UserError
 from deabayes.posteriors.storage import picked, read_tree, stacked
 
 if TYPE_CHECKING:
@@ -62,17 +64,27 @@ class Posterior:
         table = self._tree["summary"].to_dataset().to_dataframe().reset_index()
         return table.rename(columns={"quantity": "parameter"}).set_index("parameter")
 
-    def draws(self, size: int | None = None, seed: int = 1) -> pd.DataFrame:
+    def draws(
+        self, size: int | None = None, seed: int = 1, *, kinds: Collection[str] | None = None
+    ) -> pd.DataFrame:
         """Draws, one row each and one column per quantity, SI; `units` says which units.
 
         Parameters
         ----------
         size, seed : how many, and the seed that picks them at random; `predict` uses the same
             for the same two. Without a size all stored draws, ensemble after ensemble.
+        kinds : of ``"material"``, ``"specimen"``, ``"noise"`` and ``"derived"`` (``"population"``
+            and ``"reference"`` of a population), all by default; the first two are the
+            parameters that `simulate` takes.
         """
         import pandas as pd
 
-        columns = {name: stacked(self._tree["posterior"], name) for name in self.names}
+        posterior = self._tree["posterior"]
+        wanted = [n for n in self.names if kinds is None or posterior[n].attrs["kind"] in kinds]
+        if not wanted:
+            known = dict.fromkeys(str(v.attrs["kind"]) for v in posterior.data_vars.values())
+            raise UserError(f"kinds: none of {', '.join(known)}, which the posterior has")
+        columns = {name: stacked(posterior, name) for name in wanted}
         rows = picked(next(iter(columns.values())).size, size, seed)
         return pd.DataFrame({name: values[rows] for name, values in columns.items()})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -9,6 +10,9 @@ import click
 
 from deabayes.commands import fitting, judging, population, showing, studies, using
 from deabayes.faults import UserError
+
+SMALL_MATRICES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""What libraries of linear algebra ask for a number of threads; more than one only wait here."""
 
 
 @click.group(
@@ -49,6 +53,8 @@ for command in (
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; a user's mistake ends with one message and status 1 or 2."""
+    for name in SMALL_MATRICES:
+        os.environ.setdefault(name, "1")
     try:
         cli.main(args=arguments, prog_name="deabayes", standalone_mode=False)
     except UserError as error:

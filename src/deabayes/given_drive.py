@@ -26,9 +26,9 @@ def excitation_of(
     Raises
     ------
     UserError
-        Unknown or more than one channel, a drive in time without time, values that are no
-        finite numbers, a coordinate that does not ascend or is empty, a frequency that is not
-        positive, unknown conditions.
+        Unknown or more than one channel, a drive in time without time or one without time with
+        it, values that are no finite numbers, a coordinate that does not ascend or is empty, a
+        frequency that is not positive, unknown conditions.
     """
     if not isinstance(conditions, Mapping):
         found = repr(conditions)
@@ -46,6 +46,11 @@ def excitation_of(
     name, given = next(iter(channels.items()))
     if time is None and name in system.in_time:
         raise UserError(f"{name} drives system {system.name!r} in time; give time= [s] as well")
+    if time is not None and name in system.without_time:
+        raise UserError(
+            f"{name} drives system {system.name!r} from one steady state to the next, at no time; "
+            f"leave time out and give an ascending {name}"
+        )
     values = _finite(given, known[name], name)
     label = name if time is None else "time"
     coordinate = np.atleast_1d(values if time is None else _finite(time, "s", "time"))

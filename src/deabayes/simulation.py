@@ -37,7 +37,8 @@ def simulate(
     system : e.g. ``"tubular"``.
     candidate : e.g. ``"voigt_kelvin_2"``.
     parameters : SI, or with a unit (``"1.5 MPa"``); one value, or an array of draws (W,),
-        per parameter; a mapping, a DataFrame of draws or a row of it. A quantity of the
+        per parameter; a mapping, a DataFrame of draws or a row of it
+        (``posterior.draws(kinds=("material", "specimen"))``). A quantity of the
         specimen that carries an sd may be given too, else its value is taken.
     specimen : a study folder, or a mapping of its quantities
         (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).

@@ -229,6 +229,17 @@ def test_every_analysis_does_without_the_records_it_is_about(name):
     assert all(isinstance(table, pd.DataFrame) and len(table) for table in found.tables.values())
 
 
+@pytest.mark.parametrize("name", [n for n in analyses.names_for("membrane") if n != "influence"])
+def test_a_candidate_that_pulls_in_in_every_draw_costs_no_analysis(name):
+    made = context()
+    softer = {n: v * (0.3 if n[:2] in ("mu", "ze") else 1e4 if n[:2] == "J_" else 1.0)
+              for n, v in draws(1).items()}  # fmt: skip
+    soft = replace(made.candidates["kv_gm_1"], draws=softer)
+    made = replace(made, candidates=dict(made.candidates) | {"kv_gm_1": soft}, _responses={})
+    found = analyses.module(name).compute(made)
+    assert all("kv_gm_2" in set(t.get("candidate", ["kv_gm_2"])) for t in found.tables.values())
+
+
 @pytest.mark.parametrize("name", analyses.names_for("membrane"))
 def test_every_number_of_a_posterior_has_its_interval(name):
     for table in analyses.module(name).compute(context()).tables.values():

@@ -171,6 +171,27 @@ def test_a_single_held_out_record_is_enough_not_to_fail(name):
         analyses.module(name).compute(replace(context, experiments=only))
 
 
+@pytest.mark.parametrize("name", OF_STRUCTURE)
+def test_a_candidate_without_any_response_costs_no_analysis(name):
+    """As where every draw is pulled in by one record; and a sine of no cycle, a sweep of none."""
+    phase = np.linspace(0.0, 0.9, 90)
+    short = made_up.moving(
+        "short", "sine", made_up.driven_from_rest(phase, made_up.command(5.0, phase)),
+        made_up.START + phase,
+    )  # fmt: skip
+    brief = replace(made_up.sweep(2.0, 2.0, 0.2), name="brief")
+    for context, more in ((static(), []), (motion(), [short, brief])):
+        first, last = context.candidates
+        lost = {
+            (first, each.name): np.full((1, each.coordinate.size), np.nan)
+            for each in context.experiments
+        }
+        experiments = [*context.experiments, *more]
+        found = replace(context, experiments=experiments, _responses=lost)
+        for table in analyses.module(name).compute(found).tables.values():
+            assert last in set(table.get("candidate", [last]))
+
+
 def test_the_made_up_records_are_as_they_should_be():
     assert STATIC[1] in static().candidates
     assert Cycles.of(made_up.sine(5.0, 1.0)).numbers.size == len(made_up.GROUPS)

@@ -165,3 +165,19 @@ def test_the_file_of_another_version_names_both(tmp_path):
 
 def test_what_the_package_offers_is_found_by_completion():
     assert {"open_posterior", "simulate", "load_models", "Posterior"} <= set(dir(deabayes))
+
+
+def test_draws_of_some_kinds_are_what_simulate_takes(post):
+    drawn = post.draws(5, kinds=("material", "specimen"))
+    everything = post.draws(5)
+    assert set(drawn) < set(everything) and not [name for name in drawn if "." in name]
+    pd.testing.assert_frame_equal(drawn, everything[list(drawn)])
+    specimen = {
+        n: q["value"] for n, q in json.loads(post.data.attrs["specimen"])["quantities"].items()
+    }
+    found = deabayes.simulate(
+        "tubular", post.data.attrs["candidate"], drawn, specimen, time=TIME, voltage=VOLTS
+    )
+    assert found.sizes["draw"] == 5
+    with pytest.raises(UserError, match=r"kinds: none of material, .*, which the posterior has"):
+        post.draws(kinds=("materiel",))

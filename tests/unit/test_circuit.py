@@ -115,3 +115,5 @@ def test_phase_method_and_what_rounding_leaves():
     least, most = time_constant_interval(1.56, 0.01, 10.0)
     assert (least, most) == pytest.approx((0.92e-4, 2.51e-4), rel=5e-3)
     assert time_constant_interval(1.57, 0.01, 10.0)[0] == pytest.approx(0.0, abs=1e-15)
+    assert np.isnan(time_constant_from_phase(1.58, 10.0))
+    assert np.isnan(time_constant_interval(1.58, 0.01, 10.0)).all()

@@ -135,3 +135,10 @@ def test_the_command_writes_cards(tmp_path):
     assert result.exit_code == 0 and "NOT CONVERGED" in result.stderr
     assert (tmp_path / "a.mac").read_text() == written(tree, "ansys", tmp_path, draws=3)
     assert CliRunner().invoke(cli, [*command[:-2], "0", "-o", "b.mac"]).exit_code == 2
+
+
+def test_a_population_is_no_specimen(tmp_path):
+    tree = posterior("membrane", "kv_gm_1")
+    tree.attrs |= {"population": "{}", "study_name": "batch"}
+    said = sentences(written(tree, "abaqus", tmp_path))[0]
+    assert "system membrane, a new specimen of population batch (what the population does" in said

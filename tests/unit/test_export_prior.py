@@ -67,22 +67,23 @@ def run(tree, program, folder):
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_the_prior_is_the_normal_of_the_draws(program, made, tmp_path):
     tree = posterior("tensile_strip", "ogden_2_units_1", size=400)
-    tree["posterior"]["mu_1"].values[:] *= tree["posterior"]["mu_beta_1"].values / 20e3
-    tree["posterior"]["alpha_1"].values[:] -= 2.0  # an exponent may be negative
+    tree["posterior"]["mu_2"].values[:] *= tree["posterior"]["mu_beta_1"].values / 20e3
+    tree["posterior"]["mu_1"].values[:] *= -1.0  # an exponent may be negative, with its modulus
+    tree["posterior"]["alpha_1"].values[:] -= 12.0
     known = run(tree, program, tmp_path)
     names = ["mu_1", "mu_2", "alpha_1", "alpha_2", "mu_beta_1", "tau_1"]
     assert list(known["UNITS"]) == names
     assert list(known["UNITS"].values()) == ["Pa", "Pa", "1", "1", "Pa", "s"]
-    assert known["LOGARITHM"] == ["mu_1", "mu_2", "mu_beta_1", "tau_1"]
+    assert known["LOGARITHM"] == ["mu_2", "alpha_2", "mu_beta_1", "tau_1"]
     values = np.column_stack([stacked(tree["posterior"], name) for name in names])
-    values[:, [0, 1, 4, 5]] = np.log(values[:, [0, 1, 4, 5]])
+    values[:, [1, 3, 4, 5]] = np.log(values[:, [1, 3, 4, 5]])
     theta = known["prior"]()
     mean, factor = made[DRAWN]
     np.testing.assert_allclose(mean, values.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(
         factor @ factor.T, np.cov(values, rowvar=False), rtol=1e-9, atol=1e-12
     )
-    assert np.array_equal(factor, np.tril(factor)) and factor[4, 0] > 0.05
+    assert np.array_equal(factor, np.tril(factor)) and factor[4, 1] > 0.05
     wanted = np.where([n in known["LOGARITHM"] for n in names], np.exp(mean), mean)
     assert list(theta) == names and np.allclose(list(theta.values()), wanted)
     assert all(made[name] == theta[name] for name in names)
@@ -132,7 +133,8 @@ def test_an_order_that_the_normal_does_not_keep_is_told(made, tmp_path):
 def test_a_file_says_what_it_is_of(program, made, tmp_path):
     tree = posterior("tubular", "circuit", size=50, converged=False)
     said = run(tree, program, tmp_path)["__doc__"]
-    assert "circuit of system tubular, by deabayes 0.1.0" in said and "SIMULATED" in said
+    assert "circuit of system tubular, specimen tube, by deabayes 0.1.0" in said
+    assert "SIMULATED" in said
     assert "NOT CONVERGED" in said
     fine = run(posterior("membrane", "kv_gm_1"), program, tmp_path)["__doc__"]
     assert "Provenance: measured." in fine and "CONVERGED" not in fine
@@ -153,3 +155,24 @@ def test_draws_that_make_no_normal_are_refused(tmp_path):
     with pytest.raises(UserError, match=r"-o .*prior\.json: --to pymc writes \.py"):
         export(posterior("membrane", "kv_gm_1"), "pymc", tmp_path / "prior.json")
     assert json.dumps([path.name for path in tmp_path.iterdir()]) == "[]"
+
+
+def test_terms_keep_their_signs(made, tmp_path):
+    """mu_i alpha_i > 0: logarithms where both are positive, and told where both may be negative."""
+    tree = posterior("tensile_strip", "ogden_2", size=500)
+    assert prior_normal(tree).logarithm[:4] == (True,) * 4
+    assert "signs" not in run(tree, "pymc", tmp_path)["__doc__"]
+    rng, shape = np.random.default_rng(0), tree["posterior"]["mu_1"].shape
+    turned = np.where(rng.random(shape) < 0.5, -1.0, 1.0)
+    for name in ("mu_1", "alpha_1"):
+        tree["posterior"][name].values[:] *= turned
+    normal = prior_normal(tree)
+    assert dict(zip(normal.names, normal.logarithm, strict=True)) == {
+        "mu_1": False, "alpha_1": False, "mu_2": True, "alpha_2": True,
+    }  # fmt: skip
+    ((pair, share),) = normal.opposed
+    drawn = normal.mean + rng.standard_normal((40_000, 4)) @ normal.factor.T
+    first, second = (drawn[:, normal.names.index(name)] for name in pair)
+    assert set(pair) == {"mu_1", "alpha_1"}
+    assert share == pytest.approx(np.mean(first * second < 0.0), abs=0.01) and share > 0.01
+    assert "the signs of mu_1 and alpha_1 differ" in run(tree, "pymc", tmp_path)["__doc__"]

@@ -166,6 +166,25 @@ def test_a_quasi_static_excitation_is_its_own_coordinate():
     assert dataset.stretch.attrs["units"] == "1"
 
 
+@pytest.mark.parametrize(
+    ("system", "candidate", "parameters", "drive"),
+    [
+        ("tubular", "voigt_kelvin_2", VALUES, {"frequency": np.linspace(1.0, 100.0, 6)}),
+        (
+            "minimum_energy_structure", "ogden_1", {"mu_1": 3e4, "alpha_1": 2.0},
+            {"displacement": np.linspace(0.0, 3e-3, 6)},
+        ),
+    ],
+)  # fmt: skip
+def test_a_steady_state_is_at_no_time(system, candidate, parameters, drive):
+    """Times were taken for frequencies, and for displacements, without a word."""
+    (name,) = drive
+    with pytest.raises(UserError, match=f"^{name} drives system '{system}' from one .* leave time"):
+        deabayes.simulate(
+            system, candidate, parameters, REPOSITORY / "data" / system, time=TIME, **drive
+        )
+
+
 @pytest.mark.parametrize("voltage", [[0.0], [0.0, 1.0, 2.0]])
 def test_a_voltage_of_one_volt_per_second_is_in_time(voltage):
     quantities = {"thickness": "1 mm", "permittivity": 4e-11, "prestretch": 1.2}

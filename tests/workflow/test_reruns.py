@@ -127,6 +127,17 @@ def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
         snakemake(place, "--cores", "1", "results/stack/prepared")
 
 
+def test_processes_of_a_pool_have_one_thread_each(fitted: Path, tmp_path: Path) -> None:
+    """Snakemake sets as many for libraries of linear algebra as the job has."""
+    place = tmp_path / "stack"
+    shutil.copytree(fitted, place)
+    with (place / "models" / "stack.py").open("a") as model:
+        model.write("\nimport os\nprint('threads:', os.environ['OMP_NUM_THREADS'])\n")
+    run = snakemake(place, "--cores", "4", ONE)
+    assert run.returncode == 0, run.stderr
+    assert "threads: 1\n" in (place / "results/stack/lag_0/logs/pool.log").read_text()
+
+
 def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path, tmp_path: Path) -> None:
     """What one study holds out is edited, and another's posterior is asked for."""
     place, other = tmp_path / "stack", "results/other/lag_0/ensembles/1.nc"

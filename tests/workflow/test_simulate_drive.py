@@ -70,7 +70,27 @@ def test_a_drive_without_time_ascends(place: Path, capsys: pytest.CaptureFixture
     assert (place / "out.csv").read_text().startswith("stretch [1],nominal_stress [Pa]")
     with pytest.raises(SystemExit):
         simulate(place, "stretch [1],note\n1,a\n2,b\n1.5,c\n", STRIP, ("mu=3e4",))
-    assert "drive.csv, column stretch: does not ascend at data row 3" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "drive.csv, column stretch: does not ascend at data row 3" in said
+    assert said.rstrip().endswith("or give the time as a column 'time [s]'")
+
+
+@pytest.mark.parametrize(
+    ("drive", "advice"),
+    [
+        ("time [s],displacement [mm]\n0,0\n1,1\n2,0\n", "remove the column 'time', and sort"),
+        ("displacement [mm]\n0\n1\n0\n", "as a drive without time must; sort the rows\n"),
+    ],
+)
+def test_a_pull_of_a_structure_is_at_no_time(
+    place: Path, capsys: pytest.CaptureFixture[str], drive: str, advice: str
+) -> None:
+    folder = str(ROOT / "data" / "minimum_energy_structure")
+    structure = ("minimum_energy_structure", "ogden_1", "--specimen", folder)
+    with pytest.raises(SystemExit):
+        simulate(place, drive, structure, ("mu_1=3e4", "alpha_1=2"))
+    said = capsys.readouterr().err
+    assert "drive.csv" in said and advice in said and "give the time" not in said
 
 
 def test_a_parameter_outside_its_support_is_named(

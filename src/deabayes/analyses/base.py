@@ -80,11 +80,15 @@ class StudyContext:
         return np.random.default_rng([self.study.sampling.seed, *words])
 
     def responses(self, candidate: str, experiment: Experiment) -> FloatArray:
-        """The model's response to a record (S, N), one row per draw with a finite one."""
+        """The model's response to a record (S, N), one row per draw with a finite one.
+
+        One row of NaN where no draw has.
+        """
         key = candidate, experiment.name
         if key not in self._responses:
             curves = self.candidates[candidate].responses(experiment)
-            self._responses[key] = curves[np.all(np.isfinite(curves), axis=1)]
+            finite = curves[np.all(np.isfinite(curves), axis=1)]
+            self._responses[key] = finite if len(finite) else np.full((1, curves.shape[1]), np.nan)
         return self._responses[key]
 
     def records(self, response: str, *protocols: str) -> list[Experiment]:

@@ -85,7 +85,9 @@ def paper_row() -> dict[str, object]:
 def _rounded(source: str, phase: float, frequency: float) -> dict[str, object]:
     least, most = time_constant_interval(phase, paper.PHASE_RESOLUTION, frequency)
     middle = float(time_constant_from_phase(np.asarray(phase), frequency))
-    return _row(source, phase, middle, least, most, "what rounding to 0.01 rad allows")
+    beyond = "none: the phase is beyond a quarter turn"
+    bounds = beyond if np.isnan(most) else "what rounding to 0.01 rad allows"
+    return _row(source, phase, middle, least, most, bounds)
 
 
 def _row(

@@ -128,9 +128,12 @@ def resampled(coordinate: FloatArray, values: FloatArray, times: FloatArray) -> 
     A record's points are too few per cycle to read a peak or a loop's area from them as they
     stand; measured and predicted curves go through the same spline. It goes on beyond the
     points as far as `Cycles` allows. Points on either side of a gap have splines of their own.
+    Curves of nothing but NaN, as of no draw, stay NaN.
     """
     from scipy.interpolate import CubicSpline
 
+    if np.isnan(values).all():
+        return np.full((*values.shape[:-1], *times.shape), np.nan)
     spacing = REACH * float(np.median(np.diff(coordinate)))
     gaps = np.flatnonzero(np.diff(coordinate) > GAP * spacing)
     between = 0.5 * (coordinate[gaps] + coordinate[gaps + 1])

@@ -43,7 +43,7 @@ def compute(context: StudyContext) -> Analysis:
     sines = [e for e in context.records("displacement", "sine") if Cycles.of(e).starts.size]
     if not sines:
         return Analysis()
-    sweeps = context.records("displacement", "sweep")
+    sweeps = [e for e in context.records("displacement", "sweep") if Sweep.of(e).frequency.size]
     rows = [
         labels(name, fitted) | record_row(each, context.responses(name, each))
         for name, fitted in context.candidates.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from deabayes.experiment import Experiment
@@ -33,7 +34,9 @@ SHOWN = (1.0, 5.0, 10.0)
 
 
 def e_rms(kilovolts: float, hertz: float) -> float:
-    """The entry of Table 5 for a sine, NaN where it has none."""
+    """The entry of Table 5 for a sine, NaN where it has none, as without a frequency."""
+    if not math.isfinite(hertz):
+        return float("nan")
     for voltage, row in E_RMS.items():
         nearest = round(hertz)
         if near(kilovolts, voltage) and near(hertz, nearest) and 1 <= nearest <= len(row):

@@ -38,9 +38,15 @@ def read_drive(system: str, path: Path) -> dict[str, FloatArray]:
             f"{path}: has no column {' or '.join(kind.excitations)} to drive system {system!r}, "
             f"only {', '.join(record.columns)}"
         )
+    steady = [name for name in drives if name in kind.without_time]
+    if "time" in driven and steady == drives:
+        raise UserError(
+            f"{path}: {steady[0]} drives system {system!r} from one steady state to the next, at "
+            "no time; remove the column 'time', and sort the rows so that the rest ascends"
+        )
     if "time" not in driven:
         _check_without_time(record, [name for name in drives if name in kind.in_time], path)
-    faults = _faults(driven, str(path))
+    faults = _faults(driven, str(path), steady)
     if faults:
         raise Faults(faults)
     return driven
@@ -61,7 +67,7 @@ def _check_without_time(record: RawRecord, in_time: list[str], path: Path) -> No
         )
 
 
-def _faults(driven: Mapping[str, FloatArray], where: str) -> list[str]:
+def _faults(driven: Mapping[str, FloatArray], where: str, steady: list[str]) -> list[str]:
     from deabayes.reading.checks import not_finite, time_goes_back, time_repeats
 
     faults = [f for name, values in driven.items() for f in not_finite(values, name, where, "")]
@@ -74,6 +80,7 @@ def _faults(driven: Mapping[str, FloatArray], where: str) -> list[str]:
         if back.size:
             faults.append(
                 f"{where}, column {name}: does not ascend at data row {back[0] + 2}, as a drive "
-                "without time must; sort the rows, or give the time as a column 'time [s]'"
+                "without time must; sort the rows"
+                + ("" if name in steady else ", or give the time as a column 'time [s]'")
             )
     return faults

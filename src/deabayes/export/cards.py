@@ -14,9 +14,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.export.taken import evenly, system_and_draws
+from deabayes.export.taken import evenly, system_and_draws, whose
 from deabayes.faults import UserError
-from deabayes.posteriors.storage import specimen_from_json
 from deabayes.systems import Draws, System
 from deabayes.systems.solid import Solid
 
@@ -119,7 +118,6 @@ def _check_finite(solid: Solid) -> None:
 def _header(tree: xr.DataTree, every: Solid, picked: NDArray[np.intp] | None) -> list[str]:
     """What the file is of, and which draws it holds."""
     attrs, total = tree.attrs, every.relaxed.size
-    specimen = specimen_from_json(attrs["specimen"]).name
     simulated = attrs["provenance"] == "simulated"
     taken = f"Medians of {total} draws, each parameter's own"
     if picked is not None:
@@ -130,7 +128,7 @@ def _header(tree: xr.DataTree, every: Solid, picked: NDArray[np.intp] | None) ->
         intervals.append(f"{kind} {median:.5g} Pa ({low:.5g} to {high:.5g})")
     return [
         f"deabayes {attrs['deabayes_version']}: {attrs['candidate']} of system "
-        f"{attrs['system']}, specimen {specimen}",
+        f"{attrs['system']}, {whose(tree)}",
         "Provenance: SIMULATED records, not measurements"
         if simulated
         else f"Provenance: {attrs['provenance']}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from deabayes.experiment import FloatArray
-from deabayes.export.taken import candidate_of
+from deabayes.export.taken import candidate_of, whose
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.posteriors.inheritance import handed_on
@@ -35,6 +35,7 @@ class PriorNormal:
         (`prior.distances.distance_from_normal` of the whitened draws).
     out_of_order : the share of its draws in which ordered parameters do not ascend, by group of
         names.
+    opposed : the share in which two parameters that have one sign differ in it, by pair.
     """
 
     names: tuple[str, ...]
@@ -44,12 +45,14 @@ class PriorNormal:
     factor: FloatArray
     misfit: float
     out_of_order: tuple[tuple[tuple[str, ...], float], ...]
+    opposed: tuple[tuple[tuple[str, str], float], ...]
 
 
 def prior_normal(tree: xr.DataTree) -> PriorNormal:
     """Fit it to the draws of the material and specimen parameters.
 
-    A parameter that is positive (its prior's support, and its draws) counts by its logarithm.
+    A parameter that is positive (its draws, and its prior's support or one that must have its
+    sign) counts by its logarithm.
 
     Raises
     ------
@@ -62,20 +65,23 @@ def prior_normal(tree: xr.DataTree) -> PriorNormal:
             f"posterior needs at least {FEWEST_DRAWS_PER_PARAMETER * len(names)} to become a prior"
         )
     parameters = {p.name: p for p in candidate_of(tree).parameters()}
+    pairs = _of_one_sign(names, parameters)
+    signed = {name for name, p in parameters.items() if p.prior.support[0] < 0.0}
+    signed -= {name for pair in pairs for name in pair}
     logarithm = tuple(
-        bool(np.all(drawn > 0.0) and (name not in parameters or _positive(parameters[name])))
+        bool(np.all(drawn > 0.0) and name not in signed)
         for name, drawn in zip(names, draws.T, strict=True)
     )
     values = np.where(logarithm, np.log(np.where(logarithm, draws, 1.0)), draws)
     mean, factor = values.mean(axis=0), _factor(names, values)
     white = np.linalg.solve(factor, (values - mean).T).T
     units = tuple(str(tree["posterior"][name].attrs.get("unit", "1")) for name in names)
-    disorder = _out_of_order(names, _ordered(names, parameters), mean, factor)
-    return PriorNormal(names, units, logarithm, mean, factor, distance_from_normal(white), disorder)
-
-
-def _positive(parameter: Parameter) -> bool:
-    return parameter.prior.support[0] >= 0.0
+    columns = _drawn(names, mean, factor)
+    disorder = _out_of_order(_ordered(names, parameters), columns)
+    positive = {name for name, of in zip(names, logarithm, strict=True) if of}
+    opposed = _opposed([pair for pair in pairs if not positive.issuperset(pair)], positive, columns)
+    misfit = distance_from_normal(white)
+    return PriorNormal(names, units, logarithm, mean, factor, misfit, disorder, opposed)
 
 
 def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
@@ -114,15 +120,35 @@ def _ordered(names: Sequence[str], parameters: dict[str, Parameter]) -> tuple[tu
     return tuple(tuple(group) for group in groups.values() if len(group) > 1)
 
 
+def _of_one_sign(
+    names: Sequence[str], parameters: dict[str, Parameter]
+) -> tuple[tuple[str, str], ...]:
+    """Pairs of parameters whose product is positive."""
+    return tuple(
+        (name, other)
+        for name, parameter in parameters.items()
+        if (other := parameter.half_product_with) is not None and {name, other} <= set(names)
+    )
+
+
+def _drawn(names: Sequence[str], mean: FloatArray, factor: FloatArray) -> dict[str, FloatArray]:
+    """Draws of the normal, logarithms of what counts by them."""
+    drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
+    return {name: drawn[:, k] for k, name in enumerate(names)}
+
+
+def _opposed(
+    pairs: Sequence[tuple[str, str]], positive: Collection[str], columns: dict[str, FloatArray]
+) -> tuple[tuple[tuple[str, str], float], ...]:
+    """The share of the normal's draws in which the signs of a pair differ."""
+    signs = {n: np.ones(len(v)) if n in positive else np.sign(v) for n, v in columns.items()}
+    return tuple(((a, b), float(np.mean(signs[a] != signs[b]))) for a, b in pairs)
+
+
 def _out_of_order(
-    names: Sequence[str],
-    groups: Sequence[tuple[str, ...]],
-    mean: FloatArray,
-    factor: FloatArray,
+    groups: Sequence[tuple[str, ...]], columns: dict[str, FloatArray]
 ) -> tuple[tuple[tuple[str, ...], float], ...]:
     """The share of the normal's draws in which a group does not ascend (logarithms ascend too)."""
-    drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
-    columns = {name: drawn[:, k] for k, name in enumerate(names)}
     found = []
     for group in groups:
         wrong = [columns[one] >= columns[next_one] for one, next_one in pairwise(group)]
@@ -135,7 +161,7 @@ def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
     attrs = tree.attrs
     simulated = attrs["provenance"] == "simulated"
     said = [
-        f"{attrs['candidate']} of system {attrs['system']}, by deabayes "
+        f"{attrs['candidate']} of system {attrs['system']}, {whose(tree)}, by deabayes "
         f"{attrs['deabayes_version']}.",
         "From SIMULATED records, not measurements."
         if simulated
@@ -153,6 +179,12 @@ def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
         f"In {100.0 * share:.2g} % of its draws {' < '.join(group)} does not hold, which it does "
         "in the posterior: constrain it, or sort them with what belongs to them."
         for group, share in normal.out_of_order
+        if share > 0.0
+    ]
+    said += [
+        f"In {100.0 * share:.2g} % of its draws the signs of {' and '.join(pair)} differ, which "
+        "they never do in the posterior: constrain them."
+        for pair, share in normal.opposed
         if share > 0.0
     ]
     return said

@@ -26,6 +26,17 @@ def candidate_of(tree: xr.DataTree) -> System:
     return build(specimen.system, tree.attrs["candidate"], specimen)
 
 
+def whose(tree: xr.DataTree) -> str:
+    """The specimen that the draws are of, in words."""
+    specimen = specimen_from_json(tree.attrs["specimen"]).name
+    if "population" not in tree.attrs:
+        return f"specimen {specimen}"
+    return (
+        f"a new specimen of population {tree.attrs['study_name']} (what the population does not "
+        f"cover is that of {specimen})"
+    )
+
+
 def system_and_draws(
     tree: xr.DataTree, picked: NDArray[np.intp] | None = None
 ) -> tuple[System, Draws]:

@@ -59,6 +59,8 @@ class System(ABC):
     """Excitation channel -> SI unit."""
     in_time: ClassVar[tuple[str, ...]] = ()
     """Excitation channels that drive nothing without time."""
+    without_time: ClassVar[tuple[str, ...]] = ()
+    """Excitation channels that are no function of time: responses are those of a steady state."""
     even: ClassVar[tuple[str, ...]] = ()
     """Excitation channels whose sign makes no difference to a response, or only turns its sign."""
     conditions: ClassVar[Conditions | None] = None

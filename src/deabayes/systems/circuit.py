@@ -143,9 +143,10 @@ class Circuit:
 def time_constant_from_phase(phase: FloatArray, frequency: float) -> FloatArray:
     r"""R_S C [s] from the phase [rad] by which the amplifier's current leads its voltage.
 
-    arctan(1 / (R_S C omega)) = phase, (15), leakage neglected.
+    arctan(1 / (R_S C omega)) = phase, (15), leakage neglected; NaN beyond pi/2, which no R_S C has.
     """
-    return 1.0 / (2.0 * np.pi * frequency * np.tan(phase))
+    series = 1.0 / (2.0 * np.pi * frequency * np.tan(phase))
+    return np.where(series >= 0.0, series, np.nan)
 
 
 def time_constant_interval(
@@ -155,8 +156,9 @@ def time_constant_interval(
 
     Close to pi/2 the tangent is steep: 1.56 rad at 10 Hz, rounded to 0.01 rad, allows
     0.92e-4 to 2.51e-4 s, which is why a posterior of the circuit replaces this figure.
-    A phase that may have been pi/2 or more leaves 0 as the lower end.
+    A phase that may have been pi/2 or more leaves 0 as the lower end; one that must have been, NaN.
     """
     ends = np.array([phase + 0.5 * resolution, phase - 0.5 * resolution])
     least, most = time_constant_from_phase(ends, frequency)
-    return float(max(least, 0.0)), float(most)
+    lowest = 0.0 if np.isnan(least) and not np.isnan(most) else least
+    return float(lowest), float(most)

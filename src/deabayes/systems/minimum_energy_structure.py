@@ -70,6 +70,7 @@ class MinimumEnergyStructure(System):
     protocols = ("quasi_static", "sine", "sweep", "step", "creep")
     excitations: ClassVar[Mapping[str, str]] = {"displacement": "m", "voltage": "V"}
     in_time = ("voltage",)
+    without_time = ("displacement",)
     even = ("voltage",)
     conditions: ClassVar[Conditions] = {
         "displacement": {"voltage": None},

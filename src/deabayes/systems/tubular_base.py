@@ -64,6 +64,7 @@ class TubularBase(System):
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
     in_time: ClassVar[tuple[str, ...]] = ("voltage",)
+    without_time = ("frequency",)
     even = ("voltage",)
     conditions: ClassVar[Conditions] = {
         "voltage": {"load_g": 0.0},
