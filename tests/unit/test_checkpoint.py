@@ -1,5 +1,7 @@
 """Checkpoints: whole or absent, in order, and enough to go on from."""
 
+import zipfile
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -108,3 +110,12 @@ def test_a_file_that_is_no_ensemble(tmp_path, kind):
         path.write_text("time [s]")
     with pytest.raises(UserError, match=r"posterior\.nc: is no ensemble's file.* --output"):
         Ensemble.read(path, Coordinates())
+
+
+def test_a_header_that_is_no_header_any_more_counts_as_damaged(tmp_path):
+    """A turned bit may leave brackets open, on which numpy's parser raises an error of its own."""
+    header = b"{'descr': ('<f8', 'fortran_order': False, 'shape': (3,), }".ljust(117) + b"\n"
+    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(24)
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        archive.writestr("x.npy", content)
+    assert read_arrays(tmp_path / "x.npz") is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deabayes.sampling import chains
-from deabayes.sampling.diagnostics import assess, stuck_walkers, summarise
+from deabayes.sampling.diagnostics import GATE_STEPS, assess, stuck_walkers, summarise
 from deabayes.sampling.mode_shares import mode_shares
 from deabayes.study import Sampling
 
@@ -52,6 +52,16 @@ def test_a_constant_is_converged_and_a_nan_is_not():
     table = summarise({"constant": np.full(SHAPE, 3.0), "failed": np.full(SHAPE, np.nan)})
     assert table.loc["constant", "r_hat"] == 1.0
     assert np.isnan(table.loc["failed", "ess_bulk"])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_every_draw_must_be_a_number(value):
+    """Those too between the steps that are looked at."""
+    long = autoregression(0.3, (4, 3000, 16), seed=5)
+    values = long.copy()
+    values[:, np.setdiff1d(np.arange(3000), chains.thin_evenly(3000, GATE_STEPS)), 0] = value
+    found = [str(each) for each in assess({"mu": values, "tau": long}, SETTINGS).failed]
+    assert len([text for text in found if "some draws are not a number" in text]) == 1
 
 
 def test_good_runs_pass_every_gate():
@@ -148,6 +158,47 @@ def test_a_curved_ridge_is_one_mode():
     table, failed = mode_shares(ridge)
     assert len(table) == 1
     assert failed == []
+
+
+def minority(shares, distance, dimension=14, seed=0):
+    """A normal, and another so many of its sds away."""
+    rng = np.random.default_rng(seed)
+    draws = rng.standard_normal((*SHAPE, dimension))
+    for run, share in enumerate(shares):
+        draws[run, :, :, 0] += distance * (rng.random(SHAPE[1:]) < share)
+    return draws
+
+
+@pytest.mark.parametrize("missed", [(0,), (0, 1, 2)])
+def test_a_small_mode_beside_a_large_one_is_missed_by_no_run(missed):
+    """The two share draws, so that they count as one mode, of which every run has all."""
+    shares = [0.0 if run in missed else 0.12 for run in range(4)]
+    table, failed = mode_shares(minority(shares, 5.0))
+    assert len(table) == 1 and failed
+    assert all("part" in each.of and "weigh the modes differently" in each.text for each in failed)
+    assert mode_shares(minority([0.12] * 4, 5.0))[1] == []
+
+
+@pytest.mark.parametrize("correlation", [0.6, 0.98])
+def test_runs_with_one_distribution_per_coordinate_and_another_of_both_fail(correlation):
+    draws = np.random.default_rng(3).standard_normal((*SHAPE, 2))
+    for run, sign in enumerate((1, 1, -1, -1)):
+        rest = np.sqrt(1.0 - correlation**2) * draws[run, ..., 1]
+        draws[run, ..., 1] = sign * correlation * draws[run, ..., 0] + rest
+    quantities = {"a": draws[..., 0], "b": draws[..., 1]}
+    assert assess(quantities, SETTINGS).converged
+    verdict = assess(quantities, SETTINGS, draws=draws)
+    assert not verdict.converged and {each.gate for each in verdict.failed} == {"modes"}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_runs_that_agree_weigh_all_parts_alike(seed):
+    """Correlated in time, and bent, so that it takes several components."""
+    along = autoregression(0.9, (4, 2000, 16), seed)[..., None]
+    rng = np.random.default_rng(seed)
+    across = rng.standard_normal((*along.shape[:3], 5))
+    bent = np.concatenate([along, 0.4 * along**2 + 0.2 * across[..., :1], across[..., 1:]], axis=-1)
+    assert mode_shares(bent)[1] == []
 
 
 def drifting(steps, late=4.0):

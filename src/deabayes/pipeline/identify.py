@@ -89,7 +89,7 @@ def pool_candidate(
     from deabayes.posteriors.storage import write_tree
 
     target = build_target(study, candidate, prepared)
-    folder = chain_folder(study, candidate, prepared, output.parent) / "pool"
+    folder = chain_folder(study, candidate, prepared, output.parent)
     pooled = _pooled(study, candidate, target, ensembles, folder, progress, processes)
     tree = posterior_tree(_content(study, candidate, target, pooled))
     table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
@@ -107,18 +107,19 @@ def _pooled(
     progress: bool,
     processes: int,
 ) -> PooledResult:
+    from deabayes.pipeline.ensembles import key_of, read_ensembles
     from deabayes.posteriors.summary import quantities
-    from deabayes.sampling.ensemble import Ensemble
     from deabayes.sampling.guide import Guide
     from deabayes.sampling.pooling import pool
 
     guide = Guide.of(target)
+    given = read_ensembles(target, ensembles, guide.coordinates)
     return pool(
         target.log_likelihood_of_normal,
-        [Ensemble.read(path, guide.coordinates) for path in ensembles],
+        given,
         study.sampling,
         seed_of(study, candidate, "pool"),
-        folder,
+        folder / key_of(given),
         progress,
         quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
         guide=guide,

@@ -115,7 +115,9 @@ def assess(
     """
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
-    disagreeing = _r_hats(table, settings)
+    disagreeing = _not_numbers(quantities)
+    lost = {each.of for each in disagreeing}
+    disagreeing += _r_hats(table.drop(index=list(lost)), settings)
     short = _sizes(table, settings) + _lengths(times, settings)
     short += _changing_times(quantities, times, settings)
     if dropped is not None:
@@ -130,13 +132,19 @@ def assess(
     return Convergence(not failed, failed, table, times, shares, agree=not disagreeing)
 
 
+def _not_numbers(quantities: Mapping[str, FloatArray]) -> list[Failed]:
+    text = "some draws are not a number, so it cannot be judged"
+    return [
+        Failed("finite", name, text, 0.0, longer=False)
+        for name, values in quantities.items()
+        if not np.isfinite(values).all()
+    ]
+
+
 def _r_hats(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
     failed = []
     for name, row in table.iterrows():
-        if not np.isfinite(row[["r_hat", "ess_bulk", "ess_tail"]].to_numpy(float)).all():
-            text = "some draws are not a number, so it cannot be judged"
-            failed.append(Failed("finite", str(name), text, 0.0, longer=False))
-        elif not row["r_hat"] < settings.r_hat:
+        if not row["r_hat"] < settings.r_hat:
             text = (
                 f"R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
                 "the independent runs disagree"

@@ -24,7 +24,9 @@ def mode_shares(
     A mixture is fitted to the pooled draws; components that share more than one per cent
     of their draws make up one mode. Shares disagree when one is further from the pooled
     share than four standard errors and half a per cent, or less than a fifth of a pooled
-    share above one per cent: a mode that this run has missed.
+    share above one per cent: a mode that this run has missed. So may those of the components
+    that make up a mode: of a small one beside a large one, or of runs with one distribution
+    per coordinate and another of all together.
     """
     import pandas as pd
 
@@ -34,7 +36,8 @@ def mode_shares(
     mixture = fit(flat, components, np.random.default_rng(0))
     kept = draws[:, chains.thin_evenly(steps, 200)]
     cell = mixture.component_log_density(kept.reshape(-1, dimension)).argmax(axis=1)
-    mode = _modes(mixture, flat)[cell].reshape(kept.shape[:3])
+    cell, joined = cell.reshape(kept.shape[:3]), _modes(mixture, flat)
+    mode = joined[cell]
     labels = [f"run {run}" for run in range(1, runs + 1)]
     inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
     inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
@@ -42,11 +45,14 @@ def mode_shares(
     table.index = pd.RangeIndex(1, len(table) + 1, name="mode")
     failed: list[Failed] = []
     for index, each in enumerate(inside, start=1):
-        failed += _shares(index, each)
+        failed += _shares(f"mode {index}", each)
+    parts = [part for part in range(len(mixture.weights)) if np.sum(joined == joined[part]) > 1]
+    for part in parts if not failed else ():
+        failed += _shares(f"part {part + 1} of a mode", (cell == part).astype(float))
     return table, failed
 
 
-def _shares(index: int, inside: FloatArray) -> list[Failed]:
+def _shares(name: str, inside: FloatArray) -> list[Failed]:
     pooled, shares = inside.mean(), inside.mean(axis=(1, 2))
     sizes = [chains.ess_bulk(run[None]) for run in inside if 0 < run.mean() < 1]
     error = np.sqrt(pooled * (1 - pooled) / np.median(sizes)) if sizes else 0.0
@@ -54,7 +60,7 @@ def _shares(index: int, inside: FloatArray) -> list[Failed]:
     return [
         Failed(
             "modes",
-            f"mode {index}",
+            name,
             f"it holds {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
             "the independent runs weigh the modes differently",
             float(abs(shares[run] - pooled)),
