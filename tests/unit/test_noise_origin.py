@@ -183,3 +183,12 @@ def test_a_record_of_the_same_coordinate_comes_before_others_of_its_protocol():
         for each in calibrated:
             origin = found.noise_of(replace(each, name="other"))
             assert (origin.group, origin.stretch) == (each.name, 1.0)
+
+
+def test_an_excitation_that_no_record_had_asks_for_what_it_is_answered_with():
+    """Sines were calibrated, of displacement, which no pull answers with."""
+    moved = CalibratedRecord.of(replace(force(5), excitation=sine(1.0)), "sine", ResidualScale())
+    kept = replace(moved, response_name="displacement")
+    found = replace(structure_fitted("ogden_4", "quasi_static"), records=(kept,))
+    asked = found.experiment({"displacement": np.linspace(0.0, 1e-2, 5)}, None, {"voltage": 5e3})
+    assert (kept.excitation_name, asked.response_name) == ("voltage", "force")
