@@ -57,7 +57,7 @@ def two_sizes(what):
 
 
 def test_it_is_averaged_over_draws_that_have_seen_the_record():
-    _, (both, *parts) = two_sizes(replace(noisy(1), role="calibrate"))
+    _, (both, *parts) = two_sizes(replace(noisy(1), name=record(4e3).name))
     np.testing.assert_allclose(both.pit, np.mean([p.pit for p in parts], axis=0), rtol=1e-12)
     assert not np.allclose(parts[0].pit, parts[1].pit)
 
