@@ -167,7 +167,25 @@ def test_two_places_are_left_to_mixtures() -> None:
     (block,) = prior.inherit(("a", "b"), draws).inherited
     assert block.mixture.components > 1
     assert block.learned is None
-    assert not prior.inherit(("a", "b"), draws).log_correction(draws, draws).any()
+    inherited = prior.inherit(("a", "b"), draws)
+    z = inherited.to_normal(draws)
+    made = stats.norm.logpdf(z).sum(axis=1) - inherited.log_density(draws)
+    ratio = inherited.log_correction(draws, z) + made  # of volumes alone: base is one normal
+    np.testing.assert_allclose(ratio, ratio[0], atol=1e-9)
+
+
+def test_between_two_places_there_are_coordinates_too() -> None:
+    """A mixture's quantiles jump from one to the other: no z led to where records pulled."""
+    prior = Prior([Parameter("a", "a", "1", "", Normal(0.0, 1.0), "")])
+    draws = 0.1 * np.random.default_rng(6).standard_normal((4000, 1))
+    draws[::2] += 2.0
+    inherited = prior.inherit(("a",), draws - 1.0)
+    between = np.linspace(-0.5, 0.5, 41)[:, None]
+    back = inherited.to_parameters(inherited.to_normal(between))
+    np.testing.assert_allclose(back, between, atol=1e-9)
+    found = inherited.sample(np.random.default_rng(1), 4000)
+    assert np.mean(found > 0.0) == pytest.approx(0.5, abs=0.04)
+    assert np.abs(np.abs(found) - 1.0).max() < 0.6
 
 
 def test_a_part_of_it_is_the_mixtures() -> None:

@@ -150,12 +150,17 @@ class PosteriorBlock:
 
     @cached_property
     def base(self) -> NormalMixture:
-        """What N(0, I) is made into by `colour`.
+        """What N(0, I) is made into by `colour`: one normal, the density itself if that is one.
 
-        The mixture; or, where its density does not count, one normal: it goes on straight as far
-        out as records may pull parameters, where a mixture's quantiles are one component's.
+        It goes on straight as far out as records may pull parameters, where a mixture's quantiles
+        are one component's; and between two components these jump, so that no z is there.
         """
-        return self.mixture if self.learned is None else self.mixture.as_one()
+        return self.mixture if self.mixture.components == 1 else self.mixture.as_one()
+
+    @property
+    def is_base(self) -> bool:
+        """Whether the density is the base's, without a correction."""
+        return self.learned is None and self.mixture.components == 1
 
     def colour(self, z: FloatArray) -> FloatArray:
         """Default coordinate (W, k) of the standard normal z (W, k)."""
@@ -181,10 +186,10 @@ class PosteriorBlock:
         return self._log_over(self.mixture, theta, z_default)
 
     def _log_over(self, q: NormalMixture, theta: FloatArray, z_default: FloatArray) -> FloatArray:
-        if self.learned is None:
+        if q is self.mixture and self.learned is None:
             return np.zeros(len(z_default))
         default = np.sum(log_normal_density(z_default), axis=1)
-        log_density = self.learned(theta, z_default) + default
+        log_density = self.log_density_ratio(theta, z_default) + default
         return np.asarray(log_density - q.log_density(z_default))
 
     def describe(self) -> str:

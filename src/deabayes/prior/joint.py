@@ -179,19 +179,22 @@ class Prior:
         ----------
         z : theta's, (W, d).
         """
-        if not any(block.learned for block in self.inherited):
+        if all(block.is_base for block in self.inherited):
             return np.zeros(len(theta))
         total = self._over_inherited("log_correction", theta, self._mixed(z, "colour"))
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
         """Independent draws theta (n, d); chosen by weight where likelihoods were learned."""
-        if not any(block.learned for block in self.inherited):
+        if all(block.is_base for block in self.inherited):
             return self.to_parameters(rng.standard_normal((n, len(self.names))))
-        z = rng.standard_normal((CANDIDATES * n, len(self.names)))
+        learned = any(block.learned for block in self.inherited)
+        z = rng.standard_normal((CANDIDATES * n if learned else n, len(self.names)))
         for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
             z[:, columns] = block.mixture.sample(rng, len(z))
         theta = self._from_default(z)
+        if not learned:
+            return theta
         weights = np.nan_to_num(np.exp(self._over_inherited("log_weights", theta, z)))
         return theta[rng.choice(len(theta), size=n, p=weights / weights.sum())]
 

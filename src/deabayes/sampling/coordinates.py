@@ -8,9 +8,9 @@ draws below the 90th percentile of a slow unit's time constant, a proposal was o
 the largest draw, in logarithms by 5 (docs/sampler.md).
 The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
 
-**Inherited parameters.** Their z is what makes another posterior, often a mixture of normals,
-N(0, I). A ridge bends in it where one component gives way to the next, so they are taken for what
-they are by their default prior. Where that posterior is one normal z is as straight.
+**Inherited parameters.** Their z is what makes one normal, of another posterior's mean and
+covariance, N(0, I); where that posterior is a mixture they are taken for what they are by their
+default prior.
 
 **Pairs, units and terms.** See `pairs`, `shares` and `terms`.
 """
