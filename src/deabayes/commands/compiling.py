@@ -22,7 +22,7 @@ TRIAL_WALKERS = 2
 def compile_study(study: str, config: Path) -> None:
     """Do once, for each candidate, all that later stages do with kernels: numba keeps them.
 
-    A posterior that `prior_from` names may be still to come: its kernel needs none of it.
+    A posterior that `prior_from` names may be still to come.
     """
     from deabayes.pipeline import build_target, read_experiments
 
@@ -34,15 +34,6 @@ def compile_study(study: str, config: Path) -> None:
         _use_every_kernel(target, experiments)
         _use_wider_systems(found, target, experiments)
     _use_the_proposal()
-    _use_an_inherited_prior()
-
-
-def _use_an_inherited_prior() -> None:
-    """Draws of a mixture of two normals."""
-    from deabayes.prior.normal_mixture import NormalMixture
-
-    mixture = NormalMixture(np.full(2, 0.5), np.zeros((2, 2)), np.stack([np.eye(2)] * 2))
-    mixture.colour(np.zeros((TRIAL_WALKERS, 2)))
 
 
 def _use_the_proposal() -> None:

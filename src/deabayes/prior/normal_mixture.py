@@ -1,4 +1,4 @@
-"""A mixture of multivariate normals, written as a transform of a standard normal vector."""
+"""A mixture of multivariate normals, and the transform to a standard normal vector."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from deabayes.distributions.scores import FloatArray, log_normal_density
 
 @dataclass(frozen=True)
 class NormalMixture:
-    r"""x = T(z), z ~ N(0, I), with density sum_j w_j N(x; m_j, L_j L_j^T).
+    r"""x with density sum_j w_j N(x; m_j, L_j L_j^T).
 
-    T is the Knothe-Rosenblatt transform: z_i = Phi^-1(F(x_i | x_1 ... x_{i-1})), where the
+    Its Knothe-Rosenblatt transform z ~ N(0, I) is z_i = Phi^-1(F(x_i | x_1 ... x_{i-1})), where the
     conditional distribution F is a mixture of univariate normals,
 
         F = sum_j W_j Phi(e_ji),  e_j = L_j^-1 (x - m_j),  W_j ~ w_j prod_{l < i} phi(e_jl) / L_jll.
 
-    Of one component it is x = m + L z.
+    Of one component x = m + L z; of several, z tells no places apart that lie in a gap between
+    two, so that nothing is sampled in it.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class NormalMixture:
         return NormalMixture(np.ones(1), mean[None], factor[None])
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """n draws (n, k), sooner than by `colour`."""
+        """n draws (n, k)."""
         chosen = rng.choice(self.components, size=n, p=self.weights)
         normal = rng.standard_normal((n, self.means.shape[1]))
         return self.means[chosen] + np.einsum("sab,sb->sa", self.factors[chosen], normal)
@@ -95,13 +96,9 @@ class NormalMixture:
         return np.asarray(z.T)
 
     def colour(self, z: FloatArray) -> FloatArray:
-        """x (W, k) of z (W, k)."""
-        if self.components == 1:
-            return np.asarray(self.means[0] + z @ self.factors[0].T)
-        from deabayes.prior.normal_mixture_kernel import colour
-
-        z = np.ascontiguousarray(z, dtype=float)
-        return np.asarray(colour(z, np.log(self.weights), self.means, self.factors))
+        """x (W, k) of z (W, k), of one component only."""
+        assert self.components == 1
+        return np.asarray(self.means[0] + z @ self.factors[0].T)
 
     def _standardised(self, x: FloatArray) -> Iterator[tuple[FloatArray, int]]:
         """For each column in turn e_ji (W, K) and the column."""
