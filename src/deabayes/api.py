@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     from deabayes.prior.from_posterior import PriorFromPosterior
 
+KINDS = ("material", "specimen", "noise", "derived")
+"""Of quantities; not every posterior has all."""
+
 
 class Posterior:
     """The posterior of one candidate, read from a `posterior.nc`.
@@ -65,7 +68,7 @@ class Posterior:
         return table.rename(columns={"quantity": "parameter"}).set_index("parameter")
 
     def draws(
-        self, size: int | None = None, seed: int = 1, *, kinds: Collection[str] | None = None
+        self, size: int | None = None, seed: int = 1, *, kinds: str | Collection[str] | None = None
     ) -> pd.DataFrame:
         """Draws, one row each and one column per quantity, SI; `units` says which units.
 
@@ -80,10 +83,16 @@ class Posterior:
         import pandas as pd
 
         posterior = self._tree["posterior"]
-        wanted = [n for n in self.names if kinds is None or posterior[n].attrs["kind"] in kinds]
-        if not wanted:
-            known = dict.fromkeys(str(v.attrs["kind"]) for v in posterior.data_vars.values())
-            raise UserError(f"kinds: none of {', '.join(known)}, which the posterior has")
+        kind_of = {name: str(posterior[name].attrs["kind"]) for name in self.names}
+        known = list(dict.fromkeys(kind_of.values()))
+        kinds = known if kinds is None else [kinds] if isinstance(kinds, str) else kinds
+        wanted = [name for name in self.names if kind_of[name] in kinds]
+        unknown = sorted(set(kinds).difference(known, KINDS))
+        if unknown or not wanted:
+            raise UserError(
+                f"kinds: {', '.join(unknown or kinds) or 'none'}; the posterior has "
+                f"{', '.join(known)}"
+            )
         columns = {name: stacked(posterior, name) for name in wanted}
         rows = picked(next(iter(columns.values())).size, size, seed)
         return pd.DataFrame({name: values[rows] for name, values in columns.items()})

@@ -179,5 +179,9 @@ def test_draws_of_some_kinds_are_what_simulate_takes(post):
         "tubular", post.data.attrs["candidate"], drawn, specimen, time=TIME, voltage=VOLTS
     )
     assert found.sizes["draw"] == 5
-    with pytest.raises(UserError, match=r"kinds: none of material, .*, which the posterior has"):
-        post.draws(kinds=("materiel",))
+    assert list(post.draws(5, kinds="noise")) == [n for n in everything if "." in n]
+    for wrong in (("material", "specimin"), "specimin"):
+        with pytest.raises(UserError, match=r"^kinds: specimin; the posterior has material, "):
+            post.draws(kinds=wrong)
+    with pytest.raises(UserError, match=r"^kinds: none; the posterior has"):
+        post.draws(kinds=())

@@ -20,7 +20,6 @@ POINTS = 50
 OUTER = (0.05, 0.95)
 OPPOSITE = -0.5
 """Correlation with the draws' median below which a record runs against it."""
-FREQUENCY = "frequency"
 BEYOND = 10.0
 """Factor beyond the outer draws from which units are suspected, not materials."""
 
@@ -94,7 +93,7 @@ def _off_its_zero(
     # with no rest before it takes.
     low, high = np.quantile(first, OUTER)
     reach = float(np.ptp(measured))
-    if each.coordinate_name == FREQUENCY or low - reach <= measured[0] <= high + reach:
+    if each.coordinate_name == "frequency" or low - reach <= measured[0] <= high + reach:
         return []
     name, unit = each.response_name, each.response_unit
     found, expected = (with_unit(v, unit, name, 3) for v in (measured[0], np.median(first)))

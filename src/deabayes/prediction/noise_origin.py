@@ -140,10 +140,9 @@ def find_noise(
 
     A calibrated record has its own. Another one takes the group of a calibrated
     record of its response's unit, of its protocol if there is one, and of those of one with its
-    coordinate; relative noise then
-    scales with each draw's predicted range, but is no smaller than that of the calibrated
-    record that varied least. Where none has that unit, noise is carried
-    over (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
+    coordinate; relative noise then scales with each draw's predicted range, but is no smaller than
+    that of the calibrated record that varied least. Where none has that unit, noise is carried over
+    (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
     record has another coordinate, the noise's length is in proportion to the records'.
 
     Parameters
