@@ -76,9 +76,9 @@ class Posterior:
         ----------
         size, seed : how many, and the seed that picks them at random; `predict` uses the same
             for the same two. Without a size all stored draws, ensemble after ensemble.
-        kinds : of ``"material"``, ``"specimen"``, ``"noise"`` and ``"derived"`` (``"population"``
-            and ``"reference"`` of a population), all by default; the first two are the
-            parameters that `simulate` takes.
+        kinds : of ``"material"``, ``"specimen"``, ``"noise"`` and ``"derived"`` (``"prior"`` with
+            `predict_with`, ``"population"`` and ``"reference"`` of a population), all by default;
+            the first two are the parameters that `simulate` takes.
         """
         import pandas as pd
 
