@@ -13,7 +13,8 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.shares import Shares, TooSlow, shown_for, unit_shares
+from deabayes.sampling.shares import Shares
+from deabayes.sampling.unit_shares import TooSlow, shown_for, unit_shares
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)

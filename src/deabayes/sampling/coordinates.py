@@ -12,7 +12,7 @@ The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu 
 covariance, N(0, I); where that posterior is a mixture they are taken for what they are by their
 default prior.
 
-**Pairs, units and terms.** See `pairs`, `shares` and `terms`.
+**Pairs, units and terms.** See `pairs`, `unit_shares` and `terms`.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from deabayes.prior.blocks import Independent
 from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.ordered import ROUNDING, Ordered
 from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
-from deabayes.sampling.shares import unit_shares
 from deabayes.sampling.terms import term_shares
+from deabayes.sampling.unit_shares import unit_shares
 
 KINDS = (Uniform, LogUniform, LogNormal)
 
@@ -150,7 +150,7 @@ class Coordinates:
     Attributes
     ----------
     natural : parameters of which not the score is taken.
-    pairs : of parameters, see `pairs`, of units, see `shares`, and of terms, see `terms`; they
+    pairs : of parameters, see `pairs`, of units, see `unit_shares`, and of terms, see `terms`; they
         come after.
     inherited : parameters whose prior is a mixture; they come first.
     """

@@ -12,7 +12,8 @@ the sum and the mean time stay what they are along all of them. T is how long re
 of one too slow for them, what is seen is mu_i T / tau_i. For units in series, of which
 compliances add up, 1 / mu_i takes the place of mu_i. The Jacobian of u by the logarithms is 1.
 
-Terms of a spring are such parts too (see `terms`): `Shares` says what both have in common.
+Terms of a spring are such parts too (see `terms`): `Shares` says what both have in common. Which
+units of a model are such parts: see `unit_shares`; of many, see `nested_shares`.
 """
 
 from __future__ import annotations
@@ -22,10 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.experiment import Experiment, FloatArray
-from deabayes.posterior import LogPosterior
-from deabayes.sampling.pairs import log_normals
-from deabayes.sampling.units import units_of
+from deabayes.experiment import FloatArray
 
 Hidden = Callable[[FloatArray], FloatArray]
 """Places (W, n) -> the log of how much of a part at that place records do not show, (W, n)."""
@@ -89,54 +87,3 @@ class Shares:
         below = np.logaddexp.accumulate(log_shares, axis=1)[:, :-1]
         above = np.logaddexp.accumulate(log_shares[:, ::-1], axis=1)[:, -2::-1]
         return 0.5 * (below + above)
-
-
-@dataclass(frozen=True)
-class TooSlow:
-    """ln(1 + tau / T) of ln tau, given ln T."""
-
-    log_duration: float
-
-    def __call__(self, log_times: FloatArray) -> FloatArray:
-        return np.logaddexp(0.0, log_times - self.log_duration)
-
-
-def shown_for(experiment: Experiment) -> float:
-    """How slow a unit may be to be seen relaxing [s].
-
-    As long as a record lasts, or the period of its lowest frequency; 0 where it knows of no time.
-    """
-    if experiment.coordinate_name == "time":
-        return float(np.ptp(experiment.coordinate))
-    if experiment.coordinate_name == "frequency":
-        return 1.0 / float(np.min(experiment.coordinate))
-    return 0.0
-
-
-def unit_shares(
-    target: LogPosterior, free: frozenset[int], logarithms: frozenset[int]
-) -> list[Shares]:
-    """One for each group of units that have one log-normal modulus each.
-
-    Parameters
-    ----------
-    free : columns with priors of their own.
-    logarithms : columns of which the logarithm has been taken.
-    """
-    durations = [duration for r in target.records if (duration := shown_for(r.experiment))]
-    if target.system.units_add is None or not durations:
-        return []
-    sign = 1.0 if target.system.units_add == "moduli" else -1.0
-    found: list[Shares] = []
-    for units in units_of(target.prior):
-        times, *companions = (tuple(row.tolist()) for row in units.columns)
-        if len(companions) != 1 or not logarithms.issuperset(times):
-            continue
-        normals = log_normals(target, companions[0], free)
-        if len(normals) == units.count:
-            medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
-            hidden = TooSlow(float(np.log(max(durations))))
-            found.append(
-                Shares(times, companions[0], sign * np.log(medians), sign * sigmas, hidden)
-            )
-    return found

@@ -1,0 +1,69 @@
+"""Which relaxation units of a posterior are parts of a sum that records show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.posterior import LogPosterior
+from deabayes.sampling.nested_shares import NestedShares
+from deabayes.sampling.pairs import log_normals
+from deabayes.sampling.shares import Shares
+from deabayes.sampling.units import units_of
+
+MANY = 4
+"""Units of which any two may share what is seen of them while others are resolved."""
+
+
+@dataclass(frozen=True)
+class TooSlow:
+    """ln(1 + tau / T) of ln tau, given ln T."""
+
+    log_duration: float
+
+    def __call__(self, log_times: FloatArray) -> FloatArray:
+        return np.logaddexp(0.0, log_times - self.log_duration)
+
+
+def shown_for(experiment: Experiment) -> float:
+    """How slow a unit may be to be seen relaxing [s].
+
+    As long as a record lasts, or the period of its lowest frequency; 0 where it knows of no time.
+    """
+    if experiment.coordinate_name == "time":
+        return float(np.ptp(experiment.coordinate))
+    if experiment.coordinate_name == "frequency":
+        return 1.0 / float(np.min(experiment.coordinate))
+    return 0.0
+
+
+def unit_shares(
+    target: LogPosterior, free: frozenset[int], logarithms: frozenset[int]
+) -> list[Shares]:
+    """One for each group of units that have one log-normal modulus each.
+
+    From `MANY` on each unit is counted against all slower ones together.
+
+    Parameters
+    ----------
+    free : columns with priors of their own.
+    logarithms : columns of which the logarithm has been taken.
+    """
+    durations = [duration for r in target.records if (duration := shown_for(r.experiment))]
+    if target.system.units_add is None or not durations:
+        return []
+    sign = 1.0 if target.system.units_add == "moduli" else -1.0
+    found: list[Shares] = []
+    for units in units_of(target.prior):
+        times, *companions = (tuple(row.tolist()) for row in units.columns)
+        if len(companions) != 1 or not logarithms.issuperset(times):
+            continue
+        normals = log_normals(target, companions[0], free)
+        if len(normals) == units.count:
+            medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
+            hidden = TooSlow(float(np.log(max(durations))))
+            kind = NestedShares if units.count >= MANY else Shares
+            found.append(kind(times, companions[0], sign * np.log(medians), sign * sigmas, hidden))
+    return found
