@@ -58,6 +58,11 @@ class PriorModel:
         theta = self.prior.to_parameters(every)
         return {name: theta[:, k] for name, k in zip(self.names, columns, strict=True)}
 
+    def drawn(self, rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
+        """Draws (count,) of the prior itself, by name."""
+        theta = self.prior.sample(rng, count)
+        return {name: theta[:, self.prior.names.index(name)] for name in self.names}
+
     def response(
         self, draws: Mapping[str, FloatArray], coordinate: FloatArray | None = None
     ) -> FloatArray:
@@ -88,7 +93,7 @@ class Curves:
 
 def prior_curves(model: PriorModel, count: int, rng: np.random.Generator) -> Curves:
     """The response of `count` draws from the prior, failed ones kept (the paper's Fig. 7)."""
-    draws = model.parameters(rng.standard_normal((count, len(model.names))))
+    draws = model.drawn(rng, count)
     return Curves(draws, model.response(draws))
 
 
@@ -98,14 +103,18 @@ def marginal_quantiles(
     """Quantiles (Q,) of each parameter's marginal prior, whatever its dependence on others.
 
     Read from 2^14 evenly spread points (a Sobol' sequence, each coordinate of which is
-    stratified), so to about 1e-3 of the prior's standard deviation.
+    stratified), so to about 1e-3 of the prior's standard deviation; from as many draws (1e-2)
+    where another posterior is the prior of some and is no normal of z.
     """
     from scipy.special import ndtri
     from scipy.stats import qmc
 
     size = 2**QUANTILE_POINTS
-    points = qmc.Sobol(len(model.names), scramble=False).random_base2(QUANTILE_POINTS)
-    draws = model.parameters(ndtri(points + 0.5 / size))
+    if model.prior.is_normal_in_z:
+        points = qmc.Sobol(len(model.names), scramble=False).random_base2(QUANTILE_POINTS)
+        draws = model.parameters(ndtri(points + 0.5 / size))
+    else:
+        draws = model.drawn(np.random.default_rng(size), size)
     return {name: np.quantile(values, quantiles) for name, values in draws.items()}
 
 
@@ -180,6 +189,9 @@ def stage_sensitivity(
     later ones (its full effect), the last member's are those left to it once the others
     are known (its independent effect; Mara & Tarantola 2012). With `ordered_from` the
     largest, the order is reversed.
+
+    Of a prior handed on that is no normal of its z, the normal with its mean and covariance
+    is taken.
 
     Indices are not defined where draws fail. They are taken over the widest central region
     u in [(1 - r)/2, (1 + r)/2]^d, r of `REGIONS`, in which at most 1 % of the groups have

@@ -153,3 +153,19 @@ def test_parameters_of_the_noise_are_left_alone():
     np.testing.assert_array_equal(
         with_noise.response(with_noise.parameters(z)), about.response(about.parameters(z))
     )
+
+
+def test_of_a_prior_handed_on_it_is_that_prior_not_the_normal_of_its_moments():
+    """mu_alpha about 20 or 80 kPa, nothing between: no draw and no quantile is between."""
+    plain = model("kv_gm_1")
+    rng = np.random.default_rng(3)
+    kilopascal = np.where(rng.random(4000) < 0.3, 20.0, 80.0) * np.exp(
+        0.03 * rng.standard_normal(4000)
+    )
+    handed_on = replace(plain, prior=plain.prior.inherit(["mu_alpha"], 1e3 * kilopascal[:, None]))
+    assert plain.prior.is_normal_in_z and not handed_on.prior.is_normal_in_z
+    drawn = influence.prior_curves(handed_on, 300, rng).draws["mu_alpha"]
+    quantiles = influence.marginal_quantiles(handed_on, [0.2, 0.25, 0.5, 0.9])["mu_alpha"]
+    assert not np.any((drawn > 25e3) & (drawn < 65e3))
+    assert np.mean(drawn < 50e3) == pytest.approx(0.3, abs=0.08)
+    np.testing.assert_allclose(quantiles, [20.4e3, 20.9e3, 79.1e3, 82.6e3], rtol=0.02)

@@ -179,14 +179,14 @@ class Prior:
         ----------
         z : theta's, (W, d).
         """
-        if all(block.is_base for block in self.inherited):
+        if self.is_normal_in_z:
             return np.zeros(len(theta))
         total = self._over_inherited("log_correction", theta, self._mixed(z, "colour"))
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
         """Independent draws theta (n, d); chosen by weight where likelihoods were learned."""
-        if all(block.is_base for block in self.inherited):
+        if self.is_normal_in_z:
             return self.to_parameters(rng.standard_normal((n, len(self.names))))
         learned = any(block.learned for block in self.inherited)
         z = rng.standard_normal((CANDIDATES * n if learned else n, len(self.names)))
@@ -197,6 +197,11 @@ class Prior:
             return theta
         weights = np.nan_to_num(np.exp(self._over_inherited("log_weights", theta, z)))
         return theta[rng.choice(len(theta), size=n, p=weights / weights.sum())]
+
+    @property
+    def is_normal_in_z(self) -> bool:
+        """Whether N(0, I) of z is the prior itself: no mixture and nothing learned is handed on."""
+        return all(block.is_base for block in self.inherited)
 
     def _over_inherited(self, method: str, theta: FloatArray, z: FloatArray) -> FloatArray:
         """A method of inherited blocks at their columns of theta and of scores z, summed, (W,)."""
