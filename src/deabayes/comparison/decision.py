@@ -13,6 +13,7 @@ from deabayes.experiment import FloatArray
 SMALLEST_EVIDENCE_GAIN = 1.0
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
+NOT_RANKED = "not ranked"
 SHOWN = "^chosen: |^not resolved by these data against "
 """In the verdict of the candidate that the walk ended at."""
 
@@ -98,7 +99,7 @@ def decide(scores: Sequence[Score]) -> Decision:
     """Walk from the fewest parameters upwards, moving on only where `judge` says `larger`."""
     ranked = sorted((s for s in scores if s.loo is not None), key=lambda s: s.n_parameters)
     verdicts = {
-        s.candidate: "not ranked: not converged" if not s.converged else "not ranked"
+        s.candidate: f"{NOT_RANKED}: not converged" if not s.converged else NOT_RANKED
         for s in scores
         if s.loo is None
     }

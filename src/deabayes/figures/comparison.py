@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from deabayes.comparison.decision import NOT_RANKED
 from deabayes.figures import style
 from deabayes.figures.results import StudyResults
 
@@ -117,5 +118,8 @@ def _name(name: object, row: pd.Series) -> str:
 
 
 def _verdict(table: pd.DataFrame, reference: str) -> str:
-    text = f"{reference}: {table.loc[reference, 'verdict']}"
+    verdicts = table["verdict"].astype(str)
+    text = f"{reference}: {verdicts[reference]}"
+    if verdicts.str.startswith(NOT_RANKED).all():
+        text = "no candidate is ranked; " + "; ".join(f"{n}: {v}" for n, v in verdicts.items())
     return "\n".join(textwrap.wrap(text, 130))
