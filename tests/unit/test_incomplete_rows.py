@@ -71,3 +71,18 @@ def test_a_sound_record_stays_whole_without_a_word(tmp_path: Path) -> None:
 def test_time_that_goes_back_is_refused_all_the_same(tmp_path: Path) -> None:
     with pytest.raises(Faults, match="goes back"):
         read_folder(folder(tmp_path, ["0.2,1.1,6"], DROP))
+
+
+@pytest.mark.parametrize("more", ["", DROP])
+def test_a_column_without_any_value_is_named(tmp_path: Path, more: str) -> None:
+    """Left out row by row, nothing of the record would stay and the file seem cut off."""
+    table = TABLE.replace("nominal_stress\n", "force\n")
+    path = folder(tmp_path, [], more) / "a.csv"
+    text = path.read_text(encoding="utf-8").replace("note [s]", "force [N]")
+    path.write_text(text, encoding="utf-8")
+    (tmp_path / "experiments.csv").write_text(table, encoding="utf-8")
+    with pytest.raises(
+        Faults, match="column force: holds no value in any of its 40 rows"
+    ) as caught:
+        read_folder(tmp_path)
+    assert "incomplete_rows" not in str(caught.value)

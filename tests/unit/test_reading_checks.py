@@ -81,6 +81,10 @@ SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
         lambda: checks.not_finite(np.array([1.0, np.nan, np.nan]), "force", "a.csv"),
         ["infinite: 2", "a run of 2"],
     ),
+    (
+        lambda: checks.not_finite(np.full(3, np.nan), "phase", "a.csv"),
+        ["column phase", "no value in any of its 3 rows", "name the column"],
+    ),
 ]
 
 SILENT: list[Callable[[], list[str]]] = [

@@ -44,6 +44,9 @@ def not_finite(
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size == 0:
         return []
+    if bad.size == values.size > 1:
+        return [f"{where}, column {channel}: holds no value in any of its {bad.size} rows; name "
+                "the column that holds the measurement, or have it exported again"]  # fmt: skip
     run = int(np.argmin(np.append(np.diff(bad) == 1, False))) + 1
     return [
         f"{where}, column {channel}: values missing, NaN or infinite: {bad.size}, the first in "

@@ -16,11 +16,14 @@ def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
     """The record without rows that lack a value in a needed column, or repeat the time before.
 
     Of rows with one time stamp the first complete one stays. How many rows are gone is kept in
-    `left_out`; a record without a needed column is returned as it is.
+    `left_out`; a record without a needed column, or without any value in one, is returned as it is.
     """
     if not set(needed) <= set(raw.columns):
         return raw
-    kept = np.all([np.isfinite(raw.columns[name]) for name in needed], axis=0)
+    known = np.array([np.isfinite(raw.columns[name]) for name in needed])
+    if not known.any(axis=1).all():
+        return raw
+    kept = known.all(axis=0)
     if "time" in needed:
         places = np.flatnonzero(kept)
         again = np.diff(raw.columns["time"][places]) == 0.0
