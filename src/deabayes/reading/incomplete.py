@@ -23,7 +23,7 @@ def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
     known = np.array([np.isfinite(raw.columns[name]) for name in needed])
     if not known.any(axis=1).all():
         return raw
-    kept = known.all(axis=0)
+    kept = np.asarray(known.all(axis=0))
     if "time" in needed:
         places = np.flatnonzero(kept)
         again = np.diff(raw.columns["time"][places]) == 0.0

@@ -14,7 +14,7 @@ from deabayes.compiled import njit
 from deabayes.integrate import arrow, rodas5p
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray, transformed_coefficients
 from deabayes.systems import membrane_lanes as of
-from deabayes.systems.membrane_kernel import IndexArray, _resistance, _slopes
+from deabayes.systems.membrane_kernel import IndexArray, resistance, slopes
 
 A, C, _ = transformed_coefficients()
 NODES = np.array([0.0, rodas5p.NODE2, rodas5p.NODE3, rodas5p.NODE4, rodas5p.NODE5, 1.0, 1.0, 1.0])
@@ -38,9 +38,9 @@ def _force(y: FloatArray, drive: float, draw: FloatArray, units: FloatArray) -> 
     """F [Pa] of the state y = (lambda, v, xi_1..n)."""
     lam = y[0]
     total = drive * lam**3 + draw[of.OF_SIGMA]
-    total -= draw[of.OF_MODULUS] * _resistance(lam, 1.0, draw[of.OF_INVERSE])
+    total -= draw[of.OF_MODULUS] * resistance(lam, 1.0, draw[of.OF_INVERSE])
     for n in range(units.shape[0]):
-        total -= units[n, 1] * y[n + 2] * _resistance(lam, y[n + 2], units[n, 2])
+        total -= units[n, 1] * y[n + 2] * resistance(lam, y[n + 2], units[n, 2])
     return total
 
 
@@ -62,13 +62,13 @@ def _step(
     hm = h / mass
     value, slope = _voltage(volts, x)
     drift = h * hm * 2.0 * gain * value * slope * span * lam**3
-    _, by_lam, _ = _slopes(lam, 1.0, draw[of.OF_INVERSE])
+    _, by_lam, _ = slopes(lam, 1.0, draw[of.OF_INVERSE])
     stiffness = 3.0 * gain * value * value * lam * lam - draw[of.OF_MODULUS] * by_lam
     solve, below, beside = np.empty(count), np.empty(count), np.empty(count)
     coupled = 0.0
     for n in range(count):
         xi, rate = y[n + 2], h * units[n, 0]
-        r, by_lam, by_xi = _slopes(lam, xi, units[n, 2])
+        r, by_lam, by_xi = slopes(lam, xi, units[n, 2])
         stiffness -= units[n, 1] * xi * by_lam
         solve[n] = 1.0 / (1.0 / GAMMA - rate * lam * by_xi)
         below[n] = rate * (r + lam * by_lam)
@@ -90,7 +90,7 @@ def _step(
         total = right[1] + damping * right[0] / h
         for n in range(count):
             rate = h * units[n, 0]
-            right[n + 2] += rate * at[0] * _resistance(at[0], at[n + 2], units[n, 2])
+            right[n + 2] += rate * at[0] * resistance(at[0], at[n + 2], units[n, 2])
             total += hm * beside[n] * right[n + 2] * solve[n]
         u[s, 0] = total / pivot
         u[s, 1] = (u[s, 0] / GAMMA - right[0]) / h

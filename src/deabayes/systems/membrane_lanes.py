@@ -10,6 +10,7 @@ from deabayes.integrate.arrow import ARGUMENT, LANES, START
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
 from deabayes.systems import membrane_kernel as k
 from deabayes.systems.membrane_kernel import IndexArray
+from deabayes.systems.membrane_stages import step
 
 DRAW_COLUMNS = 9
 OF_FLUIDITY, OF_MODULUS, OF_INVERSE, OF_SIGMA, OF_GAIN = range(5)
@@ -92,7 +93,7 @@ def integrate(
                 c[k.OFFSET + i] = (now[i] - begin) * c[k.SPAN + i]
         if running == 0:
             break
-        k.step(c, blocks)
+        step(c, blocks)
         for i in range(LANES):
             w = lane_draw[i]
             if w == IDLE:
