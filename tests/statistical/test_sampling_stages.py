@@ -112,11 +112,26 @@ def test_a_place_that_one_walker_found_is_proposed_by_the_refit(caught):
     assert all(each.log_density(far)[0] > own.log_density(far)[0] + 5.0 for each in found)
 
 
+def test_a_refit_is_fitted_to_runs_before_earlier_refits_too():
+    """A hundredth of an earlier run lies twelve sds out, where the run at hand has not been."""
+    rng = np.random.default_rng(12)
+    poor = fit(0.5 * rng.standard_normal((4000, 2)) + 0.3, 1, rng)
+    run, before = (slow_run(rng, 32, 400, 100, poor) for _ in range(2))
+    chain, log_posterior = before.chain.copy(), before.log_posterior.copy()
+    chain[rng.random(log_posterior.shape) < 0.01, 0] += 12.0
+    before = replace(before, chain=chain, log_posterior=log_posterior)
+    far = np.array([[12.0, 0.0]])
+    (alone,) = better_proposals([run], rng, Coordinates())
+    (both,) = better_proposals([run], rng, Coordinates(), [before])
+    assert poor not in (alone, both)
+    assert both.log_density(far)[0] > alone.log_density(far)[0] + 5.0
+
+
 def test_nothing_is_thrown_away_where_no_proposal_gets_better(monkeypatch):
     """400 steps are gone on from, 90 % of the other 7600 kept, however often a refit is tried."""
     tried = []
 
-    def their_own(ensembles, rng, coordinates):
+    def their_own(ensembles, rng, coordinates, earlier):
         tried.append(len(ensembles))
         return [each.proposal for each in ensembles]
 
@@ -138,7 +153,7 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
     fair, other = (fit(rng.standard_normal((4000, 2)), 1, rng) for _ in range(2))
     tried, asked = [], []
 
-    def at_the_fourth_try(ensembles, rng, coordinates):
+    def at_the_fourth_try(ensembles, rng, coordinates, earlier):
         tried.append(len(ensembles))
         return [other if len(tried) >= 4 else each.proposal for each in ensembles]
 
@@ -162,9 +177,10 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
 def test_a_late_refit_pays_where_one_run_is_held_up(times, refits, monkeypatch):
     """Of 12 000 steps, 4000 after the third refit, 4600 are left: enough for two of three runs."""
     rng = np.random.default_rng(10)
-    made = []
+    made, before = [], []
 
-    def another(ensembles, rng, coordinates):
+    def another(ensembles, rng, coordinates, earlier):
+        before.append(len(earlier))
         made.append(fit(rng.standard_normal((400, 2)), 1, rng))
         return [made[-1] for _ in ensembles]
 
@@ -179,3 +195,4 @@ def test_a_late_refit_pays_where_one_run_is_held_up(times, refits, monkeypatch):
     settings = Sampling(ensembles=3, walkers=32, max_steps=12000)
     pooling.pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
     assert len(made) == refits
+    assert before == [3 * number for number in range(refits)]

@@ -94,7 +94,7 @@ def pool(
     convergence = judge(ensembles, settings, quantities)
     if convergence.converged or all(each.steps >= settings.max_steps for each in ensembles):
         return PooledResult(tuple(ensembles), convergence)
-    store, refits, renewed = Store(folder), 0, 0
+    store, refits, renewed, earlier = Store(folder), 0, 0, list[Ensemble]()
     target = Target(log_likelihood, guide)
     judged = partial(judge, settings=settings, quantities=quantities)
     ways = store.sub("extended"), stage_seed(seed, EXTENDED), progress, processes
@@ -102,14 +102,15 @@ def pool(
     total, most, runs, seen = 0, 0, list[Run](), 0.0
     while not convergence.converged:
         times = float(np.nansum(convergence.autocorrelation_times))
-        refit_pays = refits < MOST_REFITS and _affordable(total, most, convergence, settings)
+        refit_pays = renewed < MOST_REFITS and _affordable(total, most, convergence, settings)
         rng = np.random.default_rng(stage_seed(seed, INSPECTED, total))
         refit_pays = refit_pays and (times > GROWTH * seen or leave_out(current, rng))
         if not runs or (refit_pays and _hopeless(total, convergence, settings)):
             refits, seen = refits + 1, times
             inside, stream = store.sub(f"refit_{refits}"), stage_seed(seed, refits)
-            proposals = _refit(inside, current, guide, stream)
+            proposals = _refit(inside, current, earlier, guide, stream)
             if not runs or _differ(proposals, current):
+                earlier += current
                 ensembles, total, renewed = current, 0, renewed + 1
                 runs = ready(target, ensembles, proposals, settings, stream, inside)
         most = max(settings.max_steps - each.steps for each in ensembles)
@@ -147,13 +148,17 @@ def _differ(proposals: Sequence[Proposal], ensembles: Sequence[Ensemble]) -> boo
 
 
 def _refit(
-    store: Store, ensembles: Sequence[Ensemble], guide: Guide, seed: np.random.SeedSequence
+    store: Store,
+    ensembles: Sequence[Ensemble],
+    earlier: Sequence[Ensemble],
+    guide: Guide,
+    seed: np.random.SeedSequence,
 ) -> list[Proposal]:
     """The proposals of all ensembles refitted, or their own where those are better."""
 
     def compute() -> Arrays:
         rng = np.random.default_rng(stage_seed(seed, REFIT))
-        found = better_proposals(ensembles, rng, guide.coordinates)
+        found = better_proposals(ensembles, rng, guide.coordinates, earlier)
         own = [each.proposal for each in ensembles]
         new = [here is not before for here, before in zip(found, own, strict=True)]
         fitted = next((each for each, is_new in zip(found, new, strict=True) if is_new), own[0])

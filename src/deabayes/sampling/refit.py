@@ -29,9 +29,15 @@ LOOKED_AT = 50
 
 
 def better_proposals(
-    ensembles: Sequence[Ensemble], rng: np.random.Generator, coordinates: Coordinates
+    ensembles: Sequence[Ensemble],
+    rng: np.random.Generator,
+    coordinates: Coordinates,
+    earlier: Sequence[Ensemble] = (),
 ) -> list[Proposal]:
     """For each ensemble a proposal fitted to the second halves of all, or its own if better.
+
+    Runs before earlier refits are among them: what a proposal is fitted to need not be kept for
+    the posterior, and its tails are as good as the independent draws are many.
 
     A trial fitted to four fifths of the walkers is judged, as their own ones are, by its
     `divergence` at draws of the walkers left out. Fitted to a few effective draws, or to walkers
@@ -42,7 +48,8 @@ def better_proposals(
     caught = worst_covered(ensembles)
     group = 1 if caught % LEFT_OUT == 0 else 0
     left_out = _draws(ensembles, lambda walker: walker % LEFT_OUT == group)
-    kept = _draws(ensembles, lambda walker: walker % LEFT_OUT != group)
+    everything = [*earlier, *ensembles]
+    kept = _draws(everything, lambda walker: walker % LEFT_OUT != group)
     trial = _fit(*kept, rng, coordinates)
     reached = divergence(trial, *_some(left_out, JUDGED_SAMPLE, rng))
     known = _draws(ensembles, lambda walker: (walker % LEFT_OUT == group) | (walker == caught))
@@ -50,7 +57,7 @@ def better_proposals(
     better = [reached < divergence(each.proposal, *judged) for each in ensembles]
     if not any(better):
         return [each.proposal for each in ensembles]
-    found = _fit(*_draws(ensembles), rng, coordinates)
+    found = _fit(*_draws(everything), rng, coordinates)
     chosen = zip(ensembles, better, strict=True)
     return [found if is_better else each.proposal for each, is_better in chosen]
 
