@@ -11,7 +11,7 @@ from deabayes.experiment import FloatArray
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.coordinates import Coordinates, Natural
 from deabayes.sampling.nested_shares import NestedShares
-from deabayes.sampling.shares import Shares
+from deabayes.sampling.shares import Parts, Shares
 from deabayes.sampling.unit_shares import TooSlow
 
 COUNT, TOO_SLOW = 4, TooSlow(float(np.log(20.0)))
@@ -82,5 +82,5 @@ def test_shares_of_any_size_have_a_way_back() -> None:
 
 @pytest.mark.parametrize(("count", "kind"), [(3, Shares), (4, NestedShares)])
 def test_from_four_units_on_they_are_nested(count: int, kind: type) -> None:
-    (found,) = (p for p in Coordinates.of(membrane().target(count)).pairs if isinstance(p, Shares))
+    (found,) = (p for p in Coordinates.of(membrane().target(count)).pairs if isinstance(p, Parts))
     assert type(found) is kind

@@ -20,19 +20,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.shares import Shares
+from deabayes.sampling.shares import Parts
 
 
 @dataclass(frozen=True)
-class NestedShares(Shares):
-    """`Shares` of units of which places ascend, each against the slower ones together."""
+class NestedShares(Parts):
+    """Coordinates of units of which places ascend, each against the slower ones together."""
 
     def straighten(self, u: FloatArray) -> FloatArray:
         """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
-        where = u[:, list(self.places)]
-        shown = self.intercepts + self.slopes * u[:, list(self.sizes)] - self.hidden(where)
+        where, shown = self._places_and_shown(u)
         total, mean = shown[:, -1], where[:, -1]
-        log_jacobian = np.full(len(u), np.log(np.abs(self.slopes)).sum())
+        log_jacobian = np.full(len(u), self._log_slopes)
         for i in range(len(self.places) - 2, -1, -1):
             own, place = shown[:, i], where[:, i]
             u[:, self.sizes[i + 1]] = own - total
@@ -57,8 +56,7 @@ class NestedShares(Shares):
             mean = mean + np.exp(log_share) * distance
             total = total + log_rest
         where[:, -1], shown[:, -1] = mean, total
-        u[:, list(self.places)] = where
-        u[:, list(self.sizes)] = (shown + self.hidden(where) - self.intercepts) / self.slopes
+        self._put(u, where, shown)
 
 
 def _log_shares(log_ratio: FloatArray) -> tuple[FloatArray, FloatArray]:

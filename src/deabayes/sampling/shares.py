@@ -30,18 +30,14 @@ Hidden = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Shares:
-    """Coordinates in place of where parts are and of the scores of how large they are.
+class Parts:
+    """Where the parts of a sum are, and how large they are, among coordinates.
 
     Attributes
     ----------
     places, sizes : columns, in one order: of ln tau_i and of the scores of mu_i.
     intercepts, slopes : (n,), with +-ln mu_i = intercept + slope z.
     hidden : ln(1 + tau / T).
-    spread : the distance of neighbours is counted in what it adds to the standard deviation of
-        places, s_i = (W_i (1 - W_i))^(1/2) (ln tau_{i+1} - ln tau_i), W_i = sum_{j <= i} w_j: of
-        two parts it is that standard deviation, and the ridge along which the smaller one goes
-        out, the further the smaller, is the line of constant s.
     """
 
     places: tuple[int, ...]
@@ -49,13 +45,41 @@ class Shares:
     intercepts: FloatArray
     slopes: FloatArray
     hidden: Hidden
+
+    def _places_and_shown(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ln tau_i and ln v_i, (W, n) each."""
+        where = u[:, list(self.places)]
+        return where, self.intercepts + self.slopes * u[:, list(self.sizes)] - self.hidden(where)
+
+    def _put(self, u: FloatArray, where: FloatArray, shown: FloatArray) -> None:
+        """The way back: ln tau_i and the scores of mu_i into their columns."""
+        u[:, list(self.places)] = where
+        u[:, list(self.sizes)] = (shown + self.hidden(where) - self.intercepts) / self.slopes
+
+    @property
+    def _log_slopes(self) -> float:
+        """Log of the Jacobian of ln mu by the scores."""
+        return float(np.log(np.abs(self.slopes)).sum())
+
+
+@dataclass(frozen=True)
+class Shares(Parts):
+    """Coordinates in place of where parts are and of the scores of how large they are.
+
+    Attributes
+    ----------
+    spread : the distance of neighbours is counted in what it adds to the standard deviation of
+        places, s_i = (W_i (1 - W_i))^(1/2) (ln tau_{i+1} - ln tau_i), W_i = sum_{j <= i} w_j: of
+        two parts it is that standard deviation, and the ridge along which the smaller one goes
+        out, the further the smaller, is the line of constant s.
+    """
+
     spread: bool = False
 
     def straighten(self, u: FloatArray) -> FloatArray:
         """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
         places, sizes = list(self.places), list(self.sizes)
-        where = u[:, places]
-        shown = self.intercepts + self.slopes * u[:, sizes] - self.hidden(where)
+        where, shown = self._places_and_shown(u)
         largest = shown.max(axis=1, keepdims=True)
         total = largest + np.log(np.exp(shown - largest).sum(axis=1, keepdims=True))
         log_factors = self._log_factors(shown - total)
@@ -63,7 +87,7 @@ class Shares:
         u[:, places[1:]] = np.diff(where, axis=1) * np.exp(log_factors)
         u[:, sizes[0]] = total[:, 0]
         u[:, sizes[1:]] = np.diff(shown, axis=1)
-        return log_factors.sum(axis=1) + np.log(np.abs(self.slopes)).sum()
+        return log_factors.sum(axis=1) + self._log_slopes
 
     def bend(self, u: FloatArray) -> None:
         """Undo it."""
@@ -77,8 +101,7 @@ class Shares:
         mean = (np.exp(log_shares) * steps).sum(axis=1, keepdims=True)
         where = u[:, [places[0]]] - mean + steps
         shown = u[:, [sizes[0]]] + log_shares
-        u[:, places] = where
-        u[:, sizes] = (shown + self.hidden(where) - self.intercepts) / self.slopes
+        self._put(u, where, shown)
 
     def _log_factors(self, log_shares: FloatArray) -> FloatArray:
         """Of the distances (W, n - 1), given the shares' logarithms (W, n)."""

@@ -41,7 +41,7 @@ def shown_for(experiment: Experiment) -> float:
 
 def unit_shares(
     target: LogPosterior, free: frozenset[int], logarithms: frozenset[int]
-) -> list[Shares]:
+) -> list[Shares | NestedShares]:
     """One for each group of units that have one log-normal modulus each.
 
     From `MANY` on each unit is counted against all slower ones together.
@@ -55,7 +55,7 @@ def unit_shares(
     if target.system.units_add is None or not durations:
         return []
     sign = 1.0 if target.system.units_add == "moduli" else -1.0
-    found: list[Shares] = []
+    found: list[Shares | NestedShares] = []
     for units in units_of(target.prior):
         times, *companions = (tuple(row.tolist()) for row in units.columns)
         if len(companions) != 1 or not logarithms.issuperset(times):
