@@ -24,7 +24,7 @@ CAPTION = (
     "share of the variance that a parameter explains alone; total: its share with all "
     "interactions. Bars end in 95 % intervals, an arrow where one goes on beyond the axis. The "
     "indices hold for the central region of the prior named above, in which hardly any model run "
-    "fails."
+    "fails. Of a prior handed on by another study the normal with its mean and covariance is taken."
 )
 COLUMNS = 4
 END = 1.05
