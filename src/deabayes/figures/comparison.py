@@ -78,8 +78,9 @@ def _criterion(
         colour = style.VERMILLION if name == reference else style.BLUE
         ax.errorbar(difference[name], row, xerr=width[name] or None, fmt="o", color=colour,
                     capsize=2, elinewidth=0.8)  # fmt: skip
-    ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
     shown = difference[converged].dropna()
+    if not shown.empty:
+        ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
     if shown.empty:
         ax.set_xticks([])
     elif np.ptp(np.append(shown, 0)) > WIDE:
@@ -121,5 +122,6 @@ def _verdict(table: pd.DataFrame, reference: str) -> str:
     verdicts = table["verdict"].astype(str)
     text = f"{reference}: {verdicts[reference]}"
     if verdicts.str.startswith(NOT_RANKED).all():
-        text = "no candidate is ranked; " + "; ".join(f"{n}: {v}" for n, v in verdicts.items())
+        why = verdicts.str.removeprefix(f"{NOT_RANKED}: ")
+        text = "no candidate is ranked. " + "; ".join(f"{n}: {v}" for n, v in why.items())
     return "\n".join(textwrap.wrap(text, 130))
