@@ -57,6 +57,33 @@ def test_a_triangle_keeps_its_corners():
     np.testing.assert_allclose(few.at(inside), np.interp(inside, time, triangle), atol=1e-9)
 
 
+@pytest.mark.parametrize("hold", [1.0, 60.0, 1000.0])
+def test_a_last_row_far_behind_dense_ones_is_reached_by_a_line(hold: float) -> None:
+    time = np.append(np.linspace(0.0, 2.0, 201), 2.0 + hold)
+    rise = np.minimum(2e3 * time / 2.0, 2e3)
+    for volts in (rise, 2e3 * np.sin(np.pi * np.minimum(time, 2.25))):
+        found = drive(time, volts, 0.0, 2.0 + hold, 1e-7)
+        inside = np.linspace(2.0, 2.0 + hold, 301)
+        np.testing.assert_allclose(found.at(inside), np.interp(inside, time, volts), atol=1e-3)
+
+
+@pytest.mark.parametrize("missing", [25, 50, 100])
+def test_where_a_monitor_dropped_out_the_voltage_is_linear(missing: int) -> None:
+    driven = sine(0.05, 5, 100)
+    kept = np.r_[0:130, 130 + missing : 501]
+    found = drive(driven.coordinate[kept], driven.values[kept], 0.0, 100.0, 1e-7)
+    time = np.linspace(0.0, 100.0, 3001)
+    lines = np.interp(time, driven.coordinate[kept], driven.values[kept])
+    assert np.max(np.abs(found.at(time) - lines)) < 2e-3 * 2e3
+
+
+def test_the_voltage_before_the_first_knot_is_stated():
+    time = np.linspace(0.0, 1.0, 201)
+    found = drive(time, 5e3 * np.cos(2 * np.pi * time), -0.5, 1.0, 1e-7, before=5e3)
+    np.testing.assert_allclose(found.at(np.array([-0.5, -0.01, 0.0])), 5e3, rtol=1e-6)
+    np.testing.assert_array_equal(found.restart[1:], 0)
+
+
 def test_noise_of_the_monitor_is_smoothed_not_followed():
     rng = np.random.default_rng(4)
     time = np.arange(4001) * 0.05

@@ -100,6 +100,8 @@ def test_prehistory_of_equilibrium_stays_where_it_is():
     found = structure().predict(driven, times, "displacement", draws)[0]
     angle = structure().structure(draws).equilibrium(4e3)[0]
     assert found == pytest.approx(LENGTH * (np.cos(angle) - np.cos(REST)), rel=1e-8)
+    early = structure().predict(driven, times - 1.0, "displacement", draws)[0]
+    assert early == pytest.approx(found, rel=1e-8), "before the first knot, too"
     with pytest.raises(UserError, match="prehistory"):
         structure().simulator(voltage([0, 1], [1, 1], prehistory="long"), times, "displacement")
 

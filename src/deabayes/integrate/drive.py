@@ -73,8 +73,9 @@ def drive(
     last: float,
     tolerance: float,
     noisy: bool = False,
+    before: float = 0.0,
 ) -> Drive:
-    """Pieces of a voltage that is zero before its first knot, and constant after its last.
+    """Pieces of a voltage, constant before its first knot and after its last.
 
     Parameters
     ----------
@@ -83,9 +84,10 @@ def drive(
     tolerance : of the voltage relative to its peak; what the knots themselves leave open adds
         to it: a little of what straight lines cut off a smooth curve and, where they are
         `noisy`, their scatter about it.
+    before : voltage before the first knot [V].
     """
     peak = float(np.max(np.abs(volts)))
-    knots, volts = _spanning(knots, volts, first, last)
+    knots, volts = _spanning(knots, volts, (first, last), before)
     bend = float(np.median(np.abs(np.diff(volts, 2)))) if volts.size > 2 else 0.0
     noise = scatter(knots, volts) if noisy else 0.0
     allowed = tolerance * peak + CUT_OFF * bend, noise
@@ -125,13 +127,14 @@ def scatter(knots: FloatArray, volts: FloatArray) -> float:
 
 
 def _spanning(
-    knots: FloatArray, volts: FloatArray, first: float, last: float
+    knots: FloatArray, volts: FloatArray, span: tuple[float, float], before: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Knots from `first` to `last` at least, at least two distinct."""
-    if volts[0] != 0.0 or first < knots[0]:
-        before = min(first, knots[0])
-        knots, volts = np.r_[before, knots[0], knots], np.r_[0.0, 0.0, volts]
-        if before == knots[1]:
+    """Knots over the span at least, at least two distinct."""
+    first, last = span
+    if volts[0] != before or first < knots[0]:
+        start = min(first, knots[0])
+        knots, volts = np.r_[start, knots[0], knots], np.r_[before, before, volts]
+        if start == knots[1]:
             knots, volts = knots[1:], volts[1:]
     if last > knots[-1] or knots[-1] == knots[0]:
         knots, volts = np.append(knots, max(last, knots[-1] + 1.0)), np.append(volts, volts[-1])

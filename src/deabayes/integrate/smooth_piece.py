@@ -11,6 +11,8 @@ from deabayes.experiment import FloatArray
 DEGREE = 5
 LARGEST_SCATTER = 5.0
 """Knots may lie this many times their scatter about a smooth curve from the polynomial."""
+LONGEST_GAP = 4.0
+"""Times the mean distance of the knots: a polynomial is bound to nothing in a longer gap."""
 EVEN = 1e-9
 """Knots this close to even spacing, over their span, share one basis."""
 _CHEBYSHEV_POWERS = np.zeros((DEGREE + 1, DEGREE + 1))
@@ -40,6 +42,8 @@ def fitted(
     x = (time - time[0]) / (time[-1] - time[0])
     if np.max(np.abs(x - np.arange(count + 1) / count)) < EVEN:
         basis, to_powers = _even_basis(count)
+    elif np.max(np.diff(x)) > LONGEST_GAP / count:
+        return None
     else:
         basis, to_powers = _basis(x)
     weights = basis.T @ values

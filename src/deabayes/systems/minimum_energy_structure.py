@@ -171,8 +171,8 @@ class MinimumEnergyStructure(System):
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])
         back = np.argsort(order)
-        history = self._history(excitation, times)
         held = self._held(excitation)
+        history = self._history(excitation, times, held)
 
         def simulate(draws: Draws) -> FloatArray:
             structure = self.structure(draws)
@@ -197,7 +197,7 @@ class MinimumEnergyStructure(System):
             )
         return float(excitation.values[0]) if prehistory == "equilibrium" else 0.0
 
-    def _history(self, excitation: Excitation, times: FloatArray) -> Drive:
+    def _history(self, excitation: Excitation, times: FloatArray, held: float) -> Drive:
         knots = np.asarray(excitation.coordinate, dtype=float)
         volts = np.asarray(excitation.values, dtype=float)
         if self.model.units == 0:
@@ -211,7 +211,7 @@ class MinimumEnergyStructure(System):
             raise UserError("excitation 'voltage': times must ascend; sort the record by time")
         tolerance = DRIVE_TOLERANCE * self.tolerance
         span = float(times[0]), float(times[-1])
-        return drive(knots, volts, *span, tolerance, noisy=excitation.noisy)
+        return drive(knots, volts, *span, tolerance, excitation.noisy, before=held)
 
     @property
     def cheap(self) -> bool:
