@@ -32,6 +32,9 @@ class Schedule:
     drift : of the median log density over five rounds, in its standard deviations, below
         which rounds end. Particles that have forgotten where along a thin ridge they were
         may still be far down its side.
+    crossed : independence proposals of each half of the particles are fitted to the other.
+        Fitted to those that they move they draw them together a little at every step, and a
+        ratio of normalising constants comes out too good (docs/statistics.md).
     """
 
     effective_share: float = 0.5
@@ -41,6 +44,7 @@ class Schedule:
     final_forgotten: float = 0.1
     final_rounds: tuple[int, int] = (10, 60)
     drift: float = 0.1
+    crossed: bool = False
 
 
 class Cloud:
@@ -57,6 +61,7 @@ class Cloud:
         self.z, self.rng, self._guide = z, rng, guide
         self._log_base, self._log_increment = log_base, log_increment
         self.base, self.increment = self._densities(z)
+        self._half = np.zeros(len(z), dtype=int)
 
     def _densities(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         base = np.asarray(self._log_base(z), dtype=float)
@@ -64,22 +69,27 @@ class Cloud:
         usable = np.isfinite(base) & np.isfinite(increment)
         return np.where(usable, base, -np.inf), np.where(usable, increment, -np.inf)
 
-    def proposal(self, schedule: Schedule) -> Proposal:
-        """One fitted to the particles as they are."""
-        return fit(self.z, schedule.components, self.rng, coordinates=self._guide.coordinates)
+    def proposals(self, schedule: Schedule) -> tuple[Proposal, ...]:
+        """Fitted to the particles as they are: to all of them, or one to each half."""
+        self._half = _dealt(self.z, self.rng) if schedule.crossed else np.zeros_like(self._half)
+        halves = [self.z[self._half == half] for half in np.unique(self._half)]
+        coordinates = self._guide.coordinates
+        return tuple(
+            fit(z, schedule.components, self.rng, coordinates=coordinates) for z in halves
+        )
 
     def resample(self, step: float) -> None:
         usable = np.isfinite(self.increment)
         largest = self.increment[usable].max()
         chosen = systematic(np.exp(step * (self.increment - largest)), self.rng)
         self.z, self.base = self.z[chosen], self.base[chosen]
-        self.increment = self.increment[chosen]
+        self.increment, self._half = self.increment[chosen], self._half[chosen]
 
-    def forget(self, beta: float, schedule: Schedule, proposal: Proposal) -> int:
+    def forget(self, beta: float, schedule: Schedule, proposals: Sequence[Proposal]) -> int:
         """Move until the start is forgotten; the number of rounds made.
 
-        The proposal is that of the density before: wider, and fitted to particles of which
-        none is another's copy. It is refitted as rounds go on.
+        The proposals are those of the density before: wider, and fitted to particles of which
+        none is another's copy. They are refitted as rounds go on.
         """
         last = beta == 1.0
         fewest, most = schedule.final_rounds if last else schedule.rounds
@@ -88,8 +98,8 @@ class Cloud:
         levels: list[tuple[float, float]] = []
         for made in range(1, most + 1):
             if made % REFIT_ROUNDS == 0:
-                proposal = self.proposal(schedule)
-            self._move(beta, proposal)
+                proposals = self.proposals(schedule)
+            self._move(beta, proposals)
             density = self.base + beta * self.increment
             levels.append((float(np.median(density)), float(density.std())))
             forgotten = made >= fewest and _largest_correlation(start, self.z) < limit
@@ -97,11 +107,12 @@ class Cloud:
                 return made
         return most
 
-    def _move(self, beta: float, proposal: Proposal) -> None:
+    def _move(self, beta: float, proposals: Sequence[Proposal]) -> None:
         """One round: every kind of move once."""
         self._differential_evolution(beta)
-        self._independence(beta, proposal)
-        for _, lines in proposal.lines:
+        for half, proposal in enumerate(reversed(proposals)):
+            self._independence(beta, proposal, np.flatnonzero(self._half == half))
+        for _, lines in proposals[0].lines:
             self._along(beta, lines)
         if self._guide.hop is not None:
             proposed, factor = self._guide.hop(self.z, self.rng)
@@ -163,10 +174,10 @@ class Cloud:
         step = gamma[:, None] * (resting[first] - resting[second])
         return step + 1e-9 * self.rng.standard_normal(step.shape)
 
-    def _independence(self, beta: float, proposal: Proposal) -> None:
-        proposed = proposal.sample(self.rng, len(self.z))
-        factor = proposal.log_density(self.z) - proposal.log_density(proposed)
-        self._accept(np.arange(len(self.z)), proposed, factor, beta)
+    def _independence(self, beta: float, proposal: Proposal, moving: NDArray[np.intp]) -> None:
+        proposed = proposal.sample(self.rng, len(moving))
+        factor = proposal.log_density(self.z[moving]) - proposal.log_density(proposed)
+        self._accept(moving, proposed, factor, beta)
 
 
 def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -174,6 +185,17 @@ def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp
     points = (np.arange(len(weights)) + rng.random()) / len(weights)
     cumulative = np.cumsum(weights) / weights.sum()
     return np.minimum(np.searchsorted(cumulative, points, side="right"), len(weights) - 1)
+
+
+def _dealt(z: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Which of two halves each particle (P, d) is of, (P,); copies are of the same.
+
+    All are of one where they are copies of too few to fit two proposals to.
+    """
+    _, copies = np.unique(z, axis=0, return_inverse=True)
+    different = int(copies.max()) + 1
+    halves = 2 if different >= 4 * z.shape[1] else 1
+    return np.asarray(rng.permutation(different)[copies] % halves)
 
 
 def _steady(levels: Sequence[tuple[float, float]], drift: float) -> bool:

@@ -125,9 +125,9 @@ def anneal(
         betas.append(1.0 if step >= 1.0 - betas[-1] else betas[-1] + step)
         ratio += log_mean
         passed.append(cloud.z.copy())
-        proposal = cloud.proposal(schedule)
+        proposals = cloud.proposals(schedule)
         cloud.resample(step)
-        rounds += cloud.forget(betas[-1], schedule, proposal)
+        rounds += cloud.forget(betas[-1], schedule, proposals)
         if report is not None:
             report(betas[-1], rounds)
     broad = passed[-1]
