@@ -231,7 +231,8 @@ def _split(study: Study, column: str | None) -> list[Study]:
     """One study per value of `column` of experiments.csv, or the study itself without one."""
     if column is None:
         return [study]
-    from deabayes.reading.table import read_table, values_of
+    from deabayes.reading.selection import values_of
+    from deabayes.reading.table import read_table
 
     rows = read_table(study.specimen)
     parts = []
