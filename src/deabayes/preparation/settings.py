@@ -43,7 +43,7 @@ class Settings:
         """Whether the step is for another record or response than this one."""
         row = self.record.row
         mine = {"record": row.name, "response": row.response}
-        return any(self.has(key) and self.values[key] != own for key, own in mine.items())
+        return any(self.has(key) and str(self.values[key]) != own for key, own in mine.items())
 
     def quantity(self, key: str, unit: str, default: float | None = None) -> float:
         """A quantity in SI; `unit` is what its dimension must be."""
