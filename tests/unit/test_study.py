@@ -237,6 +237,25 @@ def test_an_empty_list_holds_nothing_out(config: Path) -> None:
     assert held_out(None) == [row.name for row in rows if row.role == "validate"] != []
 
 
+def test_studies_of_one_protocol_or_response(config: Path) -> None:
+    from deabayes.checks.study import check_study
+    from deabayes.reading.selection import selected
+    from deabayes.reading.table import read_table
+
+    entry = "{specimen: strip, candidates: [kv_gm_1], split_by: protocol}"
+    config.write_text(f"studies: {{s: {entry}}}")
+    relaxation, load_unload = load_studies(config)
+    assert (relaxation.name, relaxation.select) == ("s_relaxation", {"protocol": "relaxation"})
+    rows = read_table(relaxation.specimen)
+    assert [row.name for row in selected(rows, load_unload.select)] == ["pull"]
+    config.write_text(
+        f"studies: {{s: {entry.replace('split_by: protocol', 'select: {response: force}')}}}"
+    )
+    (study,) = load_studies(config)
+    assert selected(rows, study.select) == rows
+    assert check_study(study)[0] == []
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

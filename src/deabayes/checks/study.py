@@ -21,7 +21,7 @@ from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.repeated import repeated_records
-from deabayes.reading.selection import in_roles, selected
+from deabayes.reading.selection import in_roles, selected, told_apart_by
 from deabayes.reading.specimen import system_class
 
 if TYPE_CHECKING:
@@ -157,14 +157,14 @@ def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Experi
 
 def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
     """Why no row has what `select` wants, column by column."""
-    columns = dict.fromkeys(key for row in read.table for key in row.metadata)
+    table = [told_apart_by(row) for row in read.table]
+    columns = dict.fromkeys(key for values in table for key in values)
     found = []
     for key, value in study.select.items():
         where = f"study {study.name}, select: {study.specimen}"
-        values = [str(row.metadata[key]) for row in read.table if key in row.metadata]
+        values = [str(each[key]) for each in table if key in each]
         if key not in columns:
-            hint = nearest(key, columns) if columns else "; remove it"
-            found.append(f"{where} has no column {key!r} in experiments.csv{hint}")
+            found.append(f"{where} has no column {key!r} in experiments.csv{nearest(key, columns)}")
         elif not selected(read.table, {key: value}):
             hint = nearest(value, dict.fromkeys(values))
             found.append(f"{where} has no experiment with {key} {value!r}{hint}")

@@ -67,7 +67,7 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
     """The rows a study uses, with the roles the study gives them.
 
     `calibrate` and `validate` of the study override the role column, `validate: []` with no
-    held-out record; `select` keeps the rows whose metadata column has the wanted value.
+    held-out record; `select` keeps the rows whose column has the wanted value.
     """
     kept = selected(rows, study.select)
     known = [row.name for row in kept]

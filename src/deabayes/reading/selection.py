@@ -12,29 +12,35 @@ from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.table import FILE, number_or_text, read_table
 
 
+def told_apart_by(row: ExperimentRow) -> dict[str, float | str]:
+    """Columns that `select` and `split_by` know -> the row's values."""
+    named = {"protocol": row.protocol, "excitation": row.excitation, "response": row.response}
+    return {**named, **row.metadata}
+
+
 def values_of(folder: Path, column: str) -> list[str]:
-    """The distinct values of a metadata column, in order of appearance (for `split_by`)."""
-    rows = read_table(folder)
-    if not any(column in row.metadata for row in rows):
-        known = dict.fromkeys(key for row in rows for key in row.metadata)
-        hint = nearest(column, known) if known else "; add it"
+    """The distinct values of a column, in order of appearance (for `split_by`)."""
+    rows = {row.name: told_apart_by(row) for row in read_table(folder)}
+    known = dict.fromkeys(key for values in rows.values() for key in values)
+    if column not in known:
+        hint = nearest(column, known)
         raise UserError(f"{Path(folder) / FILE}: has no column {column!r} to split by{hint}")
-    missing = [row.name for row in rows if column not in row.metadata]
+    missing = [name for name, values in rows.items() if column not in values]
     if missing:
         raise UserError(
             f"{Path(folder) / FILE}: column {column!r} is empty for {', '.join(missing)}; "
             "fill it in"
         )
-    return list(dict.fromkeys(str(row.metadata[column]) for row in rows))
+    return list(dict.fromkeys(str(values[column]) for values in rows.values()))
 
 
 def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[ExperimentRow]:
-    """The rows whose metadata columns have the wanted values, numbers by value (for `select`)."""
+    """The rows whose columns have the wanted values, numbers by value (for `select`)."""
     return [
         row
         for row in rows
         if all(
-            row.metadata.get(column) in (value, number_or_text(value))
+            told_apart_by(row).get(column) in (value, number_or_text(value))
             for column, value in wanted.items()
         )
     ]
