@@ -197,6 +197,11 @@ def test_steps_remember_settings_and_what_they_did() -> None:
             "more than 100000 bins; give a larger average.first_width",
         ),
         ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
+        (
+            {"excitation_knots": {"tolerance": "21 mm"}},
+            "excitation_knots.tolerance: 0.021 m is more than half of the range of the displacement, "
+            "0.0408 m",
+        ),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
         ({"delay": {"time": "-1 s"}}, "delay.time: must not be negative, found -1 s"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),
