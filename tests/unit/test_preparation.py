@@ -199,9 +199,15 @@ def test_steps_remember_settings_and_what_they_did() -> None:
         ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
         (
             {"excitation_knots": {"tolerance": "21 mm"}},
-            "excitation_knots.tolerance: 0.021 m is more than half of the range of the displacement, "
-            "0.0408 m",
+            "tolerance: 0.021 m is more than 0.0204 m, half of the displacement's range",
         ),
+        (
+            {"excitation_knots": {"tolerance": "1 mm", "fraction": 0.01}},
+            "excitation_knots: 'tolerance' and 'fraction' are given, and each stands in for the "
+            "other; remove one",
+        ),
+        ({"average": {"grid": "uniform", "points": 20, "width": "1 s"}}, "'points' and 'width'"),
+        ({"decimate": {"every": 7, "points": 20}}, "'every' and 'points' are given"),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
         ({"delay": {"time": "-1 s"}}, "delay.time: must not be negative, found -1 s"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),

@@ -30,14 +30,15 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
         its monitor's noise; default 0.001.
     """
     read = Settings("excitation_knots", settings, record, ("tolerance", "fraction"))
+    read.at_most_one("tolerance", "fraction")
     if read.has("tolerance"):
         tolerance = read.positive("tolerance", record.excitation_unit)
-        if tolerance > LARGEST_FRACTION * record.excitation_range:
+        most, unit = LARGEST_FRACTION * record.excitation_range, record.excitation_unit
+        if tolerance > most:
             raise UserError(
-                f"{read.where}.tolerance: {tolerance:.3g} {record.excitation_unit} is more than half "
-                f"of the range of the {record.row.excitation}, {record.excitation_range:.3g} "
-                f"{record.excitation_unit}, so that a step becomes a ramp; give a smaller one, or "
-                "`fraction`"
+                f"{read.where}.tolerance: {tolerance:.3g} {unit} is more than {most:.3g} {unit}, "
+                f"half of the {record.row.excitation}'s range, so that a step becomes a ramp; give a "
+                "smaller one, or `fraction`"
             )
     else:
         fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, LARGEST_FRACTION)

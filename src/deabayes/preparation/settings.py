@@ -39,6 +39,15 @@ class Settings:
         """Whether the key is given a value."""
         return self.values.get(key) is not None
 
+    def at_most_one(self, *keys: str) -> None:
+        """Refuse more than one of settings that each say the same in its own way."""
+        given = [key for key in keys if self.has(key)]
+        if len(given) > 1:
+            raise UserError(
+                f"{self.where}: {' and '.join(map(repr, given))} are given, and each stands in for "
+                "the other; remove one"
+            )
+
     def of_another(self) -> bool:
         """Whether the step is for another record or response than this one."""
         row = self.record.row
