@@ -59,7 +59,7 @@ class Study:
     predict_with: Mapping[str, str] = field(default_factory=dict)
     """Protocol -> ending of the candidate that predicts its held-out records (`_inertia`)."""
     select: Mapping[str, str] = field(default_factory=dict)
-    """Keep only the experiments whose metadata column equals the value (from `split_by`)."""
+    """Keep only the experiments whose column equals the value (from `split_by`)."""
     further_experiments: Mapping[str, Settings] = field(default_factory=dict)
     """Experiments that could be done next, each like a record with some factors."""
     evidence_check: Literal["nested"] | None = None
@@ -231,13 +231,14 @@ def _split(study: Study, column: str | None) -> list[Study]:
     """One study per value of `column` of experiments.csv, or the study itself without one."""
     if column is None:
         return [study]
-    from deabayes.reading.table import read_table, values_of
+    from deabayes.reading.selection import told_apart_by, values_of
+    from deabayes.reading.table import read_table
 
     rows = read_table(study.specimen)
     parts = []
     for value in values_of(study.specimen, column):
         # A name that no part knows stays in all, to be said.
-        others = {row.name for row in rows if str(row.metadata.get(column)) != value}
+        others = {row.name for row in rows if str(told_apart_by(row).get(column)) != value}
         parts.append(
             replace(
                 study,

@@ -45,6 +45,7 @@ PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
             {"select": {"note": "first", "stretch_rate_per_s": "0.05"}},
             ["no experiment with all of these values"],
         ),
+        ({"select": {"response": "fors"}}, ["no experiment with response 'fors'", "'force'?"]),
         ({"select": {"stretch_rate_per_s": "5e-2"}}, ["no record to calibrate on"]),
     ],
 )

@@ -66,6 +66,20 @@ def test_noise_of_the_monitor_is_no_current() -> None:
     assert np.abs(found[:, 1]).max() < 3e-5
 
 
+@pytest.mark.parametrize("missing", [25, 100, 900])
+def test_a_gap_is_no_smooth_curve(missing: int) -> None:
+    """It would be one of kilovolts that were never there, or a matrix without an inverse."""
+    kept = np.delete(np.arange(TIME.size), slice(500, 500 + missing))
+    volts, unit = 1250.0 * np.sin(OMEGA * TIME[kept]), {"time": "s", "voltage": "V", "current": "A"}
+    record = RawRecord(
+        {"time": TIME[kept], "voltage": volts, "current": volts * 1e-6}, unit, "ab" * 32
+    )
+    row = ExperimentRow("a", "sine", "a.csv", "calibrate", "voltage", "current", {})
+    gap = f"up to {(missing + 1) * 5e-4:.4g} s apart.* a piece of 0.01 s .*`from`"
+    with pytest.raises(UserError, match=gap):
+        prepare(row, record, TUBE, [SPLINE])
+
+
 def test_what_comes_before_stays_as_measured() -> None:
     experiment = electrical(SPLINE)
     time = experiment.excitation.coordinate

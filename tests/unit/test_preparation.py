@@ -52,6 +52,18 @@ def test_masks_hide_what_they_say(
     assert inside.all()
 
 
+@pytest.mark.parametrize(("noise", "step"), [(1e-4, 1e-5), (4e-4, 0.0), (3e-4, 1e-3)])
+def test_end_of_a_ramp_that_is_measured_with_noise(noise: float, step: float) -> None:
+    """A noise of a four-hundredth and a hundredth of the way, and a coarse sensor."""
+    record = relaxation(end=200.0)
+    time, displacement, force = record.columns.values()
+    read = displacement + noise * np.random.default_rng(1).normal(size=time.size)
+    read = np.round(read / step) * step if step else read
+    kept = prepared(raw(time, read, force), {"mask_ramp_end": {}}).coordinate
+    gone = np.setdiff1d(time, kept)
+    assert (gone.min(), gone.max()) == pytest.approx((2.9, 3.3), abs=0.05)
+
+
 def test_masked_times_keep_their_excitation() -> None:
     record = relaxation(end=20.0)
     step = {"mask_ramp_end": {"before": "1 s", "after": "1 s"}}
@@ -185,6 +197,17 @@ def test_steps_remember_settings_and_what_they_did() -> None:
             "more than 100000 bins; give a larger average.first_width",
         ),
         ({"excitation_knots": {"tolerance": "1 s"}}, "excitation_knots.tolerance"),
+        (
+            {"excitation_knots": {"tolerance": "21 mm"}},
+            "tolerance: 0.021 m is more than 0.0204 m, half of the displacement's range",
+        ),
+        (
+            {"excitation_knots": {"tolerance": "1 mm", "fraction": 0.01}},
+            "excitation_knots: 'tolerance' and 'fraction' are given, and each stands in for the "
+            "other; remove one",
+        ),
+        ({"average": {"grid": "uniform", "points": 20, "width": "1 s"}}, "'points' and 'width'"),
+        ({"decimate": {"every": 7, "points": 20}}, "'every' and 'points' are given"),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
         ({"delay": {"time": "-1 s"}}, "delay.time: must not be negative, found -1 s"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.strip_records import prepared, relaxation
+from tests.unit.strip_records import STRIP, prepared, relaxation
 
 from deabayes.faults import UserError
+from deabayes.preparation import prepare
 from deabayes.preparation.addressed import misaddressed
 from deabayes.reading.raw import ExperimentRow
 
@@ -30,6 +31,12 @@ def test_the_response_is_multiplied(settings: dict[str, object], factor: float) 
     assert experiment.steps[-1]["step"] == "scale"
 
 
+def test_a_record_may_be_called_by_a_number() -> None:
+    row = ExperimentRow("7", "relaxation", "a.csv", "calibrate", "displacement", "force", {})
+    experiment = prepare(row, RECORD, STRIP, [{"scale": {"by": -1, "record": 7}}])
+    np.testing.assert_array_equal(experiment.response, -FORCE)
+
+
 @pytest.mark.parametrize(
     ("step", "said"),
     [
@@ -48,6 +55,7 @@ def test_mistakes_are_said(step: dict[str, object], said: str) -> None:
 
 ROWS = [
     ExperimentRow("pull", "relaxation", "a.csv", "calibrate", "stretch", "force", {}),
+    ExperimentRow("7", "relaxation", "a.csv", "calibrate", "stretch", "force", {}),
     ExperimentRow("shake", "frequency_response", "b.csv", "calibrate", "frequency", "gain", {}),
 ]
 
@@ -59,6 +67,11 @@ ROWS = [
          "record has the name 'pul'; did you mean 'pull'?"),
         ("relaxation", {"record": "shake"}, "no relaxation record has the name 'shake'"),
         ("relaxation", {"response": "gain"}, "no relaxation record has the response 'gain'"),
+        ("relaxation", {"record": ["pull"]}, "scale.record: expected one record, found ['pull']; "
+         "write the step once for each"),
+        ("relaxation", {"response": {"is": "force"}}, "expected one response, found"),
+        ("relaxation", {"record": 7}, ""),
+        ("relaxation", {"record": 8}, "no relaxation record has the name '8'"),
         ("relaxation", {"record": "pull", "response": "force"}, ""),
         ("frequency_response", {"record": "shake_phase", "response": "phase"}, ""),
         ("load_unload", {"record": "pull"}, ""),

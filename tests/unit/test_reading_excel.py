@@ -126,6 +126,16 @@ def test_excel_rows_of_unlike_length(tmp_path: Path) -> None:
         read_record(path)
 
 
+@pytest.mark.parametrize("stated", [b"A1", b"A1:B3"])
+def test_excel_sheet_larger_than_it_says(tmp_path: Path, stated: bytes) -> None:
+    rows = [["time [s]", "voltage [kV]", "remark"], *zip(TIME, VOLTAGE_KV, "abc", strict=True)]
+    path = write_xlsx(tmp_path / "a.xlsx", [list(row) for row in rows])
+    rewritten(
+        path, lambda xml: re.sub(rb'<dimension ref="[^"]*"', b'<dimension ref="%s"' % stated, xml)
+    )
+    check(read_record(path))
+
+
 def test_excel_formulas_without_stored_values(tmp_path: Path) -> None:
     rows: list[list[object]] = [["time [s]", "force [N]"], [0, 1], ["=A2+1", "=2*B2"], ["=A3+1", 2]]
     path = write_xlsx(tmp_path / "a.xlsx", rows)

@@ -121,6 +121,24 @@ def test_one_decimal_comma_decides(tmp_path: Path, other: str) -> None:
     np.testing.assert_allclose(read_record(path).columns["voltage"], [1.25, decimal, 3.0])
 
 
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        (["0,5", "2.500"], r"data row 2: '2\.500' has a decimal point .* with a decimal comma"),
+        (["500", "2.500"], r"data row 2: '2\.500' has a decimal point .* separators of thousands"),
+        (["0,5", "1.250,5"], r"data row 2: '1\.250,5' is not a number \(1 such rows\)"),
+        (["0,5", "1.5.2024"], r"data row 2: '1\.5\.2024' is a date"),
+    ],
+)
+def test_points_among_decimal_commas(tmp_path: Path, cells: list[str], words: str) -> None:
+    """2.500 is two thousand and a half, or the other way round."""
+    path = tmp_path / "a.csv"
+    rows = [f"{i},5;{cell}\n" for i, cell in enumerate(cells)]
+    path.write_text(f"time [s];voltage [V]\n{''.join(rows)}", encoding="utf-8")
+    with pytest.raises(UserError, match=rf"a\.csv, column voltage, {words}"):
+        read_record(path, {"decimal": ","})
+
+
 def test_columns_that_change_places(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     swapped = PLAIN.replace("voltage [kV],displacement [mm]", "displacement [mm],voltage [kV]")

@@ -235,3 +235,57 @@ def test_an_empty_list_holds_nothing_out(config: Path) -> None:
     assert held_out(()) == []
     assert held_out(("pull",)) == ["pull"]
     assert held_out(None) == [row.name for row in rows if row.role == "validate"] != []
+
+
+def test_studies_of_one_protocol_or_response(config: Path) -> None:
+    from deabayes.checks.study import check_study
+    from deabayes.reading.selection import selected
+    from deabayes.reading.table import read_table
+
+    entry = "{specimen: strip, candidates: [kv_gm_1], split_by: protocol}"
+    config.write_text(f"studies: {{s: {entry}}}")
+    relaxation, load_unload = load_studies(config)
+    assert (relaxation.name, relaxation.select) == ("s_relaxation", {"protocol": "relaxation"})
+    rows = read_table(relaxation.specimen)
+    assert [row.name for row in selected(rows, load_unload.select)] == ["pull"]
+    config.write_text(
+        f"studies: {{s: {entry.replace('split_by: protocol', 'select: {response: force}')}}}"
+    )
+    (study,) = load_studies(config)
+    assert selected(rows, study.select) == rows
+    assert check_study(study)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"calibrate": None, "validate": ("relax",)}, ["no record to calibrate on"]),
+        ({"calibrate": ("pull",), "validate": None}, []),
+        ({"calibrate": None, "validate": None}, []),
+    ],
+)
+def test_a_listed_record_has_the_role_of_its_list(
+    config: Path, given: dict[str, tuple[str, ...] | None], words: list[str]
+) -> None:
+    """Where the other list is not given, the role column does not take it back."""
+    from dataclasses import replace
+
+    from deabayes.checks.study import used_rows
+    from deabayes.pipeline import select_rows
+    from deabayes.reading.folder import scan_folder
+
+    (study,) = load_studies(config)
+    study = replace(study, **given)  # type: ignore[arg-type]
+    read, _ = scan_folder(study.specimen)
+    assert read is not None
+    faults: list[str] = []
+    used = used_rows(study, read, faults)
+    roles = {row.name: row.role for row in used}
+    for role in ("calibrate", "validate"):
+        assert all(roles[name] == role for name in given[role] or ())
+    assert [word for fault in faults for word in words if word in fault] == words
+    if words:
+        with pytest.raises(UserError, match=words[0]):
+            select_rows(study, read.table)
+    else:
+        assert select_rows(study, read.table) == used

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,11 +21,11 @@ from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.repeated import repeated_records
+from deabayes.reading.selection import in_roles, selected, told_apart_by
 from deabayes.reading.specimen import system_class
-from deabayes.reading.table import selected
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment, Role
+    from deabayes.experiment import Experiment
     from deabayes.study import Study
     from deabayes.systems import System
 
@@ -140,38 +139,32 @@ def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Experi
         faults += _nothing_selected(study, read)
         return []
     known = [row.name for row in kept]
-    used: list[ExperimentRow] = []
-    listed: tuple[tuple[Role, tuple[str, ...] | None], ...]
-    listed = (("calibrate", study.calibrate), ("validate", study.validate))
-    for role, names in listed:
-        unknown = [name for name in names or () if name not in known]
-        faults += [
-            f"study {study.name}, {role}: {study.specimen} has no experiment {name!r}"
-            f"{nearest(name, known)}"
-            for name in unknown
-        ]
-        chosen = [row for row in kept if (row.role == role if names is None else row.name in names)]
-        taken = {row.name for row in used}
-        used += [replace(row, role=role) for row in chosen if row.name not in taken]
-        if role == "calibrate" and not chosen and not unknown:
-            by_role = "give one the role `calibrate` in experiments.csv"
-            todo = by_role if names is None else "name one of its records under `calibrate`"
-            faults.append(
-                f"study {study.name}: no record to calibrate on in {study.specimen}; {todo}"
-            )
+    unknown = [
+        f"study {study.name}, {role}: {study.specimen} has no experiment {name!r}"
+        f"{nearest(name, known)}"
+        for role, names in (("calibrate", study.calibrate), ("validate", study.validate))
+        for name in names or ()
+        if name not in known
+    ]
+    faults += unknown
+    used = in_roles(kept, study.calibrate, study.validate)
+    if not unknown and not any(row.role == "calibrate" for row in used):
+        by_role = "give one the role `calibrate` in experiments.csv"
+        todo = by_role if study.calibrate is None else "name one of its records under `calibrate`"
+        faults.append(f"study {study.name}: no record to calibrate on in {study.specimen}; {todo}")
     return used
 
 
 def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
     """Why no row has what `select` wants, column by column."""
-    columns = dict.fromkeys(key for row in read.table for key in row.metadata)
+    table = [told_apart_by(row) for row in read.table]
+    columns = dict.fromkeys(key for values in table for key in values)
     found = []
     for key, value in study.select.items():
         where = f"study {study.name}, select: {study.specimen}"
-        values = [str(row.metadata[key]) for row in read.table if key in row.metadata]
+        values = [str(each[key]) for each in table if key in each]
         if key not in columns:
-            hint = nearest(key, columns) if columns else "; remove it"
-            found.append(f"{where} has no column {key!r} in experiments.csv{hint}")
+            found.append(f"{where} has no column {key!r} in experiments.csv{nearest(key, columns)}")
         elif not selected(read.table, {key: value}):
             hint = nearest(value, dict.fromkeys(values))
             found.append(f"{where} has no experiment with {key} {value!r}{hint}")

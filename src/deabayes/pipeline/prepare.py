@@ -9,7 +9,7 @@ from pathlib import Path
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError, nearest
 from deabayes.reading.raw import ExperimentRow
-from deabayes.reading.table import selected
+from deabayes.reading.selection import in_roles, selected
 from deabayes.study import Study
 
 
@@ -67,7 +67,7 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
     """The rows a study uses, with the roles the study gives them.
 
     `calibrate` and `validate` of the study override the role column, `validate: []` with no
-    held-out record; `select` keeps the rows whose metadata column has the wanted value.
+    held-out record; `select` keeps the rows whose column has the wanted value.
     """
     kept = selected(rows, study.select)
     known = [row.name for row in kept]
@@ -78,19 +78,10 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
                     f"study {study.name}, {key}: {name!r} is no experiment of "
                     f"{study.specimen}{nearest(name, known)}"
                 )
-    by_role = {row.name: row.role for row in kept}
-    calibrate, validate = (
-        [name for name, own in by_role.items() if own == role] if names is None else names
-        for role, names in (("calibrate", study.calibrate), ("validate", study.validate))
-    )
-    if not calibrate:
+    used = in_roles(kept, study.calibrate, study.validate)
+    if not any(row.role == "calibrate" for row in used):
         raise UserError(
             f"study {study.name}: {study.specimen} has no record to calibrate on; give one the "
             "role `calibrate` in experiments.csv, or list names under `calibrate:`"
         )
-    chosen = [replace(row, role="calibrate") for row in kept if row.name in calibrate]
-    return chosen + [
-        replace(row, role="validate")
-        for row in kept
-        if row.name in validate and row.name not in calibrate
-    ]
+    return used

@@ -28,13 +28,19 @@ def misaddressed(
             known["record"] |= {f"{name}{PHASE}" for name in known["record"]}
             known["response"].add("phase")
         faults += [
-            f"preparation.{protocol}, {step}.{key}: no {protocol} record has the "
-            f"{'name' if key == 'record' else 'response'} {settings[key]!r}"
-            f"{nearest(str(settings[key]), sorted(names))}"
+            f"preparation.{protocol}, {step}.{key}: "
+            f"{_unknown(settings[key], key, protocol, sorted(names))}"
             for key, names in known.items()
-            if own and settings.get(key) is not None and settings[key] not in names
+            if own and settings.get(key) is not None and str(settings[key]) not in names
         ]
     return faults
+
+
+def _unknown(given: object, key: str, protocol: str, known: Sequence[str]) -> str:
+    if isinstance(given, list | tuple | Mapping):
+        return f"expected one {key}, found {given!r}; write the step once for each"
+    what = "name" if key == "record" else "response"
+    return f"no {protocol} record has the {what} '{given}'{nearest(str(given), known)}"
 
 
 def _settings_of(

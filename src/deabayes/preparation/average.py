@@ -76,6 +76,7 @@ def _geometric(record: WorkingRecord, read: Settings) -> FloatArray:
 
 def _uniform(record: WorkingRecord, read: Settings) -> FloatArray:
     """Edges of the uniform grid over the visible part of the record."""
+    read.at_most_one("points", "width")
     visible = record.coordinate[record.used]
     first, last = float(visible[0]), float(visible[-1])
     if read.has("width"):

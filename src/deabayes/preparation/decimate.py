@@ -20,6 +20,7 @@ def decimate(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
     points : about how many samples to keep.
     """
     read = Settings("decimate", settings, record, ("every", "points"))
+    read.at_most_one("every", "points")
     visible = np.flatnonzero(record.used)
     every = (
         read.count("every")

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from deabayes.faults import UserError
 from deabayes.preparation.polyline import polyline
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
 
-DEFAULT_FRACTION = 1e-3
+DEFAULT_FRACTION, LARGEST_FRACTION = 1e-3, 0.5
 MANY_KNOTS = 5000
 OVER_NOISE = 3.0
 
@@ -24,15 +25,23 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
 
     Settings
     --------
-    tolerance : in the excitation's unit, e.g. 0.05 mm; or
+    tolerance : in the excitation's unit, e.g. 0.05 mm, at most half of its range; or
     fraction : of the excitation's range, which begins at zero where a voltage is constant but for
         its monitor's noise; default 0.001.
     """
     read = Settings("excitation_knots", settings, record, ("tolerance", "fraction"))
+    read.at_most_one("tolerance", "fraction")
     if read.has("tolerance"):
         tolerance = read.positive("tolerance", record.excitation_unit)
+        most, unit = LARGEST_FRACTION * record.excitation_range, record.excitation_unit
+        if tolerance > most:
+            raise UserError(
+                f"{read.where}.tolerance: {tolerance:.3g} {unit} is more than {most:.3g} {unit}, "
+                f"half of the {record.row.excitation}'s range, so that a step becomes a ramp; give a "
+                "smaller one, or `fraction`"
+            )
     else:
-        fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, 0.5)
+        fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, LARGEST_FRACTION)
         tolerance = fraction * record.excitation_range
     knots = polyline(record.excitation_coordinate, record.excitation, tolerance)
     reduced = replace(

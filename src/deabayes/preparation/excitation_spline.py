@@ -47,6 +47,14 @@ def excitation_spline(record: WorkingRecord, settings: Mapping[str, object]) -> 
             f"{interval:g} {record.coordinate_unit}; each needs {SAMPLES_PER_PIECE}, change "
             "`interval` or `from`"
         )
+    gap = float(np.max(np.diff(time[smooth])))
+    if gap > interval:
+        raise UserError(
+            f"{read.where}: samples of the excitation are up to {gap:.4g} {record.coordinate_unit} "
+            f"apart, and over more than a piece of {interval:g} {record.coordinate_unit} the curve "
+            "would be free; begin behind the gap with `from`, cut the file before it, or use "
+            "`excitation_knots`"
+        )
     knots, curve = _spline(time[smooth], values[smooth], pieces, spacing)
     return replace(
         record,

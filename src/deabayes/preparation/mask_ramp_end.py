@@ -6,8 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from deabayes.experiment import FloatArray
+from deabayes.preparation.polyline import turns
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
+
+OVER_NOISE, OVER_STEP = 10.0, 2.0
+LARGEST_TURN = 0.25
+"""Share of the excitation's range that a turn need not exceed, whatever the noise."""
 
 
 def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
@@ -30,12 +36,22 @@ def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> Work
 
 
 def ramp_end(record: WorkingRecord) -> float:
-    """The last knot reached at more than half of the ramp's largest speed.
+    """The last turn reached at more than half of the ramp's largest speed.
 
     Speed is that of the excitation's departure from its first value, so the
-    way back of a triangle does not count, nor does a slow spring back.
+    way back of a triangle does not count, nor does a slow spring back. It is taken between turns
+    that stand out of the noise: from sample to sample noise would be the fastest.
     """
-    departure = np.abs(record.excitation - record.excitation[0])
-    speed = np.diff(departure) / np.diff(record.excitation_coordinate)
+    time, values = record.excitation_coordinate, record.excitation
+    knots = turns(time, values, min(_unseen(values), LARGEST_TURN * record.excitation_range))
+    departure = np.abs(values[knots] - values[0])
+    speed = np.diff(departure) / np.diff(time[knots])
     fast = np.flatnonzero(speed > 0.5 * speed.max())
-    return float(record.excitation_coordinate[fast[-1] + 1])
+    return float(time[knots[fast[-1] + 1]])
+
+
+def _unseen(values: FloatArray) -> float:
+    """How little a turn can stand out to be told from noise and from a digital sensor's steps."""
+    rough, steps = np.abs(np.diff(values, 2)), np.abs(np.diff(values))
+    noise = 1.4826 * float(np.median(rough)) / np.sqrt(6.0) if rough.size else 0.0
+    return max(OVER_NOISE * noise, OVER_STEP * float(np.min(steps[steps > 0.0], initial=np.inf)))

@@ -59,15 +59,22 @@ def corners(
 ) -> FloatArray:
     """Where an excitation turns: ends of ramps, steps, peaks of triangles.
 
-    The inner knots of a Ramer-Douglas-Peucker polyline (Douglas and Peucker
-    1973) within `tolerance`, which stand at the turns themselves;
-    the two knots of a jump within a sampling `interval` are one corner, at the later.
+    The inner ones of its `turns`; the two of a jump within a sampling `interval` are one corner,
+    at the later.
     """
-    thinned = polyline(coordinate, values, 0.1 * tolerance)
-    knots = thinned[_worst_first(coordinate[thinned], values[thinned], tolerance)]
+    knots = turns(coordinate, values, tolerance)
     inner = coordinate[knots[1:-1]]
     before_jump = np.diff(coordinate[knots[1:]]) <= 1.5 * interval
     return inner[~before_jump]
+
+
+def turns(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
+    """Indices of a Ramer-Douglas-Peucker polyline (Douglas and Peucker 1973) within `tolerance`.
+
+    Unlike the knots of `polyline` these stand at the turns themselves; ends are among them.
+    """
+    thinned = polyline(coordinate, values, 0.1 * tolerance)
+    return thinned[_worst_first(coordinate[thinned], values[thinned], tolerance)]
 
 
 def _worst_first(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:

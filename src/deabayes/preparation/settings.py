@@ -39,11 +39,20 @@ class Settings:
         """Whether the key is given a value."""
         return self.values.get(key) is not None
 
+    def at_most_one(self, *keys: str) -> None:
+        """Refuse more than one of settings that each say the same in its own way."""
+        given = [key for key in keys if self.has(key)]
+        if len(given) > 1:
+            raise UserError(
+                f"{self.where}: {' and '.join(map(repr, given))} are given, and each stands in for "
+                "the other; remove one"
+            )
+
     def of_another(self) -> bool:
         """Whether the step is for another record or response than this one."""
         row = self.record.row
         mine = {"record": row.name, "response": row.response}
-        return any(self.has(key) and self.values[key] != own for key, own in mine.items())
+        return any(self.has(key) and str(self.values[key]) != own for key, own in mine.items())
 
     def quantity(self, key: str, unit: str, default: float | None = None) -> float:
         """A quantity in SI; `unit` is what its dimension must be."""

@@ -38,6 +38,7 @@ HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
 """A number that is no number with the other decimal sign."""
+SWAPPED = str.maketrans(",.", ".,")
 CLOCK = re.compile(r"(\d{1,4}([-./])\d{1,2}\2\d{1,4}(?!\d)|\d+:[0-5]\d(?!\d)|\d+ days?\b)")
 """How a date, a time of day or a span of time begins, as loggers and Excel write them."""
 COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
@@ -64,11 +65,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds, before conversion: one array per column."""
+    """What a file holds, before conversion: one array per column.
+
+    `decimal` is the sign in numbers of columns that were left as texts.
+    """
 
     columns: Sequence[Column]
     arrays: Sequence[NDArray[Any]]
     faults: Sequence[str] = field(default_factory=tuple)
+    decimal: str = "."
 
 
 def from_header(cells: Iterable[object]) -> list[Column]:
@@ -148,7 +153,8 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
             faults.append(f"{where}: column {name!r} occurs twice; rename or remove one")
             continue
         try:
-            values[name] = _convert(column, array, channels.get(name), f"{where}, column {name}")
+            place = f"{where}, column {name}"
+            values[name] = _convert(column, array, channels.get(name), place, table.decimal)
             units[name] = channels.get(name) or si_unit(column.unit or "")
         except UserError as error:
             faults.append(str(error))
@@ -179,15 +185,18 @@ def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
 
 
 def _convert(
-    column: Column, array: NDArray[Any], expected_unit: str | None, where: str
+    column: Column, array: NDArray[Any], expected_unit: str | None, where: str, decimal: str
 ) -> FloatArray:
     if column.unit is None:
         raise UserError(f"{where}: no unit; write '{column.name} [{expected_unit or '1'}]'")
-    return to_si(numbers(array, where), column.unit, expected_unit, where) + column.offset
+    return to_si(numbers(array, where, decimal), column.unit, expected_unit, where) + column.offset
 
 
-def numbers(array: NDArray[Any], where: str) -> FloatArray:
-    """The array as floats; a text that is no number is named with its row."""
+def numbers(array: NDArray[Any], where: str, decimal: str = ".") -> FloatArray:
+    """The array as floats; a text that is no number is named with its row.
+
+    With a decimal comma, a text with a point (2.500, or 2500?) is none.
+    """
     if array.dtype.kind in "fiub":
         return np.asarray(array, dtype=float).ravel()
     if array.dtype.kind == "c" or (array.dtype.names and "imag" in array.dtype.names):
@@ -196,7 +205,8 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
 
     series = pd.Series(array.ravel(), dtype=object)
     try:
-        converted = pd.to_numeric(series, errors="coerce")
+        written = series if decimal == "." else series.map(_signs_swapped)
+        converted = pd.to_numeric(written, errors="coerce")
     except TypeError:  # of pandas, for structures in a cell array
         raise UserError(f"{where}: holds structures; save their fields as variables") from None
     bad = np.flatnonzero(converted.isna() & series.notna())
@@ -204,6 +214,10 @@ def numbers(array: NDArray[Any], where: str) -> FloatArray:
         found, rows = str(series[bad[0]]), f"({bad.size} such rows)"
         raise UserError(f"{where}, data row {bad[0] + 1}: {_no_number(found, rows)}")
     return np.asarray(converted, dtype=float)
+
+
+def _signs_swapped(cell: object) -> object:
+    return cell.translate(SWAPPED) if isinstance(cell, str) else cell
 
 
 def _no_number(found: str, rows: str) -> str:

@@ -73,7 +73,11 @@ def _rows(path: Path, calculated: bool) -> list[tuple[object, ...]]:
 
     workbook = load_workbook(path, read_only=True, data_only=calculated)
     try:
-        return [tuple(map(_content, row)) for row in workbook.worksheets[0].iter_rows()]
+        sheet = workbook.worksheets[0]
+        stated = sheet.max_column or 0
+        sheet.reset_dimensions()  # which some programs state too small: rows would be lost
+        rows = [tuple(map(_content, row)) for row in sheet.iter_rows()]
+        return [row + (None,) * (stated - len(row)) for row in rows]
     finally:
         workbook.close()
 

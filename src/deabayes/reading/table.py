@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -101,34 +101,6 @@ def _remedy(name: str, cell: str) -> str:
     return f"give one in {name.rpartition('_')[2]}, without its unit"
 
 
-def values_of(folder: Path, column: str) -> list[str]:
-    """The distinct values of a metadata column, in order of appearance (for `split_by`)."""
-    rows = read_table(folder)
-    if not any(column in row.metadata for row in rows):
-        known = dict.fromkeys(key for row in rows for key in row.metadata)
-        hint = nearest(column, known) if known else "; add it"
-        raise UserError(f"{Path(folder) / FILE}: has no column {column!r} to split by{hint}")
-    missing = [row.name for row in rows if column not in row.metadata]
-    if missing:
-        raise UserError(
-            f"{Path(folder) / FILE}: column {column!r} is empty for {', '.join(missing)}; "
-            "fill it in"
-        )
-    return list(dict.fromkeys(str(row.metadata[column]) for row in rows))
-
-
-def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[ExperimentRow]:
-    """The rows whose metadata columns have the wanted values, numbers by value (for `select`)."""
-    return [
-        row
-        for row in rows
-        if all(
-            row.metadata.get(column) in (value, _number_or_text(value))
-            for column, value in wanted.items()
-        )
-    ]
-
-
 def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]], str]:
     """Line numbers, header, cells and delimiter; empty lines and comments left out."""
     if not path.is_file():
@@ -174,11 +146,12 @@ def _content(header: list[str], values: list[str]) -> dict[str, Any]:
     content: dict[str, Any] = {}
     for name, cell in zip(header, values, strict=False):
         if name and cell:
-            content[name] = cell if name in texts else _number_or_text(cell)
+            content[name] = cell if name in texts else number_or_text(cell)
     return content
 
 
-def _number_or_text(cell: str) -> float | str:
+def number_or_text(cell: str) -> float | str:
+    """The number that a cell reads as, else its text."""
     try:
         return float(cell)
     except ValueError:

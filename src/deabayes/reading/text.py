@@ -164,7 +164,8 @@ def _read_columns(
             f"{path}: rows differ in their number of columns ({detail}; line 1 is the first "
             "data row); correct the row"
         ) from None
-    return Table(columns, [frame[index].to_numpy() for index in range(len(columns))])
+    arrays = [frame[index].to_numpy() for index in range(len(columns))]
+    return Table(columns, arrays, decimal=decimal)
 
 
 def _describe(delimiter: str) -> str:
