@@ -104,6 +104,30 @@ def test_a_failed_draw_is_a_row_of_nan_and_changes_no_other(spoiled):
     np.testing.assert_array_equal(found[[0, 1, 3, 4]], expected[[0, 1, 3, 4]])
 
 
+@pytest.mark.parametrize("candidate", ["gent", "kv_gm_1"])
+def test_a_spring_that_passes_its_limit_between_outputs_fails(candidate):
+    """I_1 - 3 is 6.67 at the peak, 10 s into the history; later outputs see 3.25 at most."""
+    history = excitation([0.0, 10.0, 20.0], [1.0, 3.0, 1.0])
+    limits = np.array([5.0, 7.0])
+    draws = some_draws(1, 2, J_alpha=limits)
+    if candidate == "gent":
+        draws = {"mu": draws["mu_alpha"], "J": limits}
+    system = strip(candidate)
+    after = system.predict(history, np.linspace(15.0, 20.0, 6), "nominal_stress", draws)
+    np.testing.assert_array_equal(np.isnan(after), [[True] * 6, [False] * 6])
+    before = system.predict(history, np.linspace(0.0, 5.0, 6), "nominal_stress", draws)
+    assert np.all(np.isfinite(before))
+
+
+def test_a_draw_passes_a_limit_by_its_own_gauge_length():
+    specimen = Specimen("s", "tensile_strip", {}, {"gauge_length": Quantity(0.1, "m", 0.01)})
+    history = excitation([0.0, 10.0, 20.0], [0.0, 0.2, 0.0], "displacement")
+    draws = {"mu": np.full(2, 3e4), "J": np.full(2, 7.0), "gauge_length": np.array([0.09, 0.1])}
+    system = strip("gent", specimen=specimen)
+    found = system.predict(history, np.array([19.0, 20.0]), "nominal_stress", draws)
+    np.testing.assert_array_equal(np.isnan(found[:, 0]), [True, False])
+
+
 def test_a_unit_that_needs_countless_steps_fails_instead_of_hanging():
     """A proposal far outside the prior: stiff units that relax within milliseconds."""
     far = {"mu_1": -2e-8, "alpha_1": -5.0, "mu_beta_1": 2e7, "mu_beta_2": 7e9}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ class StripRecord:
     duration, grid_stretch : (S,) grid steps [s] and (S + 1,) the stretch at their ends.
     first_output : (S + 1,) outputs of step s are first_output[s] to first_output[s + 1].
     order, position : (N,) outputs in ascending time, and where each lies in its step.
+    reached : smallest and largest stretch until the last output; empty without time.
     """
 
     stretch: FloatArray
@@ -34,13 +36,19 @@ class StripRecord:
     first_output: IndexArray
     order: IndexArray
     position: FloatArray
+    reached: FloatArray
+
+    @cached_property
+    def spring_stretch(self) -> FloatArray:
+        """Where the spring must hold: the outputs, then what was reached."""
+        return np.append(self.stretch, self.reached)
 
 
 def record_without_time(stretch: FloatArray) -> StripRecord:
     """A quasi-static record: the stretch at the outputs, and no steps."""
     none, no_index = np.empty(0), np.empty(0, dtype=np.intp)
     return StripRecord(
-        stretch, np.zeros_like(stretch), none, none, no_index, np.arange(stretch.size), none
+        stretch, np.zeros_like(stretch), none, none, no_index, np.arange(stretch.size), none, none
     )
 
 
@@ -64,14 +72,17 @@ def record_in_time(
     ascending = coordinate[order]
     step = np.clip(np.searchsorted(grid, ascending, side="right") - 1, 0, grid.size - 2)
     duration = np.diff(grid)
+    outputs = np.interp(coordinate, knots, stretch)
+    passed = np.append(stretch[knots <= ascending[-1]], outputs[order[-1]])
     return StripRecord(
-        stretch=np.interp(coordinate, knots, stretch),
+        stretch=outputs,
         rate=rate[segment],
         duration=duration,
         grid_stretch=np.interp(grid, knots[kept], stretch[kept]),
         first_output=np.searchsorted(step, np.arange(grid.size)),
         order=order,
         position=(ascending - grid[step]) / duration[step],
+        reached=np.array([np.min(passed), np.max(passed)]),
     )
 
 

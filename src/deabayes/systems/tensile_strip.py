@@ -117,7 +117,8 @@ class TensileStrip(System):
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).
 
-        A row is NaN where a draw passes a Gent limit or its integration fails.
+        A row is NaN where a draw passes a Gent limit, at an output or before, or its integration
+        fails.
 
         Raises
         ------
@@ -147,31 +148,28 @@ class TensileStrip(System):
         self, record: StripRecord, draws: Draws, gauge: FloatArray | None, deformation: str
     ) -> FloatArray:
         """Nominal stress (W, N); `gauge` (W,) scales strain and rate of each draw."""
-        stretch, rate = record.stretch, record.rate
-        if gauge is not None:
-            stretch, rate = 1.0 + column(gauge) * (stretch - 1.0), column(gauge) * rate
-        model = self.model
-        stress = model.spring.nominal_stress(stretch, model.spring_draws(draws), deformation)
-        if model.kelvin:
+        held = self._spring_stress(record.spring_stretch, draws, gauge, deformation)
+        held[~np.all(np.isfinite(held), axis=1)] = np.nan
+        stress = held[:, : record.stretch.size]
+        if self.model.kelvin:
+            rate = record.rate if gauge is None else column(gauge) * record.rate
             stress += column(draws["zeta_alpha"]) * rate
-        if model.units > 0:
+        if self.model.units > 0:
             peak = np.max(np.abs(stress), axis=1)
             if np.any(peak == 0.0):
-                passed = self._largest_of_history(record, draws, gauge, deformation)
-                peak = np.where(peak == 0.0, LEFT * passed, peak)
+                passed = self._spring_stress(record.grid_stretch, draws, gauge, deformation)
+                peak = np.where(peak == 0.0, LEFT * np.max(np.abs(passed), axis=1), peak)
             stress += self._unit_stress(record, draws, gauge, peak)
         return stress
 
-    def _largest_of_history(
-        self, record: StripRecord, draws: Draws, gauge: FloatArray | None, deformation: str
+    def _spring_stress(
+        self, stretch: FloatArray, draws: Draws, gauge: FloatArray | None, deformation: str
     ) -> FloatArray:
-        """Largest stress (W,) of the spring in the whole history."""
-        stretch = record.grid_stretch
+        """Nominal stress (W, N) of the spring at nominal stretches (N,)."""
         if gauge is not None:
             stretch = 1.0 + column(gauge) * (stretch - 1.0)
         model = self.model
-        stress = model.spring.nominal_stress(stretch, model.spring_draws(draws), deformation)
-        return np.asarray(np.max(np.abs(stress), axis=1))
+        return model.spring.nominal_stress(stretch, model.spring_draws(draws), deformation)
 
     def _unit_stress(
         self, record: StripRecord, draws: Draws, gauge: FloatArray | None, peak: FloatArray
