@@ -37,8 +37,8 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
         if tolerance > most:
             raise UserError(
                 f"{read.where}.tolerance: {tolerance:.3g} {unit} is more than {most:.3g} {unit}, "
-                f"half of the {record.row.excitation}'s range, so that a step becomes a ramp; give a "
-                "smaller one, or `fraction`"
+                f"half of the {record.row.excitation}'s range, so that a step becomes a ramp; "
+                "give a smaller one, or `fraction`"
             )
     else:
         fraction = read.number("fraction", DEFAULT_FRACTION, 0.0, LARGEST_FRACTION)

@@ -74,9 +74,7 @@ class Cloud:
         self._half = _dealt(self.z, self.rng) if schedule.crossed else np.zeros_like(self._half)
         halves = [self.z[self._half == half] for half in np.unique(self._half)]
         coordinates = self._guide.coordinates
-        return tuple(
-            fit(z, schedule.components, self.rng, coordinates=coordinates) for z in halves
-        )
+        return tuple(fit(z, schedule.components, self.rng, coordinates=coordinates) for z in halves)
 
     def resample(self, step: float) -> None:
         usable = np.isfinite(self.increment)
