@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from deabayes.sampling.cloud import Cloud
+from deabayes.sampling.cloud import Cloud, Schedule
 from deabayes.sampling.first_pass import WARM_UP_SCHEDULE
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.proposal_fit import fit
@@ -43,6 +43,18 @@ def test_particles_reach_the_bulk_where_the_noise_is_unknown():
     below = at_truth - np.median(found.log_increment)
     assert -3.0 < below < 3.0
     assert found.log_evidence > at_truth - 65.0
+
+
+@pytest.mark.parametrize(("different", "halves"), [(200, 2), (8, 2), (7, 1), (1, 1)])
+def test_copies_are_of_one_half_and_too_few_particles_of_one(different, halves):
+    rng = np.random.default_rng(6)
+    z = np.repeat(rng.standard_normal((different, 2)), 40, axis=0)
+    cloud = Cloud(z, log_standard_normal, lambda z: np.zeros(len(z)), rng, Guide())
+    assert len(cloud.proposals(Schedule(crossed=True))) == halves
+    half = cloud._half.reshape(different, 40)
+    assert (half == half[:, :1]).all()
+    assert half.mean() == (0.5 if halves == 2 else 0.0)
+    assert len(cloud.proposals(Schedule())) == 1
 
 
 def banana(z):

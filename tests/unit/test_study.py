@@ -259,7 +259,10 @@ def test_studies_of_one_protocol_or_response(config: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"calibrate": None, "validate": ("relax",)}, ["no record to calibrate on"]),
+        (
+            {"calibrate": None, "validate": ("relax",)},
+            ["name one of its records under `calibrate`, and not under `validate`"],
+        ),
         ({"calibrate": ("pull",), "validate": None}, []),
         ({"calibrate": None, "validate": None}, []),
     ],

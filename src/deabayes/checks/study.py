@@ -21,7 +21,7 @@ from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.repeated import repeated_records
-from deabayes.reading.selection import in_roles, selected, told_apart_by
+from deabayes.reading.selection import in_roles, none_to_fit, selected, told_apart_by
 from deabayes.reading.specimen import system_class
 
 if TYPE_CHECKING:
@@ -149,9 +149,8 @@ def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Experi
     faults += unknown
     used = in_roles(kept, study.calibrate, study.validate)
     if not unknown and not any(row.role == "calibrate" for row in used):
-        by_role = "give one the role `calibrate` in experiments.csv"
-        todo = by_role if study.calibrate is None else "name one of its records under `calibrate`"
-        faults.append(f"study {study.name}: no record to calibrate on in {study.specimen}; {todo}")
+        said = none_to_fit(study.specimen, study.calibrate, study.validate)
+        faults.append(f"study {study.name}: {said}")
     return used
 
 

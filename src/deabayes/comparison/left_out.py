@@ -11,7 +11,8 @@ from deabayes.posterior import LogPosterior
 from deabayes.sampling.cloud import LogDensity, Schedule
 from deabayes.sampling.smc import anneal, settle
 
-TURNING = Schedule(crossed=True)
+AT_THE_TURN = Schedule(crossed=True)
+"""Where draws settle without what is left out."""
 ON_THE_WAY = Schedule(final_rounds=(0, 0), crossed=True)
 """For a ratio of normalising constants: no draw at the end of the way counts."""
 
@@ -72,7 +73,7 @@ def left_out_log_density(
     """
     whole = _Whole(log_rest, log_left)
     _, responding = log_ratio_without(whole, whole.left, z, rng)
-    without = settle(responding, log_rest, rng, TURNING).particles
+    without = settle(responding, log_rest, rng, AT_THE_TURN).particles
     responds = np.isfinite(log_left(without))
     share = max(float(np.mean(responds)), 0.5 / len(without))
     start = np.where(responds[:, None], without, responding)

@@ -9,7 +9,7 @@ from pathlib import Path
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError, nearest
 from deabayes.reading.raw import ExperimentRow
-from deabayes.reading.selection import in_roles, selected
+from deabayes.reading.selection import in_roles, none_to_fit, selected
 from deabayes.study import Study
 
 
@@ -80,8 +80,6 @@ def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentR
                 )
     used = in_roles(kept, study.calibrate, study.validate)
     if not any(row.role == "calibrate" for row in used):
-        raise UserError(
-            f"study {study.name}: {study.specimen} has no record to calibrate on; give one the "
-            "role `calibrate` in experiments.csv, or list names under `calibrate:`"
-        )
+        said = none_to_fit(study.specimen, study.calibrate, study.validate)
+        raise UserError(f"study {study.name}: {said}")
     return used

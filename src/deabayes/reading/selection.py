@@ -46,6 +46,14 @@ def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[E
     ]
 
 
+def none_to_fit(folder: Path, calibrate: object, validate: object) -> str:
+    """What to say where no row is calibrated on, by the two lists of a study."""
+    todo = "give one the role `calibrate` in experiments.csv"
+    if calibrate is not None or validate:
+        todo = "name one of its records under `calibrate`, and not under `validate`"
+    return f"no record to calibrate on in {folder}; {todo}"
+
+
 def in_roles(
     rows: Iterable[ExperimentRow],
     calibrate: Collection[str] | None,
