@@ -10,6 +10,7 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, FloatArray
 
 RELAXATION_TIMES = (0.7, 9.0, 120.0, 900.0)
+MODULI = (26e3, 26e3, 11e3, 6e3)
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ def experiment_of(fake: Fake, index: int, protocol: str, rng: np.random.Generato
     }.get(protocol, np.linspace(0.1, 120, 160))
     amplitude = 1.5 + 0.5 * (index % 6)
     excitation = _drive(protocol, time, amplitude)
-    tau, mu = np.array(RELAXATION_TIMES), np.array([26e3, 26e3, 11e3, 6e3])
+    tau, mu = np.array(RELAXATION_TIMES), np.array(MODULI)
     clean = curve(time, excitation, 35e3, mu[None], tau[None])[0]
     if protocol == "load_unload":
         clean = clean + 3e3 * np.tanh(2 * np.gradient(excitation, time) * 1e2) * (excitation - 1)

@@ -6,13 +6,14 @@ and preparation/prepared.py write.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from tests.unit.fake_records import RELAXATION_TIMES, Fake, curve, experiment_of
+from tests.unit.fake_records import MODULI, RELAXATION_TIMES, Fake, curve, experiment_of
 from tests.unit.fake_tables import Draws, attributes_of, comparison, errors, summary_of
 
 from deabayes.experiment import Experiment, FloatArray
@@ -38,54 +39,38 @@ def write_study(folder: Path, fake: Fake | None = None, seed: int = 1) -> Path:
     return study
 
 
-def _draws(
-    fake: Fake, units: int, groups: Sequence[str], rng: np.random.Generator
-) -> dict[str, tuple[FloatArray, FloatArray, Mapping[str, str]]]:
-    """name -> posterior (CHAINS, DRAWS), prior (1, PRIOR_DRAWS), attributes."""
-    out: dict[str, tuple[FloatArray, FloatArray, Mapping[str, str]]] = {}
-    common = rng.standard_normal((CHAINS, DRAWS))
+class _MadeUp(NamedTuple):
+    """A parameter about `at`: sd of its logarithm in the posterior, and in the prior."""
 
-    def add(
-        name: str, symbol: str, unit: str, kind: str, at: float, sd: float, width: float
-    ) -> None:
-        z = 0.7 * common + 0.71 * rng.standard_normal((CHAINS, DRAWS))
-        if not fake.converged and name == "mu_alpha":
-            z = z + 3.0 * np.arange(CHAINS)[:, None]
-        prior = at * np.exp(0.3 * width + width * rng.standard_normal((1, PRIOR_DRAWS)))
-        attributes = {
-            "symbol": symbol,
-            "unit": unit,
-            "kind": kind,
-            "description": f"made-up {name.replace('_', ' ')}",
-            "prior": ""
-            if kind == "derived"
-            else f"log-normal, median {1.3 * at:.3g}, sigma {width:g}",
+    name: str
+    symbol: str
+    unit: str
+    kind: str
+    at: float
+    sd: float
+    width: float
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        prior = f"log-normal, median {1.3 * self.at:.3g}, sigma {self.width:g}"
+        return {
+            "symbol": self.symbol,
+            "unit": self.unit,
+            "kind": self.kind,
+            "description": f"made-up {self.name.replace('_', ' ')}",
+            "prior": "" if self.kind == "derived" else prior,
         }
-        out[name] = (at * np.exp(sd * z), prior, attributes)
 
-    add("mu_alpha", r"\mu_\alpha", "Pa", "material", 35e3, 0.01, 0.5)
-    add("zeta_alpha", r"\zeta_\alpha", "Pa*s", "material", 1e5, 0.48, 0.5)
-    for i in range(units):
-        add(
-            f"mu_beta_{i + 1}",
-            rf"\mu_{{\beta {i + 1}}}",
-            "Pa",
-            "material",
-            [26e3, 26e3, 11e3, 6e3][i],
-            0.03,
-            0.8,
-        )
-        add(
-            f"tau_beta_{i + 1}",
-            rf"\tau_{{\beta {i + 1}}}",
-            "s",
-            "material",
-            RELAXATION_TIMES[i],
-            0.05,
-            2.0,
-        )
-    add("thickness", "H", "m", "specimen", 1e-3, 0.019, 0.02)
-    add("mu_total", r"\mu_\mathrm{total}", "Pa", "derived", 60e3, 0.004, 0.6)
+
+def _parameters(fake: Fake, units: int, groups: Sequence[str]) -> Iterator[_MadeUp]:
+    yield _MadeUp("mu_alpha", r"\mu_\alpha", "Pa", "material", 35e3, 0.01, 0.5)
+    yield _MadeUp("zeta_alpha", r"\zeta_\alpha", "Pa*s", "material", 1e5, 0.48, 0.5)
+    for i, modulus, time in zip(range(1, units + 1), MODULI, RELAXATION_TIMES, strict=False):
+        symbols = rf"\mu_{{\beta {i}}}", rf"\tau_{{\beta {i}}}"
+        yield _MadeUp(f"mu_beta_{i}", symbols[0], "Pa", "material", modulus, 0.03, 0.8)
+        yield _MadeUp(f"tau_beta_{i}", symbols[1], "s", "material", time, 0.05, 2.0)
+    yield _MadeUp("thickness", "H", "m", "specimen", 1e-3, 0.019, 0.02)
+    yield _MadeUp("mu_total", r"\mu_\mathrm{total}", "Pa", "derived", 60e3, 0.004, 0.6)
     for group in groups:
         unit, s = ("1", 1 / 4e6) if group in ("sine", "creep") else ("Pa", 1.0)
         correlated = fake.correlated_noise * s
@@ -93,7 +78,22 @@ def _draws(
         for p in NOISE_MODELS[fake.noise]().parameters(unit, 1.0, 1.0):
             usual = (30.0, 0.3) if p.name.startswith("tau_") else (correlated, 0.2)
             at, sd = values.get(p.name, usual)
-            add(f"{group}.{p.name}", p.symbol, p.unit, "noise", at, sd, 1.0)
+            yield _MadeUp(f"{group}.{p.name}", p.symbol, p.unit, "noise", at, sd, 1.0)
+
+
+def _draws(
+    fake: Fake, units: int, groups: Sequence[str], rng: np.random.Generator
+) -> dict[str, tuple[FloatArray, FloatArray, Mapping[str, str]]]:
+    """name -> posterior (CHAINS, DRAWS), prior (1, PRIOR_DRAWS), attributes."""
+    out: dict[str, tuple[FloatArray, FloatArray, Mapping[str, str]]] = {}
+    common = rng.standard_normal((CHAINS, DRAWS))
+    for each in _parameters(fake, units, groups):
+        z = 0.7 * common + 0.71 * rng.standard_normal((CHAINS, DRAWS))
+        if not fake.converged and each.name == "mu_alpha":
+            z = z + 3.0 * np.arange(CHAINS)[:, None]
+        spread = 0.3 * each.width + each.width * rng.standard_normal((1, PRIOR_DRAWS))
+        posterior = each.at * np.exp(each.sd * z)
+        out[each.name] = posterior, each.at * np.exp(spread), each.attributes
     return out
 
 

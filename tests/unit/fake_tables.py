@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -97,10 +98,10 @@ def comparison(fake: Fake) -> pd.DataFrame:
     return table
 
 
-def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> dict[str, str]:
+def _convergence(fake: Fake) -> dict[str, Any]:
     disagree = Failed("r_hat", "mu_alpha", "R-hat 1.310 is not below 1.01", 1.31)
     failed = [] if fake.converged else [disagree]
-    convergence = {
+    return {
         "converged": fake.converged,
         "reasons": [str(each) for each in failed],
         "failed_gates": [asdict(each) for each in failed],
@@ -113,6 +114,21 @@ def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> 
         "ensembles": 4,
         "failures": {"evaluations": 100000, "failed": 20},
     }
+
+
+def _specimen(fake: Fake) -> dict[str, Any]:
+    return {
+        "name": fake.name,
+        "system": "tensile_strip",
+        "provenance": {"kind": fake.provenance, "source": "made up for a test", "licence": "none"},
+        "quantities": {
+            "cross_section": {"value": 1e-5, "unit": "m^2", "sd": None, "source": "made up"}
+        },
+        "instruments": {},
+    }
+
+
+def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> dict[str, str]:
     sampling = {"ensembles": 4, "walkers": 128, "ess": 400, "r_hat": 1.01}
     settings = {
         "name": fake.name,
@@ -126,26 +142,17 @@ def attributes_of(fake: Fake, units: int, experiments: Sequence[Experiment]) -> 
         for e in experiments
         if e.role == "calibrate"
     ]
-    specimen = {
-        "name": fake.name,
-        "system": "tensile_strip",
-        "provenance": {"kind": fake.provenance, "source": "made up for a test", "licence": "none"},
-        "quantities": {
-            "cross_section": {"value": 1e-5, "unit": "m^2", "sd": None, "source": "made up"}
-        },
-        "instruments": {},
-    }
     return {
         "study": json.dumps(settings),
         "study_name": fake.name,
         "candidate": f"kv_gm_{units}",
         "order": str(units),
         "system": "tensile_strip",
-        "specimen": json.dumps(specimen),
+        "specimen": json.dumps(_specimen(fake)),
         "provenance": fake.provenance,
         "noise": fake.noise,
         "experiments": json.dumps(records),
-        "convergence": json.dumps(convergence),
+        "convergence": json.dumps(_convergence(fake)),
         "warnings": json.dumps(list(fake.warnings)),
         "deabayes_version": "0.1.0",
     }
