@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from tests.unit.structures import LENGTH, REST, paper_draws, sine, structure, voltage
+from tests.unit.structures import (
+    LENGTH,
+    REST,
+    paper_draws,
+    sine,
+    specimen,
+    structure,
+    voltage,
+)
 
+from deabayes.experiment import Quantity
 from deabayes.faults import UserError
 from deabayes.systems.structure_kernel import DRY_SPEED
 
@@ -111,3 +120,36 @@ def test_without_voltage_it_rests(name):
     driven, draws = voltage([0.0, 3.0], [0.0, 0.0]), paper_draws(friction_force=1e-3)
     found = structure(name).predict(driven, np.linspace(0.0, 3.0, 9), "displacement", draws)
     assert np.max(np.abs(found)) < 1e-10, "more than the film's polynomial misses"
+
+
+def _little_stretched(exponent, rest=60.0):
+    """A film of pre-stretch 2 on links at a steep angle, and a draw with a single Ogden term."""
+    angle, stretch = np.radians(rest), 2.0
+    system = structure(
+        "ogden_1_units_1",
+        specimen=specimen(prestretch=Quantity(stretch, "1"), rest_angle=Quantity(angle, "rad")),
+    )
+    first = stretch * np.cos(angle)
+    modulus = 3e5 / (first**exponent - (1.0 / (stretch * first)) ** exponent)
+    values = {"mu_1": modulus, "alpha_1": exponent, "relative_permittivity": 3.0}
+    values |= {"k_1": 5.0, "tau_1": 0.5, "eta_0": 0.1}
+    return system, {name: np.array([value]) for name, value in values.items()}
+
+
+@pytest.mark.parametrize("exponent", [-5.0, 10.0])
+def test_a_little_stretched_film_moves_as_it_rests(exponent):
+    system, draws = _little_stretched(exponent)
+    rest = system.structure(draws).rest[0]
+    still = system.predict(voltage([0, 2], [0, 0]), np.linspace(0, 2, 9), "displacement", draws)
+    held = system.predict(voltage([0, 100], [2e3, 2e3]), [100.0], "displacement", draws)
+    angle = system.structure(draws).equilibrium(2e3)[0]
+    expected = LENGTH * (np.cos(angle) - np.cos(rest))
+    assert np.max(np.abs(still)) < 1e-5 * expected
+    assert held[0, 0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_film_that_no_polynomial_follows_fails():
+    """At 70 degrees lambda_z^10 grows by a factor of 60 within the last degrees."""
+    system, draws = _little_stretched(10.0, 70.0)
+    found = system.predict(voltage([0, 2], [0, 0]), np.linspace(0, 2, 9), "displacement", draws)
+    assert np.all(np.isnan(found))

@@ -7,6 +7,7 @@ import pytest
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.structures import (
     FILM,
+    REST,
     paper_draws,
     pull,
     specimen,
@@ -92,6 +93,20 @@ def test_a_draw_whose_film_asks_for_pushing_hinges_is_lost_alone():
     assert np.all(np.isfinite(found[0]))
     assert np.all(np.isnan(found[1]))
     assert "push" in AT_REST.why_failed(draws)[1]
+
+
+def test_a_draw_that_would_not_stay_at_its_rest_angle_has_no_force():
+    """Held by the load cell it would have one, but the specimen lay there before it was held."""
+    shared = {"mu_1": np.full(2, 1e5), "alpha_1": np.array([3.0, 0.1])}
+    draws = shared | {"relative_permittivity": np.full(2, 3.0)}
+    system = structure("ogden_1")
+    stiffness = system.structure(draws).stiffness(np.full(2, REST))
+    assert stiffness[0] > 0.0 > stiffness[1]
+    displacement = np.linspace(0.0, 0.01, 5)
+    found = system.predict(pull(displacement, 0.0), displacement, "force", draws)
+    assert np.all(np.isfinite(found[0]))
+    assert np.all(np.isnan(found[1]))
+    assert "unstable" in system.why_failed(draws)[1]
 
 
 def test_gravity_can_be_switched_off():

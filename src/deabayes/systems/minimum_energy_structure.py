@@ -272,7 +272,7 @@ class MinimumEnergyStructure(System):
         """Hinges that would have to push, no stable rest, or a bent branch that was left, (W,)."""
         structure = self.structure(draws)
         pushing = np.isnan(structure.hinge)
-        unstable = ~(structure.stiffness(structure.rest) > 0.0)
+        unstable = np.isnan(structure.stiffness_at_rest)
         words = np.where(unstable, "unstable at its rest angle", "left the bent branch")
         return np.where(pushing, "the film would need hinges that push", words)
 

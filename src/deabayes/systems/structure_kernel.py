@@ -30,7 +30,8 @@ from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray
 DEGREE = 5
 """Of the voltage in time on a piece."""
 FILM_DEGREE = 14
-"""Of P in cos theta: 3e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper."""
+"""Of P in cos theta: 3e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper. How
+steep an angle it serves in general: `structure_motion.followed`."""
 DRY_SPEED = 5e-4
 """v_s [m/s]: the speed below which dry friction is smoothed; strokes are 1 to 300 mm/s."""
 KINK = 0.03

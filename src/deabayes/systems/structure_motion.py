@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,12 @@ ROUNDING = 1e-13
 """Error [rad] below which none is asked of a step, as at hardly any voltage."""
 FIRST_STEP = 0.1
 """Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
+
+MISSED = 1e-6
+"""Of the film's stress at rest: what its polynomial may miss. The reference specimen's misses
+2.5e-9 at most with exponents from -5 to 10."""
+CUT, CUTS = 0.75, 9
+"""How far beyond rest a draw is followed of what was tried before, and how often that is tried."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +76,12 @@ def constants_of(
     stiffness, times = model.unit_draws(draws)
     total = positive(stiffness).sum(axis=1)
     lever = 2.0 * structure.length * np.sin(rest)
-    static = positive(structure.stiffness(rest))
-    stiff = static + lever**2 * total
+    stiff = structure.stiffness_at_rest + lever**2 * total
     slow = np.sqrt(structure.mass(rest) / stiff)
     friction = positive(draws["friction_force" if model.dry else "eta_0"])
     allowed = _allowed(structure, history, tolerance, friction, lever, stiff)
-    low, high = np.full_like(rest, FLATTEST), np.minimum(rest + STEEPER, STEEPEST)
-    middle, scale, film = film_polynomial(structure, low, high)
+    low = np.full_like(rest, FLATTEST)
+    high, (middle, scale, film, _) = followed(structure, low)
     none = np.zeros_like(rest)
     columns = (
         start, FIRST_STEP * slow, low, high,
@@ -120,27 +127,65 @@ def _allowed(
     return np.maximum(allowed, ROUNDING)
 
 
-def film_polynomial(
-    structure: Structure, low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """P = A_0 t_0 sigma B at zero voltage as a polynomial in z = scale (cos theta - middle).
+class FilmPolynomial(NamedTuple):
+    """P in powers of z = scale (cos theta - middle): the highest (W, FILM_DEGREE + 1) last.
+
+    `missed` (W,) [N] is what its two highest Chebyshev terms have, more than what it misses.
+    """
+
+    middle: FloatArray
+    scale: FloatArray
+    powers: FloatArray
+    missed: FloatArray
+
+
+def followed(structure: Structure, low: FloatArray) -> tuple[FloatArray, FilmPolynomial]:
+    """The steepest angle (W,) to which draws are followed, and the polynomial up to there.
+
+    A film that stiffens too steeply for a polynomial, as one of little pre-stretch does in
+    lambda_z^alpha, is followed less far beyond rest; NaN where it is missed right there.
+    """
+    rest = structure.rest
+    high = np.minimum(rest + STEEPER, STEEPEST)
+    allowed = MISSED * np.abs(_endless(structure).film(column(np.cos(rest)))[:, 0])
+    for _ in range(CUTS):
+        film = film_polynomial(structure, low, high)
+        poor = film.missed > allowed
+        if not poor.any():
+            return high, film
+        high = np.where(poor, rest + CUT * (high - rest), high)
+    return np.where(poor, np.nan, high), film
+
+
+def film_polynomial(structure: Structure, low: FloatArray, high: FloatArray) -> FilmPolynomial:
+    """P = A_0 t_0 sigma B at zero voltage as a polynomial in cos theta.
 
     B is the argument of a Gent spring, whose pole is left to the kernel; 1 for other springs.
 
     Interpolated at Chebyshev's nodes between the angles `low` and `high`, each draw's own, (W,).
-
-    Returns
-    -------
-    middle and scale (W,), and coefficients (W, FILM_DEGREE + 1), the highest power last.
     """
-    from deabayes.systems.structure_kernel import FILM_DEGREE
-
     top, bottom = np.cos(low), np.cos(high)
     middle, scale = 0.5 * (top + bottom), 2.0 / (top - bottom)
-    nodes = np.cos(np.pi * (np.arange(FILM_DEGREE + 1) + 0.5) / (FILM_DEGREE + 1))
-    to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
+    nodes, to_powers, last = _chebyshev()
     # einsum, as a product by BLAS would make a draw's last digits depend on its neighbours.
-    spring = structure.model.spring
-    endless = replace(structure, draws=spring.without_limit(structure.draws))
-    values = endless.film(column(middle) + nodes / column(scale))
-    return middle, scale, np.einsum("wn,pn->wp", values, to_powers)
+    values = _endless(structure).film(column(middle) + nodes / column(scale))
+    missed = np.abs(np.einsum("wn,pn->wp", values, last)).sum(axis=1)
+    return FilmPolynomial(middle, scale, np.einsum("wn,pn->wp", values, to_powers), missed)
+
+
+@cache
+def _chebyshev() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes, and what makes of values there the powers and the two highest Chebyshev terms."""
+    from deabayes.systems.structure_kernel import FILM_DEGREE
+
+    count = FILM_DEGREE + 1
+    angles = np.pi * (np.arange(count) + 0.5) / count
+    nodes = np.cos(angles)
+    to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
+    last = 2.0 / count * np.cos(np.outer([FILM_DEGREE - 1, FILM_DEGREE], angles))
+    return nodes, to_powers, last
+
+
+def _endless(structure: Structure) -> Structure:
+    """With a film whose stretch has no limit."""
+    return replace(structure, draws=structure.model.spring.without_limit(structure.draws))

@@ -31,7 +31,7 @@ FLATTEST = np.radians(3.0)
 """Below it the structure counts as flat: that equilibrium, near 1 degree, is unstable."""
 STEEPER = np.radians(25.0)
 STEEPEST = np.radians(80.0)
-"""The structure is followed to this much above its rest angle, never beyond 80 degrees."""
+"""The structure is followed to this much above its rest angle at most, never beyond 80 degrees."""
 BRANCH_POINTS = 200
 LOCK_UP = 0.995
 """Of the way from rest to where a Gent film locks, in cos theta: no branch is followed beyond."""
@@ -130,12 +130,14 @@ class Structure:
     def force(self, displacement: FloatArray, voltage: float) -> FloatArray:
         """Force [N] on what holds the slider, outwards, (W, N), at displacements (N,).
 
-        NaN beyond 2 L (1 - cos theta_0), where the links are stretched out.
+        NaN beyond 2 L (1 - cos theta_0), where the links are stretched out, and for a draw that
+        would not stay at its rest angle.
         """
         length = column(self.length)
         with np.errstate(invalid="ignore"):  # NaN beyond what the links reach
             angle = np.arccos(np.cos(column(self.rest)) + displacement / (2.0 * length))
-        return -self.moment(angle, voltage) / (2.0 * length * np.sin(angle))
+        stays = np.where(self.stiffness_at_rest > 0.0, 1.0, np.nan)
+        return -self.moment(angle, voltage) / (2.0 * length * np.sin(angle)) * column(stays)
 
     def squared_voltage(self, angle: FloatArray) -> FloatArray:
         """U^2 [V^2] at which the structure rests at these angles, (W, N)."""
@@ -170,7 +172,12 @@ class Structure:
             short = self.squared_voltage(column(middle))[:, 0] < voltage**2
             low, high = np.where(short, low, middle), np.where(short, middle, high)
         found = np.where(voltage == 0.0, self.rest, 0.5 * (low + high))
-        return np.where(above.any(axis=1) & np.isfinite(self.hinge), found, np.nan)
+        return np.where(above.any(axis=1) & (self.stiffness_at_rest > 0.0), found, np.nan)
+
+    @cached_property
+    def stiffness_at_rest(self) -> FloatArray:
+        """Of `stiffness` without voltage [N m], (W,); NaN where the rest angle is not stable."""
+        return positive(self.stiffness(self.rest))
 
     def mass(self, angle: FloatArray) -> FloatArray:
         """M = M_0 + C sin^2 theta [kg m^2], (W,)."""
