@@ -51,6 +51,8 @@ def test_a_replicate_is_decided_by_the_shipped_rule(monkeypatch):
         assert float(row[f"log_evidence:{order}"]) == pytest.approx(score.log_evidence, abs=1e-3)
         terms = np.array(row[f"terms:{order}"].split(), float)
         np.testing.assert_allclose(terms, score.loo.terms, atol=1e-3)
+        extent = float(row["noise_share"])
+        assert 0.2 * extent < float(row[f"correlated:{order}"]) + float(row[f"white:{order}"]) < 1
 
 
 def test_what_did_not_converge_is_not_ranked(monkeypatch):

@@ -90,6 +90,7 @@ def replicate(task: rows.Task) -> rows.Row:
         "signal": f"{seen:.2f}",
         **_specimen(truth, data),
         **{name: value for score in scores for name, value in _score(score).items()},
+        **{name: value for ranked, _ in fits for name, value in _noise(ranked).items()},
         "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
     }
 
@@ -167,6 +168,17 @@ def _score(score: Score) -> rows.Row:
         f"bic:{score.order}": f"{score.bic:.3f}",
         f"terms:{score.order}": " ".join(f"{term:.3f}" for term in terms),
         f"k_hat:{score.order}": f"{score.loo.k_hat.max():.2f}" if score.loo else "",
+    }
+
+
+def _noise(ranked: Ranked) -> rows.Row:
+    """What a candidate takes for correlated and for white noise, over the records' range."""
+    target, order = ranked.target, ranked.target.system.order
+    noise = target.noise_draws(target.draws(ranked.theta(STORED_DRAWS)), target.records[0].group)
+    extent = max(record.experiment.response_range for record in target.records)
+    return {
+        f"{word}:{order}": f"{np.median(noise[name]) / extent:.5f}"
+        for word, name in (("correlated", "sigma_ou"), ("white", "sigma_white"))
     }
 
 
