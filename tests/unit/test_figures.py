@@ -169,13 +169,15 @@ def test_axes_follow_the_protocol(measured: StudyResults, unconverged: StudyResu
 
 
 def test_noise_share_is_relative_to_the_records_variance(measured: StudyResults) -> None:
-    from deabayes.figures.noise_share import correlated_shares
+    from deabayes.figures.noise_share import correlated_shares, sizes
 
     results = measured.recommended
     name, shares = next(iter(correlated_shares(results).items()))
     observed = results.predictions[name]["observed"].values
     sigma = results.posterior[f"{results.noise_group(name)}.sigma_ou"].values
     assert shares["correlated"][1] == pytest.approx(np.median(sigma**2) / observed.var())
+    size = sizes(results)[name]["correlated"]
+    assert size == pytest.approx(np.median(sigma) / np.ptp(observed), rel=1e-3)
 
 
 def test_noise_of_ratios_is_relative_to_the_variance_of_the_logarithm(

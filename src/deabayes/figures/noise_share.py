@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,7 +52,28 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, FloatArray]]:
     """Record -> {`correlated`, `white`} -> (low, median, high) shares of the record's variance."""
-    shares: dict[str, Mapping[str, FloatArray]] = {}
+    return {
+        name: {kind: _quantiles(each / observed.var()) for kind, each in variances.items()}
+        for name, observed, variances in _explained(results)
+    }
+
+
+def sizes(results: CandidateResults) -> dict[str, Mapping[str, float]]:
+    """Record -> {`correlated`, `white`} -> standard deviation, as a share of the record's range."""
+    return {
+        name: {
+            kind: float(np.sqrt(_quantiles(each)[1]) / np.ptp(observed))
+            for kind, each in variances.items()
+        }
+        for name, observed, variances in _explained(results)
+    }
+
+
+def _explained(
+    results: CandidateResults,
+) -> Iterator[tuple[str, FloatArray, Mapping[str, FloatArray]]]:
+    """Each calibration record, its response (its logarithm where noise is proportional), and the
+    variances (S,) of correlated and white noise, where there is any."""
     for name, prediction in results.predictions.items():
         if prediction.attrs["role"] != "calibrate":
             continue
@@ -63,12 +84,9 @@ def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, Float
             observed = np.log(observed)
         weights = 1.0 / results.study.experiments[name].samples_averaged
         variances = results.noise.variances(results.noise_draws(name), weights)
-        shares[name] = {
-            kind: _quantiles(variance * scale**2 / observed.var())
-            for kind, variance in zip(("correlated", "white"), variances, strict=True)
-            if np.any(variance > 0.0)
-        }
-    return shares
+        named = dict(zip(("correlated", "white"), variances, strict=True))
+        present = {kind: each * scale**2 for kind, each in named.items() if np.any(each > 0.0)}
+        yield name, observed, present
 
 
 def _along_grid(results: CandidateResults) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 from deabayes.figures import SavedFigure
 from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.report import analyses, further, notices, populations, tables
+from deabayes.report import analyses, further, notices, orders, populations, tables
 from deabayes.report.images import Image, embed
 
 PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
@@ -76,8 +76,9 @@ def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str,
         "noise": best.attributes.get("noise", ""),
         "verdict": verdict(study),
         "records": tables.records(study),
-        "comparison": tables.comparison(study),
-        "nested": tables.asked_for_nested(study),
+        "comparison": orders.rows(study),
+        "nested": orders.asked_for_nested(study),
+        "may_hide": orders.may_hide(study),
         "comparison_figures": _embedded(of_study, ("comparison",), quality),
         "further": further.sentence(study),
         "further_rows": further.rows(study),
