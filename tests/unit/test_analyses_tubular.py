@@ -145,7 +145,7 @@ def test_a_circuit_that_only_predictions_use_counts():
     predicting = replace(fitted("voigt_kelvin_2"), predicts_with=wider)
     found = replace(one, candidates={"voigt_kelvin_2": predicting})
     (row,) = circuit.compute(found).tables["table_3_circuit"].to_dict("records")
-    assert (row["candidate"], row["order"]) == ("voigt_kelvin_2", 2)
+    assert (row["candidate"], row["order"]) == ("voigt_kelvin_2 (prior, not fitted)", 2)
 
 
 def test_amplifier_current_of_each_record():

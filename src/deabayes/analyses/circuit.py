@@ -16,7 +16,8 @@ SYSTEMS = ("tubular",)
 TITLE = "Circuit (Table III)"
 CAPTION = (
     "Series and leakage resistance, capacitance, and the time constants τe and R_S C: medians "
-    "with 5 to 95 % intervals; specimen.yaml: as stated, where no candidate has a circuit. Below "
+    "with 5 to 95 % intervals; specimen.yaml: as stated, where no candidate has a circuit; of one "
+    "that is only predicted with a circuit they are the prior's. Below "
     "R_S C by the paper's phase method (15), arctan(1/(R_S C ω)) = phase by which the current of "
     "a sine leads its voltage, with what rounding the phase allows, leakage neglected. A phase "
     "near π/2 says little: the paper's 1.56 rad at 10 Hz allows 0.09 to 0.25 ms."

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from deabayes.analyses import tubular_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
-from deabayes.analyses.summaries import interval, labels
-from deabayes.analyses.tubular_sources import STATED, Labels, having, prior_draws, stated
+from deabayes.analyses.summaries import interval
+from deabayes.analyses.tubular_sources import (
+    STATED,
+    Labels,
+    having,
+    prior_draws,
+    sourced,
+    stated,
+)
 from deabayes.experiment import FloatArray
 from deabayes.systems.inertial_parameter import moving_mass
 from deabayes.systems.tubular_base import MASSES
@@ -15,8 +22,9 @@ TITLE = "Inertial parameter (Table II)"
 CAPTION = (
     "M = (m_DE + m_LVDT + m_LOAD) L0/A0, (13), with m_DE the active mass and half of the rest, "
     "under the paper's loads and those of the records: medians with 5 to 95 % intervals. "
-    "specimen.yaml: from the masses and sizes as stated, before any record; a candidate with "
-    "inertia: from its posterior. The paper's own table is not in its text."
+    "specimen.yaml: from the masses and sizes as stated, before any record; a candidate that was "
+    "fitted with inertia: from its posterior; one that is only predicted with it: the mass from "
+    "its prior. The paper's own table is not in its text."
 )
 SIZES = ("cross_section", "active_length")
 GRAM = 1e-3
@@ -57,7 +65,7 @@ def _sources(context: StudyContext) -> list[tuple[Labels, dict[str, FloatArray]]
         if system is not None:
             names = ("moving_mass", *SIZES)
             drawn = {each: system.quantity(each, fitted.draws) for each in names}
-            found.append((labels(name, fitted), drawn))
+            found.append((sourced(name, fitted, system), drawn))
     return found
 
 

@@ -30,7 +30,7 @@ def circuits(context: StudyContext, rng: np.random.Generator) -> list[tuple[Labe
     for name, fitted in context.candidates.items():
         system = having(fitted, "circuit")
         if system is not None:
-            found.append((labels(name, fitted), system.circuit_of(fitted.draws)))
+            found.append((sourced(name, fitted, system), system.circuit_of(fitted.draws)))
     if found or not stated(context.specimen, CIRCUIT_SYMBOLS):
         return found
     drawn = prior_draws(context.specimen, CIRCUIT_SYMBOLS, rng)
@@ -43,6 +43,14 @@ def having(fitted: Fitted, part: str) -> TubularBase | None:
         if isinstance(system, TubularBase) and getattr(system, part):
             return system
     return None
+
+
+def sourced(name: str, fitted: Fitted, system: TubularBase) -> Labels:
+    """First columns of a row; of a part that was not fitted draws are still those of the prior."""
+    first = labels(name, fitted)
+    return (
+        first if system is fitted.system else first | {"candidate": f"{name} (prior, not fitted)"}
+    )
 
 
 def stated(specimen: Specimen, names: Iterable[str]) -> bool:
