@@ -132,7 +132,7 @@ def test_both_numbers_of_the_only_visible_unit_are_found():
 
     settings = Sampling(ensembles=1, walkers=32, particles=128, max_steps=3000)
     ensemble = run_ensemble(
-        log_likelihood, 4, settings, np.random.SeedSequence(2), guide=Guide(UnitHop.of(prior))
+        log_likelihood, 4, settings, np.random.SeedSequence(2), guide=Guide((UnitHop.of(prior),))
     )
     theta = prior.to_parameters(ensemble.chain.reshape(-1, 4))
     slower = np.log(10 / 0.6) / (np.log(10 / 0.6) + np.log(0.15 / 0.01))

@@ -84,7 +84,7 @@ def carried(
         lambda z: target(z) - begin.log_density(z),
         rng,
         schedule,
-        guide=replace(guide, hop=None),
+        guide=replace(guide, hops=()),
     )
     return joined(population, there, rng)
 

@@ -112,8 +112,8 @@ class Cloud:
             self._independence(beta, proposal, np.flatnonzero(self._half == half))
         for _, lines in proposals[0].lines:
             self._along(beta, lines)
-        if self._guide.hop is not None:
-            proposed, factor = self._guide.hop(self.z, self.rng)
+        for hop in self._guide.hops:
+            proposed, factor = hop(self.z, self.rng)
             self._accept(np.arange(len(self.z)), proposed, factor, beta)
 
     def _accept(

@@ -10,7 +10,9 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.elsewhere import Elsewhere
+from deabayes.sampling.film_moments import FilmMoments
 from deabayes.sampling.mixture import RandomSource
+from deabayes.sampling.term_trade import TermTrade
 from deabayes.sampling.unit_hop import UnitHop
 
 Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
@@ -19,20 +21,20 @@ Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True)
 class Guide:
-    """A proposal between modes, and coordinates in which a ridge is straight. Both may be missing.
+    """Proposals between modes, and coordinates in which a ridge is straight. Either may be missing.
 
     Nothing here changes what is sampled, only how fast.
 
     Attributes
     ----------
-    hop : see `unit_hop`; None where there is nothing to number anew.
+    hops : see `unit_hop` and `term_trade`; none where there is nothing to number anew.
     coordinates : in which maps begin.
     elsewhere : z (d,) -> places (K, d) from which other peaks may be climbed to; None for none.
     several : whether a step makes several independence proposals, which is worth it where many
         draws are solved for in hardly more time than a few.
     """
 
-    hop: Hop | None = None
+    hops: tuple[Hop, ...] = ()
     coordinates: Coordinates = field(default_factory=Coordinates)
     several: bool = False
     elsewhere: Elsewhere | None = None
@@ -41,9 +43,11 @@ class Guide:
     def of(cls, target: LogPosterior) -> Self:
         """That of a log-posterior over its prior's z."""
         stretches = target.system.largest_stretches([r.experiment for r in target.records])
-        hop = UnitHop.of(target.prior, stretches)
-        elsewhere = Elsewhere.of(target.prior)
-        return cls(hop, Coordinates.of(target), target.system.cheap, elsewhere)
+        hop, coordinates = UnitHop.of(target.prior, stretches), Coordinates.of(target)
+        films = (pair for pair in coordinates.pairs if isinstance(pair, FilmMoments))
+        trades = (TermTrade.of(target.prior, film) for film in films)
+        hops: list[Hop] = [] if hop is None else [hop]
+        return cls((*hops, *trades), coordinates, target.system.cheap, Elsewhere.of(target.prior))
 
 
 NO_GUIDE = Guide()

@@ -7,6 +7,7 @@ it as the negative control of the check that every move here passes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -124,13 +125,13 @@ class StraightenedMove(DifferentialEvolutionMove):
 
 
 class HopMove(MHMove):
-    """Metropolis-Hastings with proposals of a hop (see `unit_hop`), for all walkers at once."""
+    """Metropolis-Hastings with proposals of a hop (see `guide`), for all walkers at once."""
 
     def __init__(self, hop: Hop) -> None:
         super().__init__(hop)
 
 
-def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
+def recipe(frozen: Proposal, hops: Sequence[Hop] = ()) -> list[tuple[Any, float]]:
     """Independence proposals, differential evolution, and jumps between modes.
 
     Where the proposal straightens ridges, differential evolution follows them, half of it
@@ -139,8 +140,7 @@ def recipe(frozen: Proposal, hop: Hop | None = None) -> list[tuple[Any, float]]:
     """
     plain = Lines(frozen.coordinates)
     jumps: list[tuple[Any, float]] = [(StraightenedMove(plain, gamma0=1.0), 0.1)]
-    if hop is not None:
-        jumps.append((HopMove(hop), 0.1))
+    jumps += [(HopMove(hop), 0.1) for hop in hops]
     if not frozen.lines:
         return [(IndependenceMove(frozen), 0.5), *jumps, (StraightenedMove(plain), 0.4)]
     total = sum(weight for weight, _ in frozen.lines)
@@ -157,7 +157,7 @@ def build_sampler(
 ) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
     proposal = frozen if guide.several else replace(frozen, tries=1)
-    return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hop), vectorize=True)
+    return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hops), vectorize=True)
 
 
 def initial_state(

@@ -27,6 +27,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.prior.joint import Prior
 from deabayes.sampling.mixture import RandomSource
+from deabayes.sampling.proposed import weighed
 from deabayes.sampling.units import Units, units_of
 from deabayes.springs.ogden import stress_of_one
 
@@ -70,20 +71,10 @@ class UnitHop:
         if carried is not None:
             proposed[walkers, units.columns[1][chosen]] *= carried
         proposed = units.renumbered(proposed)
-        moved = self.prior.to_normal(proposed)
-        usable = np.asarray(np.isfinite(moved).all(axis=1))
-        moved = np.where(usable[:, None], moved, z)
-        with np.errstate(invalid="ignore"):
-            factor = self._log_density(proposed, moved) - self._log_density(theta, z)
-        factor += distribution.log_density(old) - distribution.log_density(new)
+        factor = distribution.log_density(old) - distribution.log_density(new)
         if carried is not None:
-            factor += np.log(np.abs(carried))
-        factor -= 0.5 * ((z**2).sum(axis=1) - (moved**2).sum(axis=1))
-        return moved, np.where(usable & np.isfinite(factor), factor, -np.inf)
-
-    def _log_density(self, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """Of the prior without what L has of it (`LogPosterior.log_likelihood_of_normal`)."""
-        return self.prior.log_density(theta) - self.prior.log_correction(theta, z)
+            factor = factor + np.log(np.abs(carried))
+        return weighed(self.prior, z, theta, proposed, factor)
 
     def _carried(self, units: Units, old: FloatArray, new: FloatArray) -> FloatArray | None:
         """What mu of a term is multiplied by, (W,); None for other units."""
