@@ -138,6 +138,10 @@ def load_study(path: Path, name: str | None = None) -> Study:
     faults = violations({"studies": {name: content}}, "config", str(path))
     if faults:
         raise Faults(faults)
+    if content.get("split_by") is not None:
+        raise UserError(f"{path}, split_by: makes several studies, and this file holds one; put "
+                        f"it under `studies: {{{name}: ...}}` of a config, or give the part that "
+                        "is meant by `select: {COLUMN: VALUE}`")  # fmt: skip
     load_named({"studies": {name: content}}, [Path()], str(path))
     return from_settings({"name": name, **content})
 

@@ -203,6 +203,17 @@ def test_faults_of_a_study_file(tmp_path: Path) -> None:
         load_study(path)
 
 
+def test_a_study_file_is_not_split(config: Path, tmp_path: Path) -> None:
+    """It was read as one study of all parts."""
+    (study,) = load_studies(config)
+    path = tmp_path / "study.yaml"
+    path.write_text(json.dumps({**to_settings(study), "split_by": "protocol"}))
+    with pytest.raises(UserError, match=r"study\.yaml, split_by: .*`studies: \{vhb: .*`select: "):
+        load_study(path)
+    path.write_text(json.dumps({**to_settings(study), "split_by": None}))
+    assert load_study(path) == study
+
+
 def test_two_studies_of_one_name(config: Path) -> None:
     entry = "{specimen: strip, candidates: [gent]}"
     config.write_text(f"studies: {{a: {entry}, A: {entry}}}")
