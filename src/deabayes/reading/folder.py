@@ -8,9 +8,10 @@ from pathlib import Path
 
 from deabayes.experiment import Specimen
 from deabayes.faults import Faults, UserError, closest
+from deabayes.reading.beginning import value_before
 from deabayes.reading.columns import CHANNELS, from_text
 from deabayes.reading.download import PublicRecord, locate, missing_sentence, read_registry
-from deabayes.reading.incomplete import without_incomplete
+from deabayes.reading.incomplete import hidden_excitation, without_incomplete
 from deabayes.reading.measured import measured_rows
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.record_checks import needed_columns, record_faults, record_warnings
@@ -73,9 +74,13 @@ class StudyFolder:
         text = row.metadata.get("columns")
         columns = from_text(text) if isinstance(text, str) else None
         raw = read_record(path, self.file.record_format, self._channels(row), columns)
-        drop = (self.file.record_format or {}).get("incomplete_rows") == "drop"
+        if (self.file.record_format or {}).get("incomplete_rows") != "drop":
+            return raw
         needed = [name for each in measured_rows(row, raw) for name in needed_columns(each)]
-        return without_incomplete(raw, needed) if drop else raw
+        before = value_before(row, self.specimen.system)
+        if hidden := hidden_excitation(row, raw, needed, before, self._where(row)):
+            raise Faults(hidden)
+        return without_incomplete(raw, needed)
 
     def warnings(self, row: ExperimentRow) -> list[str]:
         """What to know before trusting a row's record."""

@@ -6,10 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deabayes.reading.raw import RawRecord
+from deabayes.experiment import FloatArray
+from deabayes.quantities import with_unit
+from deabayes.reading.held import excitation_range, monitor_noise
+from deabayes.reading.raw import ExperimentRow, RawRecord
 
 REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
+MISSED = 0.01
+"""Of an excitation's range: rows left out must not hide more of it."""
+OVER_NOISE = 8.0
+"""Standard deviations of a monitor's noise that may lie between a row and the line over it."""
 
 
 def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
@@ -18,17 +26,81 @@ def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
     Of rows with one time stamp the first complete one stays. How many rows are gone is kept in
     `left_out`; a record without a needed column, or without any value in one, is returned as it is.
     """
-    if not set(needed) <= set(raw.columns):
+    kept = _complete(raw, needed)
+    if kept.all():
         return raw
+    columns = {name: values[kept] for name, values in raw.columns.items()}
+    return replace(raw, columns=columns, left_out=int(kept.size - kept.sum()))
+
+
+def hidden_excitation(
+    row: ExperimentRow, raw: RawRecord, needed: Sequence[str], before: float | None, where: str
+) -> list[str]:
+    """What was measured of the excitation in rows to be left out and is not on the line over them.
+
+    Rows behind the last complete one drive no response that is kept.
+
+    Parameters
+    ----------
+    row, raw : a record with all its rows.
+    needed : columns that a complete row has a value in.
+    before : what the excitation is taken for before the first complete row; None: as there.
+    where : the file and the experiment.
+    """
+    kept = _complete(raw, needed)
+    if kept.all() or "time" not in needed:
+        return []
+    off, allowed = _off_the_line(row, raw, kept, before)
+    if not np.any(off > allowed):
+        return []
+    name, response = row.excitation, row.response
+    first, last = _run(kept, int(np.argmax(off > allowed)))
+    missed = with_unit(float(off[first : last + 1].max()), raw.units[name], name, digits=3)
+    rows = f"data row {first + 1}" if first == last else f"data rows {first + 1} to {last + 1}"
+    return [
+        f"{where}, column {name}: {rows}, without {response}, cannot be left out "
+        f"(record_format.incomplete_rows): the {name} measured there is up to {missed} off what "
+        f"would stand in its place; fill in the {response} of a row beside them and hide it with "
+        "the preparation step `mask_between`, let the record end before them, or begin behind "
+        "them at rest"
+    ]
+
+
+def _off_the_line(
+    row: ExperimentRow, raw: RawRecord, kept: NDArray[np.bool_], before: float | None
+) -> tuple[FloatArray, float]:
+    """How far a measured excitation is off the line over the rows kept, and how far it may be."""
+    time, excitation = raw.columns["time"], raw.columns[row.excitation]
+    if not kept.any() or np.any(np.diff(time[kept]) < 0.0):
+        return np.zeros(kept.size), 0.0  # said by the checks of what is kept
+    measured = np.isfinite(time) & np.isfinite(excitation)
+    between = measured & (time < time[kept][-1]) & ~np.isin(time, time[kept])
+    line = np.interp(time, time[kept], excitation[kept], left=before)
+    known = excitation[measured]
+    size = excitation_range(row.protocol, known, raw.units[row.excitation])
+    off = np.where(between, np.abs(excitation - line), 0.0)
+    return off, max(MISSED * size, OVER_NOISE * monitor_noise(known))
+
+
+def _run(kept: NDArray[np.bool_], at: int) -> tuple[int, int]:
+    """First and last of the successive rows, among them `at`, that are left out."""
+    places = np.flatnonzero(kept)
+    behind = int(np.searchsorted(places, at))
+    first = int(places[behind - 1]) + 1 if behind else 0
+    return first, int(places[behind]) - 1 if behind < places.size else kept.size - 1
+
+
+def _complete(raw: RawRecord, needed: Sequence[str]) -> NDArray[np.bool_]:
+    """Which rows stay: all of them where a column is missing, or holds no value."""
+    every = np.ones(next((v.size for v in raw.columns.values()), 0), dtype=bool)
+    if not set(needed) <= set(raw.columns):
+        return every
     known = np.array([np.isfinite(raw.columns[name]) for name in needed])
     if not known.any(axis=1).all():
-        return raw
+        return every
     kept = np.asarray(known.all(axis=0))
     if "time" in needed:
         places = np.flatnonzero(kept)
         again = np.diff(raw.columns["time"][places]) == 0.0
         kept[places[1:][again]] = False
-    if kept.all():
-        return raw
-    columns = {name: values[kept] for name, values in raw.columns.items()}
-    return replace(raw, columns=columns, left_out=int(kept.size - kept.sum()))
+    return kept

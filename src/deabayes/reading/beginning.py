@@ -1,0 +1,28 @@
+"""What an excitation is taken to have been before the first sample of its record."""
+
+from __future__ import annotations
+
+from deabayes.faults import UserError
+from deabayes.reading.columns import COMMANDS
+from deabayes.reading.raw import ExperimentRow
+from deabayes.reading.specimen import system_class
+
+
+def knows_prehistory(system: str, excitation: str) -> bool:
+    """Whether experiments.csv can say that a system had settled under the first excitation."""
+    try:
+        conditions = system_class(system).conditions or {}
+    except UserError:  # the system's name is at fault, which is said elsewhere
+        return False
+    return "prehistory" in conditions.get(COMMANDS.get(excitation, excitation), {})
+
+
+def value_before(row: ExperimentRow, system: str) -> float | None:
+    """0 of a voltage, which was off; None where the excitation was as in its first sample.
+
+    That is so of a stretch, and of a voltage where the row says so.
+    """
+    if COMMANDS.get(row.excitation, row.excitation) != "voltage":
+        return None
+    settled = row.metadata.get("prehistory") == "equilibrium"
+    return None if settled and knows_prehistory(system, row.excitation) else 0.0
