@@ -70,3 +70,8 @@ def reduced(
 
 def said(experiment: Experiment) -> dict[str, object]:
     return dict(experiment.steps[-1])
+
+
+def warned(experiment: Experiment) -> list[str]:
+    """What the steps warn of, and not that the voltage is on from the first sample."""
+    return [warning for warning in experiment.warnings if "at the first sample" not in warning]

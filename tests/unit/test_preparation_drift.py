@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.periodic_records import record, reduced, said
+from tests.unit.periodic_records import record, reduced, said, warned
 
 from deabayes.reading.raw import RawRecord
 
@@ -25,11 +25,11 @@ def test_a_transition_that_is_not_over_is_a_warning() -> None:
     assert entry["drift"] == pytest.approx(np.ptp(slow) / np.ptp(experiment.response), rel=0.05)
     off = slow.mean() - slow[4]
     assert entry["off_middle"] == pytest.approx(off / np.ptp(experiment.response), rel=0.1)
-    (warning,) = experiment.warnings
+    (warning,) = warned(experiment)
     assert "still settles after 5 cycles; raise `transition`" in warning
     assert f"up to {entry['off_middle']:.2%} of the range off" in warning
-    assert not reduced(settling(5.0), stable="decimate").warnings
-    assert not reduced(settling(0.5)).warnings
+    assert not warned(reduced(settling(5.0), stable="decimate"))
+    assert not warned(reduced(settling(0.5)))
 
 
 def test_what_cancels_is_no_warning() -> None:
@@ -37,7 +37,7 @@ def test_what_cancels_is_no_warning() -> None:
     experiment = reduced(record(2.0, drift=0.2, noise=0.01))
     assert said(experiment)["drift"] == pytest.approx(0.8 / np.ptp(experiment.response), rel=0.02)
     assert said(experiment)["off_middle"] < 1e-3
-    assert not experiment.warnings
+    assert not warned(experiment)
 
 
 @pytest.mark.parametrize("group", [3, 5, 9])
@@ -65,4 +65,4 @@ def test_noise_is_no_drift() -> None:
     for seed in range(5):
         experiment = reduced(record(10.0, noise=0.1, seed=seed))
         assert said(experiment)["drift"] == said(experiment)["off_middle"] == 0.0
-        assert not experiment.warnings
+        assert not warned(experiment)

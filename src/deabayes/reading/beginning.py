@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.specimen import system_class
+
+NEAR = 0.02
+"""Of the largest excitation: less is a monitor's offset, no jump at the first sample."""
 
 
 def knows_prehistory(system: str, excitation: str) -> bool:
@@ -26,3 +32,8 @@ def value_before(row: ExperimentRow, system: str) -> float | None:
         return None
     settled = row.metadata.get("prehistory") == "equilibrium"
     return None if settled and knows_prehistory(system, row.excitation) else 0.0
+
+
+def is_near(first: float, before: float, excitation: FloatArray) -> bool:
+    """Whether a first sample is hardly off the value before it, as the whole excitation goes."""
+    return abs(first - before) <= NEAR * float(np.max(np.abs(excitation - before)))

@@ -8,6 +8,7 @@ from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
 from deabayes.reading import checks, sensor_checks, voltage_checks
+from deabayes.reading.beginning import is_near, knows_prehistory, value_before
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.held import STEPS, excitation_range, is_step_from_the_start
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -78,7 +79,7 @@ def record_warnings(
     if "time" in needed_columns(row):
         found += checks.sampling_jitter(raw.columns["time"], where)
         found += _single_sample_warnings(row, raw, where)
-    found += _step_from_the_start_warnings(row, raw, where)
+    found += _beginning_warnings(row, raw, specimen.system, where)
     if row.excitation in COMMANDS:
         found.append(
             f"{where}: {row.excitation} is what was asked of the amplifier and is taken for its "
@@ -92,15 +93,23 @@ def record_warnings(
     return found
 
 
-def _step_from_the_start_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """When a step is taken to happen that the record does not show."""
-    name = row.excitation
-    if not _is_step_from_the_start(row, raw, name):
+def _beginning_warnings(row: ExperimentRow, raw: RawRecord, system: str, where: str) -> list[str]:
+    """When a step, or another jump, is taken to happen that the record does not show."""
+    name, values, unit = row.excitation, raw.columns[row.excitation], raw.units[row.excitation]
+    if _is_step_from_the_start(row, raw, name):
+        spread = float(np.ptp(values))
+        noise = f" but for {with_unit(spread, unit, name, digits=2)}" if spread else ""
+        return [f"{where}: {name} is constant{noise}, so the step is taken to happen at the first "
+                "sample"]  # fmt: skip
+    before = value_before(row, system) if "time" in needed_columns(row) else None
+    if before is None or is_near(float(values[0]), before, values):
         return []
-    spread = float(np.ptp(raw.columns[name]))
-    noise = f" but for {with_unit(spread, raw.units[name], name, digits=2)}" if spread else ""
-    return [f"{where}: {name} is constant{noise}, so the step is taken to happen at the first "
-            "sample"]  # fmt: skip
+    settled = "; if all had settled under it, state `prehistory: equilibrium` in experiments.csv"
+    return [
+        f"{where}: {name} begins with {with_unit(float(values[0]), unit, name, digits=3)} and is "
+        f"taken to have been {before:g} until then, to jump at the first sample; if it was on "
+        f"before, add the rows since then{settled if knows_prehistory(system, name) else ''}"
+    ]
 
 
 def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
