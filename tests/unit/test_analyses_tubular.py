@@ -154,6 +154,9 @@ def test_amplifier_current_of_each_record():
     large = sweep("large", amplitude_kV=2.0)
     every = [electrical(), sweep(), phase, large, step, sweep("unsaid", amplitude_kV="half")]
     table = amplifier_current.compute(context("circuit", experiments=every)).tables
+    own = replace(SPECIMEN, instruments={"current.current_limit": Quantity(0.12, "A")})
+    stated = amplifier_current.compute(context("circuit", experiments=every, specimen=own)).tables
+    assert stated["amplifier_current"].equals(table["amplifier_current"])
     rows = table["amplifier_current"].set_index("experiment")
     assert list(rows.index) == [
         "electrical_10Hz", "frequency_response_100g", "large", "creep_2000V",
@@ -188,6 +191,9 @@ def test_a_sine_beyond_the_amplifier_is_a_caution():
     assert system.cautions(sweep()) == ()
     (caution,) = system.cautions(sweep(amplitude_kV=2.0))
     assert "2000 V at 100 Hz takes 225 mA by (16), more than the amplifier's 120 mA" in caution
+    own = replace(SPECIMEN, instruments={"current.current_limit": Quantity(0.12, "A")})
+    stated = build("tubular", "voigt_kelvin_2", own)
+    assert stated.cautions(sweep(amplitude_kV=2.0)) == (caution,)
     unlimited = replace(SPECIMEN, instruments={})
     wild = build("tubular", "voigt_kelvin_2", unlimited)
     assert wild.cautions(sweep(amplitude_kV=2.0)) == ()

@@ -9,6 +9,7 @@ from deabayes.analyses.drive import STEPS, amplitude
 from deabayes.analyses.summaries import interval
 from deabayes.analyses.tubular_sources import circuits
 from deabayes.experiment import Experiment
+from deabayes.instruments import instrument
 from deabayes.systems.circuit import Circuit
 from deabayes.systems.steady_sine import drive_of
 
@@ -29,7 +30,7 @@ def compute(context: StudyContext) -> Analysis:
     """One row per circuit and record that a sine or a step drives."""
     import pandas as pd
 
-    limit = context.specimen.instruments.get("current_limit")
+    limit = instrument(context.specimen, "current_limit", "current", "A")
     if limit is None:
         return Analysis()
     rows = [

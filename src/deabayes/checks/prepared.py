@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from deabayes.faults import UserError
+from deabayes.instruments import instrument
+from deabayes.quantities import with_unit
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment
+    from deabayes.experiment import Experiment, Specimen
     from deabayes.reading.folder import StudyFolder
     from deabayes.reading.raw import ExperimentRow
     from deabayes.study import Study
@@ -41,7 +43,8 @@ def prepared_records(
         for row, each in zip(measured, experiments, strict=True)
         for warning in _of_steps(study, row, each)
     ]
-    return experiments, list(faults.values()), warnings
+    late = [line for each in experiments for line in _delay_left_in(study, read.specimen, each)]
+    return experiments, list(faults.values()), [*warnings, *dict.fromkeys(late)]
 
 
 def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[str]:
@@ -50,4 +53,20 @@ def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[
         f"study {study.name}, {row.name}: {warning}"
         for warning in experiment.warnings
         if not warning.startswith(of_the_record)
+    ]
+
+
+def _delay_left_in(study: Study, specimen: Specimen, experiment: Experiment) -> list[str]:
+    """A sensor's delay that no step takes out; the usual steps do."""
+    name, protocol = experiment.response_name, experiment.protocol
+    sensor = instrument(specimen, "delay", name, "s")
+    late = experiment.coordinate_name == "time" or name == "phase"
+    done = any(step["step"] == "delay" for step in experiment.steps)
+    if sensor is None or sensor.value == 0.0 or not late or done:
+        return []
+    return [
+        f"study {study.name}, preparation.{protocol}: the {name}'s delay of "
+        f"{with_unit(sensor.value, 's')}, stated in specimen.yaml, stays in the records, as none "
+        "of the steps is `delay`; add `delay: {}` as the first of them, or, if the records have no "
+        "delay, remove it from specimen.yaml"
     ]

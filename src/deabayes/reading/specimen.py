@@ -11,20 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.instruments import PROPERTIES
-from deabayes.reading.columns import CHANNELS
+from deabayes.reading.entries import stated_quantity
+from deabayes.reading.instruments import read_instruments
 from deabayes.reading.schema import violations
 from deabayes.reading.text import format_faults
 from deabayes.reading.yaml_file import read_yaml
-from deabayes.units import parse_quantity, same_dimension, si_unit, to_si
+from deabayes.units import parse_quantity
 
 if TYPE_CHECKING:
     from deabayes.systems.base import System
 
 FILE = "specimen.yaml"
 MINIMAL = {"name": "specimen", "provenance": {"kind": "simulated"}}
-INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
-MAY_BE_ZERO = ("delay", "resolution")
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
         raise Faults(faults + _system_faults(content, str(path)))
     faults = format_faults(content.get("record_format"), str(path))
     quantities = _quantities(content, str(path), faults)
-    instruments = _instruments(content, str(path), faults)
+    instruments = read_instruments(content, str(path), faults)
     if faults:
         raise Faults(faults)
     provenance = {key: str(value) for key, value in content["provenance"].items()}
@@ -169,7 +167,7 @@ def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> di
                           f"{nearest(name, units)}")  # fmt: skip
             continue
         try:
-            read[name] = _positive(_quantity(entry, units.get(name), place), entry, place)
+            read[name] = _positive(stated_quantity(entry, units.get(name), place), entry, place)
         except UserError as error:
             faults.append(str(error))
     for name, unit in required.items():
@@ -182,68 +180,8 @@ def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> di
     return read
 
 
-def _quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
-    written = str(entry["unit"])
-    unit = unit or si_unit(written, where)
-    value = float(to_si(entry["value"], written, unit, where))
-    sd = None if entry.get("sd") is None else float(to_si(entry["sd"], written, unit, where))
-    if sd is not None and not 0.0 < sd < float("inf"):
-        raise UserError(f"{where}.sd: must be a positive number, found {entry['sd']}; correct it, "
-                        "or leave it out where the value is exact")  # fmt: skip
-    return Quantity(value, unit, sd, str(entry.get("source", "")))
-
-
 def _positive(quantity: Quantity, entry: Mapping[str, Any], where: str) -> Quantity:
     """Lengths, areas, masses, resistances and the like are positive."""
     if not 0.0 < quantity.value < float("inf"):
         raise UserError(f"{where}: must be positive, found {entry['value']} {entry['unit']}")
     return quantity
-
-
-def _instruments(content: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
-    """Properties by name; those of one channel as ``channel.name``."""
-    read = {}
-    for key, entry in content.get("instruments", {}).items():
-        nested = {key: entry} if key in PROPERTIES else {f"{key}.{n}": e for n, e in entry.items()}
-        for name, item in nested.items():
-            prop = name.rpartition(".")[2]
-            unit = INSTRUMENT_UNITS.get(prop) or (None if key in PROPERTIES else CHANNELS[key])
-            place = f"{where}, instruments.{name}"
-            try:
-                read[name] = _possible(_quantity(item, unit, place), item, prop, place)
-                if unit is None:
-                    _check_channel(read[name], item, prop, content["system"], place)
-            except UserError as error:
-                faults.append(str(error))
-    return read
-
-
-def _possible(quantity: Quantity, entry: Mapping[str, Any], prop: str, where: str) -> Quantity:
-    """An instrument's property as it can be: exact, finite, and positive or, for some, zero."""
-    if quantity.sd is not None:
-        other = ", or state a tube's as quantities.sensor_delay" if prop == "delay" else ""
-        raise UserError(f"{where}: instruments are taken for exact, found sd {entry['sd']:g}; "
-                        f"remove it{other}")  # fmt: skip
-    zero = prop in MAY_BE_ZERO and quantity.value == 0.0
-    if not zero and not 0.0 < quantity.value < float("inf"):
-        wanted = "zero or positive" if prop in MAY_BE_ZERO else "positive"
-        raise UserError(f"{where}: must be {wanted}, found {entry['value']} {entry['unit']}; "
-                        "correct it, or leave it out where it is not known")  # fmt: skip
-    return quantity
-
-
-def _check_channel(
-    quantity: Quantity, entry: Mapping[str, Any], prop: str, system: str, where: str
-) -> None:
-    """A property under no channel is of a dimension that some channel of the system has."""
-    try:
-        kind = system_class(system)
-    except UserError:  # said elsewhere
-        return
-    units = [*kind.responses.values(), *(kind.excitations.values() if prop == "range" else ())]
-    if not any(same_dimension(quantity.unit, unit) for unit in units):
-        known = ", ".join(dict.fromkeys(units))
-        raise UserError(
-            f"{where}: {entry['unit']!r} is no unit of what system {system!r} measures ({known}); "
-            "correct it, or put it under the channel it belongs to"
-        )

@@ -136,7 +136,7 @@ class TubularBase(System):
 
     def cautions(self, experiment: Experiment) -> tuple[str, ...]:
         """A steady sine that asks the amplifier for more current than it has, (16)."""
-        limit = self.specimen.instruments.get("current_limit")
+        limit = instrument(self.specimen, "current_limit", "current", "A")
         drive, given = drive_of(experiment), self.specimen.quantities
         if limit is None or drive is None or not given.keys() >= CIRCUIT_SYMBOLS.keys():
             return ()
