@@ -41,6 +41,7 @@ def stored(tmp_path):
         tree.attrs.update(
             specimen=specimen_to_json(strip()),
             convergence=json.dumps({"converged": converged}),
+            study=json.dumps({"priors": {"mu_alpha": {"distribution": "normal"}}}),
             **more,
         )
         path = tmp_path / "posterior.nc"
@@ -54,7 +55,7 @@ def test_the_same_specimen_takes_over_all_but_what_is_derived(stored):
     found = inherit_from(stored(), strip())
     assert found.prior.names == ("mu_alpha", "cross_section", "permittivity")
     assert found.prior.draws.shape == (100, 3)
-    assert found.same_specimen
+    assert found.same_specimen and found.priors == {"mu_alpha": {"distribution": "normal"}}
     assert not found.notes and not found.doubts
 
 

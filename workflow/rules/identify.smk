@@ -22,6 +22,7 @@ MODEL = modules(
 POOLED = modules("sampling/pooling.py", "sampling/extension.py", "sampling/refit.py")
 SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
 POOLING = POOLED + modules(
+    "checks/overruled.py",
     "checks/prior_scale.py",
     "prediction/noise_origin.py",
     "pareto.py",

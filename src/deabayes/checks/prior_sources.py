@@ -9,10 +9,11 @@ from pathlib import Path
 
 from deabayes.api import open_posterior
 from deabayes.checks.counted_twice import repeated_in_prior
+from deabayes.checks.overruled import overruled
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posterior import wider_systems
-from deabayes.posteriors.inheritance import inherit_from
+from deabayes.posteriors.inheritance import Inheritance, foreign_quantities, inherit_from
 from deabayes.prior.overrides import check_same_order
 from deabayes.reading.specimen import read_specimen
 from deabayes.study import Study
@@ -52,6 +53,31 @@ class Sources:
             faults += [f"study {study.name}, {candidate}, {misfit}"] if misfit else []
         return faults or repeated_in_prior(study, self._behind)
 
+    def cautions(self, study: Study) -> list[str]:
+        """What to know of the posterior that `prior_from` names, there or still to come."""
+        if study.prior_from is None:
+            return []
+        if Path(study.prior_from).is_file():
+            found = inherit_from(Path(study.prior_from), read_specimen(study.specimen))
+            lines = [*(f"prior_from: {doubt}" for doubt in found.doubts), *found.notes]
+            lines += _overruled(study, found.prior.names, found)
+        else:
+            lines = self._overruled_later(study, study.prior_from)
+        return [f"study {study.name}, {line}" for line in lines]
+
+    def _overruled_later(self, study: Study, source: str) -> list[str]:
+        """What `_overruled` says of a posterior that a sound config is still to have."""
+        names, behind = self._handed_on(source), self._behind(source)
+        if isinstance(behind, Path):
+            return []
+        first, candidate = behind[0], (self._named(source) or ("", ""))[1]
+        if candidate in first.candidates:
+            system, own = _system(first, candidate), read_specimen(study.specimen)
+            stated = [name for name in names if name in system.stated()]
+            foreign = foreign_quantities(stated, system.specimen, own)
+            names = [name for name in names if name not in foreign]
+        return _overruled(study, names, first)
+
     def _named(self, source: str | None) -> tuple[str, str] | None:
         """The study and the candidate, or FOLDER and the population, that a path is of."""
         if source is None or not Path(source).is_relative_to(self.results):
@@ -60,7 +86,7 @@ class Sources:
         return (parts[0], parts[1]) if len(parts) == 3 and parts[2] == POSTERIOR else None
 
     def _handed_on(self, source: str) -> Sequence[str]:
-        """The parameters that a posterior hands on, the file there or still to come."""
+        """The parameters that a posterior hands on, there or still to come."""
         named = self._named(source)
         if named is not None and named[0] == FOLDER and named[1] in self.populations:
             return self.populations[named[1]].parameters
@@ -127,13 +153,11 @@ class Sources:
         return []
 
 
-def cautions_of_prior(study: Study) -> list[str]:
-    """What to know of the posterior that `prior_from` names, if it is there already."""
-    if study.prior_from is None or not Path(study.prior_from).is_file():
-        return []
-    found = inherit_from(Path(study.prior_from), read_specimen(study.specimen))
-    doubts = [f"prior_from: {doubt}" for doubt in found.doubts]
-    return [f"study {study.name}, {line}" for line in (*doubts, *found.notes)]
+def _overruled(study: Study, handed_on: Collection[str], theirs: Study | Inheritance) -> list[str]:
+    """Entries of `priors:` that are no prior; what all candidates share is said once."""
+    systems = [_system(study, candidate) for candidate in study.candidates]
+    every = [overruled(study, each, handed_on, theirs.priors) for each in systems]
+    return list(dict.fromkeys(line for lines in every for line in lines))
 
 
 def _misfit(study: Study, candidate: str, names: Sequence[str]) -> str:

@@ -57,13 +57,13 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
     """The report on its folder, then what is said of the study."""
     from deabayes.checks.folder import check_folder, counted
-    from deabayes.checks.prior_sources import cautions_of_prior
     from deabayes.checks.study import check_study
 
     report = check_folder(study.specimen, study.data_root)
     faults, warnings = check_study(study, compare=True)
-    faults = faults or _prior_faults(study, config)
-    warnings += [] if faults else cautions_of_prior(study)
+    if not faults:
+        faults, of_prior = _of_prior(study, config)
+        warnings += of_prior
     of_folder = tuple(fault for fault in report.faults if fault in faults)
     its_own = len(faults) > len(of_folder)
     say(replace(report, faults=of_folder).text(with_faults=False, with_count=not its_own))
@@ -78,17 +78,19 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
         raise Faults(faults)
 
 
-def _prior_faults(study: Study, config: Path) -> list[str]:
-    """What is wrong with the posterior that a study has for its prior."""
+def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
+    """What is wrong with the posterior that a study has for its prior, and what to know of it."""
     from deabayes.checks.prior_sources import Sources
     from deabayes.population.settings import load_populations
     from deabayes.study import load_studies
 
     if study.prior_from is None:
-        return []
+        return [], []
     studies = {each.name: each for each in load_studies(config)}
     populations = {each.name: each for each in load_populations(config)}
-    return Sources(studies, populations).faults(study)
+    sources = Sources(studies, populations)
+    faults = sources.faults(study)
+    return faults, [] if faults else sources.cautions(study)
 
 
 def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:

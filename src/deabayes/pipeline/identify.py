@@ -7,6 +7,7 @@ import json
 import shutil
 import zlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -130,11 +131,15 @@ def _pooled(
 def _content(
     study: Study, candidate: str, target: LogPosterior, pooled: PooledResult
 ) -> PosteriorContent:
+    from deabayes.checks.overruled import overruled
     from deabayes.checks.prior_scale import unexpected
     from deabayes.posterior import further_prior
     from deabayes.posteriors.content import PosteriorContent
 
     inherited = inherited_prior(study)
+    if inherited is not None:
+        said = overruled(study, target.system, inherited.prior.names, inherited.priors)
+        inherited = replace(inherited, notes=(*inherited.notes, *said))
     further = further_prior(study, target, inherited.prior if inherited else None)
     seed = seed_of(study, candidate, "prior")
     odd = unexpected(study, target.system, [record.experiment for record in target.records])

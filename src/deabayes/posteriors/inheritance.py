@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from deabayes.faults import UserError
 from deabayes.posteriors.counted_records import CountedRecord, counted_records
 from deabayes.posteriors.storage import read_tree, specimen_from_json, stacked
 from deabayes.prior.from_posterior import PriorFromPosterior
+from deabayes.study import Settings
 
 OF_THE_MATERIAL = frozenset({"density", "permittivity", "relative_permittivity"})
 """Quantities that a specimen states and that its material decides."""
@@ -29,6 +31,7 @@ class Inheritance:
         measured on it as a whole (`System.log_likelihood_of_quantities`).
     notes : what a reader is to know; `doubts`, why nothing that builds on it has converged.
     counted : the records that the draws know.
+    priors : the entries of `priors:` that they were fitted with.
     """
 
     prior: PriorFromPosterior
@@ -36,6 +39,7 @@ class Inheritance:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     counted: tuple[CountedRecord, ...] = ()
+    priors: Mapping[str, Settings] = field(default_factory=dict)
 
 
 def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
@@ -51,8 +55,9 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
     """
     tree = read_tree(path)
     theirs = specimen_from_json(tree.attrs["specimen"])
-    same = "population" not in tree.attrs and _is_same(theirs, specimen)
-    foreign = () if same or "population" in tree.attrs else _foreign(tree, theirs, specimen)
+    is_population = "population" in tree.attrs
+    same = not is_population and _is_same(theirs, specimen)
+    foreign = () if is_population else foreign_quantities(_stated_in(tree), theirs, specimen)
     notes, doubts = [], []
     if foreign:
         notes.append(
@@ -67,7 +72,12 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
     if not json.loads(tree.attrs["convergence"])["converged"]:
         doubts.append(f"its prior is the posterior {path}, which did not converge")
     return Inheritance(
-        handed_on(tree, foreign), same, tuple(notes), tuple(doubts), counted_records(tree)
+        handed_on(tree, foreign),
+        same,
+        tuple(notes),
+        tuple(doubts),
+        counted_records(tree),
+        json.loads(tree.attrs["study"]).get("priors", {}),
     )
 
 
@@ -89,15 +99,22 @@ def _is_same(one: Specimen, other: Specimen) -> bool:
     return (one.name, one.system) == (other.name, other.system) and _stated(one) == _stated(other)
 
 
-def _foreign(tree: xr.DataTree, theirs: Specimen, own: Specimen) -> tuple[str, ...]:
-    """Names of parameters that are another specimen's, and none of the common material's."""
+def foreign_quantities(names: Iterable[str], theirs: Specimen, own: Specimen) -> tuple[str, ...]:
+    """Those of what `theirs` states that are only its own, and none of the common material's."""
+    if _is_same(theirs, own):
+        return ()
     there, here = _stated(theirs), _stated(own)
     return tuple(
-        str(name)
-        for name, variable in tree["posterior"].data_vars.items()
-        if variable.attrs["kind"] == "specimen"
-        and not (name in OF_THE_MATERIAL and there.get(str(name)) == here.get(str(name)))
+        name
+        for name in names
+        if not (name in OF_THE_MATERIAL and there.get(name) == here.get(name))
     )
+
+
+def _stated_in(tree: xr.DataTree) -> list[str]:
+    """The parameters of a posterior file that its specimen states."""
+    variables = tree["posterior"].data_vars.items()
+    return [str(name) for name, variable in variables if variable.attrs["kind"] == "specimen"]
 
 
 def _stated(specimen: Specimen) -> dict[str, tuple[float, str, float | None]]:

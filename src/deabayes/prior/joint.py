@@ -12,14 +12,13 @@ from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 from deabayes.prior.blocks import blocks_of
 from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
+from deabayes.prior.inherited_scores import check_scores
 from deabayes.prior.learned import Shown
 from deabayes.prior.ordered import Ordered
 from deabayes.prior.overrides import check_same_order, overridden
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0
-LARGEST_INHERITED_SCORE = 30.0
-"""Further out, normal probabilities are no longer told apart."""
 CANDIDATES = 10
 """For each draw, where draws are chosen by weight."""
 
@@ -113,8 +112,8 @@ class Prior:
 
         Raises
         ------
-        UserError : no common name, another model order, an ordered group or
-            a sign only partly there, or draws outside this prior's support.
+        UserError : no common name, another model order, an ordered group or a sign only
+            partly there, or draws outside this prior's support, or all but outside.
         """
         common = tuple(n for n in self.names if n in names)
         check_same_order(self.parameters, names)
@@ -124,13 +123,7 @@ class Prior:
         columns = [self._column[n] for n in common]
         z = self._to_default(theta)[:, columns]
         for name, column in zip(common, z.T, strict=True):
-            outside = int(np.sum(~np.isfinite(column)))
-            if outside:
-                raise UserError(
-                    f"prior_from: {outside} of {len(draws)} draws of {name} are outside its "
-                    f"prior here ({self.describe(name)}); widen it under priors:"
-                )
-        z = np.clip(z, -LARGEST_INHERITED_SCORE, LARGEST_INHERITED_SCORE)
+            check_scores(name, column, self.describe(name))
 
         def to_parameters(z: FloatArray) -> FloatArray:
             every = np.zeros((len(z), len(self.names)))

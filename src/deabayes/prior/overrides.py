@@ -32,7 +32,7 @@ def overridden(
     passed_over = set(also_known)
     for key, settings in overrides.items():
         try:
-            targets = _targets(parameters, key, passed_over)
+            targets = targets_of(parameters, key, passed_over)
             settings, ratio = _split_ratio(settings, key, targets)
             if ratio is not None:
                 ratios[key] = ratio
@@ -56,7 +56,7 @@ def bare_numbers(
     """Cautions: numbers without a unit, of parameters that have one, in sound overrides."""
     found = []
     for key, settings in overrides.items():
-        targets = _targets(parameters, key, set(also_known))
+        targets = targets_of(parameters, key, set(also_known))
         if targets and isinstance(settings, Mapping):
             found += without_units(settings, targets[0].unit, f"priors.{key}")
     return found
@@ -96,7 +96,9 @@ def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) ->
             )
 
 
-def _targets(parameters: tuple[Parameter, ...], key: str, passed_over: set[str]) -> list[Parameter]:
+def targets_of(
+    parameters: tuple[Parameter, ...], key: str, passed_over: set[str]
+) -> list[Parameter]:
     """The parameters `key` names; none where it belongs to another candidate."""
     named = [p for p in parameters if p.name == key]
     if named and named[0].ordered is not None:
