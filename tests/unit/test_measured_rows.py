@@ -34,11 +34,14 @@ f1,frequency_response,f1.csv,calibrate,frequency,gain,2
 FREQUENCY = np.linspace(1.0, 50.0, 60)
 RATIO = 1e-5 / (1.0 - (FREQUENCY / 30.0) ** 2 + 0.1j * FREQUENCY / 30.0)
 PHASE = np.angle(RATIO)
+DAMPED = -np.angle(1.0 - (FREQUENCY / 30.0) ** 2 + 1j * FREQUENCY / 30.0)
 
 
-def folder(path: Path, *rows: str, phase: FloatArray = PHASE, more: str = "") -> Path:
+def folder(
+    path: Path, *rows: str, phase: FloatArray = PHASE, more: str = "", faster: float = 1.0
+) -> Path:
     """A study folder with one record of gain and phase, named by further rows."""
-    table = np.column_stack([FREQUENCY, np.abs(RATIO), phase])
+    table = np.column_stack([faster * FREQUENCY, np.abs(RATIO), phase])
     np.savetxt(path / "f1.csv", table, delimiter=",", comments="",
                header="frequency [Hz],gain [1/V],phase [rad]")  # fmt: skip
     (path / "specimen.yaml").write_text(SPECIMEN + more, encoding="utf-8")
@@ -118,6 +121,24 @@ def test_a_phase_of_the_wrong_sign_rises(tmp_path: Path) -> None:
         "f1_phase: phase rises where the prior expects it to fall; is its sign right (lag is "
         "negative)?"
     )
+
+
+@pytest.mark.parametrize(
+    ("phase", "said"),
+    [
+        (DAMPED, "to rise: the candidate has no mass, so nothing in it resonates; take one with "
+         "_inertia for this record, under candidates or by predict_with"),
+        (1.0 / FREQUENCY, "to rise; is its sign right (lag is negative)?"),
+    ],
+)  # fmt: skip
+def test_a_candidate_without_mass_says_nothing_of_a_resonance(
+    tmp_path: Path, phase: FloatArray, said: str
+) -> None:
+    """Only its lag fades with frequency; one of the wrong sign fades from above."""
+    study = Study("s", folder(tmp_path, phase=phase, faster=20.0), ("voigt_kelvin_1",))
+    warnings = check_study(study, compare=True)[1]
+    (found,) = [line for line in warnings if "f1_phase" in line]
+    assert found.endswith(f"f1_phase: phase falls where the prior expects it {said}")
 
 
 def test_a_bias_beyond_what_the_amplifier_can(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from deabayes.experiment import Experiment, FloatArray
+from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
 from deabayes.posterior import wider_systems
 from deabayes.prior.joint import Prior
 from deabayes.quantities import with_unit
@@ -57,17 +57,24 @@ def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray
                 "the units of record and specimen right?"]  # fmt: skip
     middle = np.median(curves, axis=0)
     if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
-        return [f"{place}{_opposite(middle, each.response_name)}"]
+        return [f"{place}{_opposite(system, middle, measured, each.response_name)}"]
     return _of_another_size(curves, measured, each, place) or _off_its_zero(
         curves[:, 0], measured, each, place
     )
 
 
-def _opposite(middle: FloatArray, name: str) -> str:
+def _opposite(system: System, middle: FloatArray, measured: FloatArray, name: str) -> str:
     rises = middle[np.argmax(np.abs(middle - middle[0]))] > middle[0]
     found, expected = ("falls", "rise") if rises else ("rises", "fall")
+    said = f"{name} {found} where the prior expects it to {expected}"
+    alike = np.median(middle) * np.median(measured) > 0.0
+    if name in FREQUENCY_RESPONSE and system.massless and alike:
+        return (
+            f"{said}: the candidate has no mass, so nothing in it resonates; take one with "
+            "_inertia for this record, under candidates or by predict_with"
+        )
     lag = " (lag is negative)" if name == "phase" else ""
-    return f"{name} {found} where the prior expects it to {expected}; is its sign right{lag}?"
+    return f"{said}; is its sign right{lag}?"
 
 
 def _of_another_size(

@@ -129,6 +129,11 @@ class System(ABC):
         """Whether it is solved for many draws in hardly more time than for a few."""
         return False
 
+    @property
+    def massless(self) -> bool:
+        """Whether nothing of it is known to resonate, as the candidate leaves all mass out."""
+        return False
+
     def for_likelihood(self, rough: bool = False) -> System:
         """The same model, solved only as accurately as a likelihood needs; itself unless slow.
 

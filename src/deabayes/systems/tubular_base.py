@@ -101,6 +101,10 @@ class TubularBase(System):
     inertia: bool
     """Whether it holds the mass."""
 
+    @property
+    def massless(self) -> bool:
+        return not self.inertia
+
     def uncertain(self, symbols: Mapping[str, str | tuple[str, str]]) -> tuple[Parameter, ...]:
         """The quantities among these that carry an sd, as parameters."""
         units = {**self.required_quantities, **self.optional_quantities, "moving_mass": "kg"}
