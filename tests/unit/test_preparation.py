@@ -138,6 +138,13 @@ def test_delay_moves_the_response_not_the_excitation(step: object, specimen: Spe
     assert np.array_equal(experiment.excitation.coordinate, record.columns["time"])
 
 
+def test_a_delay_is_undone_once() -> None:
+    steps = {"delay": {}}, {"mask_before": {"time": "1 s"}}, {"delay": {"time": "1 s"}}
+    with pytest.raises(UserError, match="preparation of a: step 'delay' is there twice"):
+        prepared(relaxation(), *steps, specimen=LAGGING)
+    assert prepared(relaxation(), *steps[:2], steps[1], specimen=LAGGING).coordinate.size
+
+
 def test_known_delay_is_undone_by_default() -> None:
     row = ExperimentRow("a", "relaxation", "a.csv", "calibrate", "displacement", "force")
     assert prepare(row, relaxation(), LAGGING).steps[0]["step"] == "delay"

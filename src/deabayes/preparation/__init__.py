@@ -53,6 +53,8 @@ NEEDS_TIME = (
     "mask_ramp_end",
     "mask_slack",
 )
+ONCE = ("delay",)
+"""Steps that a record takes once: done again, they add up. Others may be repeated."""
 FEWEST_POINTS = 4
 
 
@@ -97,6 +99,11 @@ def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingR
         raise UserError(
             f"preparation of {record.row.name}: step {name!r} needs a record in time, and "
             f"a {record.row.protocol} record has none; remove the step"
+        )
+    if name in ONCE and any(done["step"] == name for done in record.steps):
+        raise UserError(
+            f"preparation of {record.row.name}: step {name!r} is there twice and would move the "
+            "response twice; keep one (of two delays, with their sum for its `time`)"
         )
     after = REGISTRY[name](record, settings)
     if not after.used.any():
