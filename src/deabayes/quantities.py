@@ -118,6 +118,12 @@ def with_unit(value: float, unit: str, name: str = "", digits: int = 6) -> str:
     return f"{value / shown.factor:.{digits}g}{shown.behind}"
 
 
+def taken_in_si(value: object, unit: str, where: str) -> str:
+    """That a number without a unit is one in SI, for who meant another."""
+    taken = f"{value} {unit}"
+    return f"{where}: {value} without a unit is {taken}; write '{taken}' if that is meant"
+
+
 def _prefix(unit: str, magnitude: float) -> tuple[float, str]:
     choices = [choice for choice in PREFIXED[unit] if choice[0] <= 1.0001 * magnitude]
     return choices[-1] if choices else PREFIXED[unit][0]

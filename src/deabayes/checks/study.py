@@ -17,6 +17,7 @@ from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
 from deabayes.preparation.addressed import misaddressed
+from deabayes.preparation.settings import noting_bare_numbers
 from deabayes.reading.checks import too_short_for
 from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -56,8 +57,9 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
         study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
     )
     faults, warnings = [*faults, *unused[0]], [*warnings, *unused[1]]
-    experiments, unprepared, said = prepared_records(study, read, rows)
-    warnings += said
+    with noting_bare_numbers() as bare_numbers:
+        experiments, unprepared, said = prepared_records(study, read, rows)
+    warnings += [*(f"study {study.name}, {line}" for line in bare_numbers), *said]
     faults += unprepared or few_points(study, systems, experiments)
     if not faults:
         faults += _without_model(study, systems, experiments)

@@ -7,6 +7,7 @@ from dataclasses import MISSING, fields
 
 from deabayes.distributions import REGISTRY, Distribution
 from deabayes.faults import UserError, nearest
+from deabayes.quantities import taken_in_si
 from deabayes.units import parse_quantity
 
 
@@ -53,8 +54,7 @@ def without_units(settings: Mapping[str, object], unit: str, where: str) -> list
     if kind is None or unit == "1":
         return []
     return [
-        f"{where}.{key}: {value} without a unit is {value} {unit}; write '{value} {unit}' if that "
-        "is meant"
+        taken_in_si(value, unit, f"{where}.{key}")
         for key, value in settings.items()
         if key != "distribution" and key not in kind.dimensionless and _is_plain(value)
     ]

@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from numbers import Real
 
 from deabayes.faults import UserError, nearest
 from deabayes.preparation.working import WorkingRecord
+from deabayes.quantities import taken_in_si
 from deabayes.units import parse_quantity
+
+_noted: ContextVar[dict[str, None] | None] = ContextVar("_noted", default=None)
+"""What is said of numbers without a unit, where somebody listens."""
+
+
+@contextmanager
+def noting_bare_numbers() -> Iterator[dict[str, None]]:
+    """Collect a sentence on each number that a step takes for a quantity in SI, as it has no unit.
+
+    What is the same for several records of a protocol is there once, in order.
+    """
+    noted: dict[str, None] = {}
+    before = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(before)
 
 
 class Settings:
@@ -28,6 +49,7 @@ class Settings:
         known: Sequence[str] = (),
     ) -> None:
         self.where = f"preparation of {record.row.name} ({record.row.protocol}), {step}"
+        self.entry = f"preparation.{record.row.protocol}, {step}"
         self.values = settings
         self.record = record
         for key in settings:
@@ -60,7 +82,11 @@ class Settings:
             if default is None:
                 raise UserError(f"{self.where}: needs {key!r}, a quantity in {unit}; add it")
             return default
-        return parse_quantity(self.values[key], unit, f"{self.where}.{key}")  # type: ignore[arg-type]
+        value = self.values[key]
+        noted = _noted.get()
+        if noted is not None and unit != "1" and isinstance(value, Real) and value:
+            noted[taken_in_si(value, unit, f"{self.entry}.{key}")] = None
+        return parse_quantity(value, unit, f"{self.where}.{key}")  # type: ignore[arg-type]
 
     def positive(self, key: str, unit: str, default: float | None = None) -> float:
         """A quantity that must be larger than zero."""
