@@ -12,9 +12,11 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import figures
+from deabayes.faults import UserError
+from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import StudyResults
 from deabayes.report import build, notices
-from deabayes.report.page import verdict
+from deabayes.report.page import figure_folders, verdict
 from deabayes.report.tables import about, errors, parameters
 
 UNCONVERGED = Fake(
@@ -54,6 +56,32 @@ def test_page_refers_to_nothing_outside_itself(built: tuple[str, Path]) -> None:
     for outside in ("@import", "url(", "<script"):
         assert outside not in page
     assert len(page) < 15e6
+
+
+def test_page_names_the_folders_of_its_figures_and_tables(built: tuple[str, Path]) -> None:
+    page, tables = built
+    assert f"tables lie in <code>{tables}/</code>" in page
+    assert f"in <code>{tables.parents[1]}/&lt;study&gt;/figures/</code>." in page
+
+
+def test_folders_of_figures_once_each() -> None:
+    folders = ("r/a", "r/b", "s/c")
+    studies = [StudyResults(Path(folder)) for folder in folders]
+    new = [PopulationResults(Path("r/populations/p"))]
+    assert figure_folders(studies, new) == [
+        "r/<study>/figures", "s/<study>/figures", "r/populations/<population>/figures"
+    ]  # fmt: skip
+    (here,) = figure_folders([StudyResults(Path())], [])
+    assert here == f"{Path.cwd().parent}/<study>/figures"
+
+
+def test_two_results_folders_of_one_name_are_refused(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        write_study(tmp_path / name, UNCONVERGED)
+    folders = [tmp_path / name / "fake_tube" for name in ("one", "two")]
+    with pytest.raises(UserError, match=f"{folders[0]} and {folders[1]}: both are called 'fake_"):
+        build(folders, tmp_path / "index.html", tmp_path / "tables")
+    assert not (tmp_path / "tables").exists()
 
 
 def test_anchors_of_the_contents_exist(built: tuple[str, Path]) -> None:

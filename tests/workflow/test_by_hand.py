@@ -77,6 +77,17 @@ def test_a_fit_by_hand_writes_the_settings_that_analyse_reads(
     assert load_study(path).sampling.ensembles == 3
 
 
+def test_a_study_is_reported_once_however_it_is_spelt(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+    monkeypatch.setattr(pipeline, "build_report", lambda *given: asked.extend(given[0]))
+    for name in ("one", "two"):
+        Path("results", name).mkdir(parents=True)
+    main(["report", "two", "one", "results/two", "strip/../results/one", "two"])
+    assert asked == [Path("results/two"), Path("results/one")]
+
+
 @pytest.mark.parametrize(("given", "tables"), [((), "page/tables"), (("--tables", "t"), "t")])
 def test_tables_of_a_report_are_beside_its_page(
     place: Path, monkeypatch: pytest.MonkeyPatch, given: tuple[str, ...], tables: str

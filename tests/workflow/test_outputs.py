@@ -76,3 +76,47 @@ def test_records_are_not_prepared_into_the_folder_of_the_study(
     (place / "config.yaml").write_text("studies: {s: {specimen: strip, candidates: [kv_gm_1]}}\n")
     assert refusal(capsys, "prepare", "s", "-o", output) == f"deabayes: -o {output}: {said}\n"
     assert not list((place / "strip").rglob("*.nc"))
+
+
+@pytest.mark.parametrize(
+    ("command", "output", "said"),
+    [
+        ("figures", "strip", "holds specimen.yaml; name a folder for figures alone"),
+        ("figures", "fit", "holds study.yaml; name a folder for figures alone"),
+        ("figures", "fit/analyses", "its index.json lists no figures; name another folder"),
+        ("figures", "link.csv", "is a file; name a folder"),
+        ("analyse", "strip", "holds specimen.yaml; name a folder for analyses alone"),
+        ("analyse", "strip/records", "is replaced as a whole, and holds pull.csv; name a new"),
+        ("analyse", "fit/figures", "its index.json lists no analyses; name another folder"),
+        ("analyse", ".", "is replaced as a whole, and holds fit; name a new folder"),
+    ],
+)
+def test_figures_and_analyses_have_a_folder_of_their_own(
+    place: Path, capsys: pytest.CaptureFixture[str], command: str, output: str, said: str
+) -> None:
+    (place / "fit" / "study.yaml").touch()
+    for name, key in (("analyses", "tables"), ("figures", "svg")):
+        (place / "fit" / name).mkdir()
+        (place / "fit" / name / "index.json").write_text(f'[{{"{key}": []}}]')
+    before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    assert refusal(capsys, command, "fit", "-o", output).startswith(
+        f"deabayes: -o {output}: {said}"
+    )
+    assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("there", [None, "", '[{"svg": "", "tables": []}]'])
+def test_a_new_folder_and_one_that_was_written_before_are_taken(
+    place: Path, monkeypatch: pytest.MonkeyPatch, there: str | None
+) -> None:
+    asked: list[Path] = []
+    monkeypatch.setattr("deabayes.pipeline.draw_figures", lambda *given: asked.append(given[1]))
+    monkeypatch.setattr("deabayes.pipeline.analyse_study", lambda *given: asked.append(given[1]))
+    if there is not None:
+        (place / "new").mkdir()
+    if there:
+        (place / "new" / "index.json").write_text(there)
+        (place / "new" / "pull_in").mkdir()
+    main(["figures", "fit", "-o", "new"])
+    main(["analyse", "fit", "-o", "new"])
+    assert asked == [Path("new"), Path("new")]

@@ -10,12 +10,18 @@ from deabayes.posteriors.found import fitted_posteriors
 
 
 def study_folders(names: Sequence[str], results: Path) -> list[Path]:
-    """Results folders given as such, or as those of studies under `results`, which come first."""
+    """Results folders given as such, or as those of studies under `results`, which come first.
+
+    Each is there once, however it is spelt.
+    """
     folders = [each if (each := results / name).exists() else Path(name) for name in names]
     for name, folder in zip(names, folders, strict=True):
         if not folder.exists():
             raise _unknown(name, "results folder", results)
-    return folders
+    once: dict[Path, Path] = {}
+    for folder in folders:
+        once.setdefault(folder.resolve(), folder)
+    return list(once.values())
 
 
 def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:

@@ -63,9 +63,12 @@ def predict(
 @click.option("-o", "--output", type=TARGET, help="Folder; default: analyses/ in RESULTS.")
 def analyse(results: Path, output: Path | None) -> None:
     """Compute what papers of the system report, from one study's results folder (results/NAME)."""
+    from deabayes.commands.output import a_folder_to_replace
     from deabayes.pipeline import analyse_study
 
-    analyse_study(results, output or results / "analyses")
+    output = output or results / "analyses"
+    a_folder_to_replace("analyses", output, "tables")
+    analyse_study(results, output)
 
 
 @click.command()
@@ -73,8 +76,10 @@ def analyse(results: Path, output: Path | None) -> None:
 @click.option("-o", "--output", type=TARGET, required=True)
 def figures(results: Path, output: Path) -> None:
     """Draw every figure of one study's results folder (results/NAME)."""
+    from deabayes.commands.output import a_folder_of
     from deabayes.pipeline import draw_figures
 
+    a_folder_of("figures", output, "svg")
     draw_figures(results, output)
 
 

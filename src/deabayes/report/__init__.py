@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deabayes.faults import UserError
+
 if TYPE_CHECKING:
     from deabayes.figures import SavedFigure
     from deabayes.figures.population_results import PopulationResults
@@ -41,7 +43,7 @@ def build(
     Raises
     ------
     UserError
-        If a folder holds no fitted candidate.
+        If a folder holds no fitted candidate, or two are called alike.
     """
     from deabayes.figures.population_results import PopulationResults, results_of
     from deabayes.figures.results import StudyResults
@@ -54,16 +56,30 @@ def build(
     found = [results_of(Path(folder)) for folder in study_folders]
     studies = [each for each in found if isinstance(each, StudyResults)]
     populations = [each for each in found if isinstance(each, PopulationResults)]
+    _check_names(studies)
+    _check_names(populations)
     figures = {each.folder: _figures(each) for each in found}  # or a fault, nothing written
     write_csv(studies, Path(tables_folder))
     report_of_populations.write_csv(populations, Path(tables_folder))
     for quality in QUALITIES:
-        page = render(studies, figures, left_out, quality, populations)
+        page = render(studies, figures, left_out, quality, populations, Path(tables_folder))
         if len(page.encode()) <= LARGEST_PAGE:
             break
     output = Path(output)
     write_text_atomically(page, output)
     return output
+
+
+def _check_names(found: Sequence[StudyResults | PopulationResults]) -> None:
+    """Refuse two of one name: sections and tables are called by it."""
+    folders: dict[str, Path] = {}
+    for each in found:
+        if each.name in folders:
+            raise UserError(
+                f"{folders[each.name]} and {each.folder}: both are called {each.name!r}, as are "
+                "their tables; report them apart"
+            )
+        folders[each.name] = each.folder
 
 
 def _figures(study: StudyResults | PopulationResults) -> list[SavedFigure]:

@@ -36,6 +36,7 @@ def render(
     left_out: Sequence[str],
     quality: Quality,
     populations_: Sequence[PopulationResults] = (),
+    tables_folder: Path = Path("tables"),
 ) -> str:
     """The page as HTML; `figures` are those of every results folder."""
     from jinja2 import Environment, StrictUndefined
@@ -58,9 +59,21 @@ def render(
         serious=[n for n in found if n.serious],
         notes=[n for n in found if not n.serious],
         left_out=list(left_out),
+        tables_folder=tables_folder.as_posix(),
+        figure_folders=figure_folders(studies, populations_),
         versions=_versions(studies),
         built=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     )
+
+
+def figure_folders(
+    studies: Sequence[StudyResults], populations_: Sequence[PopulationResults]
+) -> list[str]:
+    """Where the figures of all are, with a word in place of a name."""
+    named = [(each.folder, "<study>") for each in studies]
+    named += [(each.folder, "<population>") for each in populations_]
+    places = ((folder if folder.name else folder.resolve(), word) for folder, word in named)
+    return list(dict.fromkeys((f.parent / word / "figures").as_posix() for f, word in places))
 
 
 def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str, Any]:
