@@ -11,8 +11,10 @@ container: "docker://python:3.11"
 include: "workflow/rules/configuration.smk"
 
 
-# Studies of one's own: `snakemake --configfile my.yaml` (replaces these).
+# Studies of one's own: `snakemake --configfile my.yaml` (replaces these). A file without `studies:`,
+# such as one of sampling settings, is laid over these.
 if "studies" not in config:
+    say_what_is_laid_over("config.yaml")
     check_yaml("config.yaml")
 
     configfile: "config.yaml"

@@ -17,8 +17,6 @@ AFTER_THE_FIT = ("further_experiments", "evidence_check")
 """Settings that study.yaml does without: what depends on one is told it otherwise."""
 OF_OTHER_FITS = ("candidates", "validate")
 """Settings that no fit of one candidate depends on: editing one samples nothing again."""
-SNAKEMAKE_KEYS = {"pathvars"}
-"""Keys of a config that speak to Snakemake alone."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,6 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
 
     content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
     place = where or ("config" if isinstance(config, Mapping) else str(config))
-    content = {key: value for key, value in content.items() if key not in SNAKEMAKE_KEYS}
     faults = violations(content, "config", place)
     if faults:
         raise Faults(faults)

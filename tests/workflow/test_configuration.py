@@ -78,8 +78,22 @@ def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
     run = snakemake(tmp_path, *arguments)
     assert run.returncode == 0, run.stderr
     assert "a/kv_gm_1/ensembles/2.nc" in run.stdout and "ensembles/3.nc" not in run.stdout
+    laid_over = "fewer.yaml: without studies of its own; every study of config.yaml is run"
+    assert run.stderr.count(laid_over) == 1
     wrong = said(tmp_path, "--config", "data_rot=elsewhere")
     assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
+
+
+def test_results_are_elsewhere_by_one_key_only(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(f"pathvars: {{result: out}}\n{SOUND}")
+    error = said(tmp_path)
+    assert "pathvars: unknown key 'result'; did you mean 'results'?" in error
+    (tmp_path / "mine.yaml").write_text(f"pathvars: {{results: out}}\n{SOUND}")
+    arguments = ("--cores", "1", "--dry-run", "--configfile", tmp_path / "mine.yaml")
+    run = snakemake(tmp_path, *arguments)
+    assert run.returncode == 0 and "out/a/kv_gm_1/ensembles/3.nc" in run.stdout
+    assert "without studies" not in run.stderr
 
 
 def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:

@@ -27,6 +27,17 @@ def check_yaml(path):
         end(error)
 
 
+def say_what_is_laid_over(path):
+    """That files of the command line bring no studies, so that those of `path` are run."""
+    files = [os.path.relpath(file) for file in workflow.config_settings.configfiles]
+    if files and workflow.is_main_process:
+        print(
+            f"{', '.join(files)}: without studies of its own; every study of {path} is run, with "
+            "these settings over its own",
+            file=sys.stderr,
+        )
+
+
 def config_files():
     """The files that were read; those of the command line have the last say."""
     count = len(workflow.config_settings.configfiles)
