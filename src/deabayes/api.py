@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from deabayes.faults import UserError
-from deabayes.posteriors.storage import picked, read_tree, stacked
+from deabayes.posteriors.storage import picked, read_tree, stacked, sum_of_draws
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,11 +136,11 @@ class Posterior:
             this response and the noise is another one's, or where its size is a
             calibration record's. `model_note` says which candidate solved it, where the
             study names a wider one for some protocols. `held_out_note` says where the
-            study's held-out records were missed by their bands.
+            study's held-out records were missed by their bands, or that their scores
+            (errors.csv) are not beside the file.
         """
         from deabayes.fitted import Fitted
         from deabayes.prediction.bands import to_dataset
-        from deabayes.prediction.held_out import note_beside
 
         fitted = Fitted.from_tree(self._tree, size, seed)
         experiment = fitted.experiment(channels, response, conditions or {}, protocol)
@@ -152,10 +153,19 @@ class Posterior:
                 "converged": int(fitted.converged),
                 "model_note": fitted.model_note(experiment, protocol),
                 "noise_group": fitted.noise_of(experiment).group,
-                "held_out_note": note_beside(self._path) if self._path else "",
+                "held_out_note": self._held_out_note(),
             },
         )
         return dataset.drop_vars(["observed", "pit"])
+
+    def _held_out_note(self) -> str:
+        """What held-out records say of the bands; a tree without a file has nothing beside it."""
+        from deabayes.prediction.held_out import note_beside
+
+        if self._path is None:
+            return ""
+        none_held_out = json.loads(self._tree.attrs["study"]).get("validate") == []
+        return note_beside(self._path, sum_of_draws(self._tree), none_held_out)
 
     def as_prior(self) -> PriorFromPosterior:
         """The material and specimen parameters as a prior for another study, correlations kept."""

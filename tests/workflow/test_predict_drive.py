@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from tests.unit.test_predict_with import file
+from tests.unit.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
 from deabayes.cli import main
-from deabayes.posteriors.storage import write_tree
+from deabayes.posteriors.storage import sum_of_draws, write_tree
+from deabayes.preparation.prepared import write_prepared
+from deabayes.study import Study
 
 DRIVE = "time [ms],voltage [kV]\n0,0\n10,1.8\n500,1.8\n"
 
@@ -59,30 +63,85 @@ def test_what_is_to_be_known_of_it_is_said(place: Path, capsys: pytest.CaptureFi
     assert "displacement_median [m]" in Path("out.csv").read_text()
 
 
-ERRORS = """experiment,role,coverage_90
-creep_1kV,calibrate,0.3
-creep_2kV,validate,0.95
-sine_2kV,validate,0.62
-sine_1kV,validate,0.531
-"""
+ERRORS = pd.DataFrame(
+    {
+        "experiment": ["creep_1kV", "creep_2kV", "sine_2kV", "sine_1kV"],
+        "role": ["calibrate", "validate", "validate", "validate"],
+        "coverage_90": [0.3, 0.95, 0.62, 0.531],
+    }
+)
+NARROW = (
+    "of 3 held-out records the 90 % bands of 2 are too narrow (they hold, of sine_1kV 53 %, "
+    "sine_2kV 62 %); those of a drive of your own may be as much so"
+)
 
 
-@pytest.mark.parametrize("seconds", [60.0, -60.0])
-def test_bands_that_missed_what_was_held_out_are_said(
-    place: Path, capsys: pytest.CaptureFixture[str], seconds: float
-) -> None:
-    """As errors.csv beside the posterior has it, unless it is older: of another fit."""
-    (place / "errors.csv").write_text(ERRORS)
-    changed = (place / "posterior.nc").stat().st_mtime + seconds
-    os.utime(place / "errors.csv", (changed, changed))
+def note() -> str:
+    """What netCDF and terminal say of held-out records, the same."""
     predict("-o", "out.nc")
-    said = capsys.readouterr().err
-    words = (
-        "of 3 held-out records the 90 % bands of 2 are too narrow (they hold, of sine_1kV 53 %, "
-        "sine_2kV 62 %); those of a drive of your own may be as much so"
-    )
-    kept = xr.load_dataset("out.nc", engine="h5netcdf").attrs["held_out_note"]
-    assert (f"out.nc: {words}" in said, kept) == ((True, words) if seconds > 0 else (False, ""))
+    return str(xr.load_dataset("out.nc", engine="h5netcdf").attrs["held_out_note"])
+
+
+def written(study: Study, seed: int = 1) -> str:
+    """Write a posterior file; what tells its draws."""
+    tree = file(None, study)
+    tree["posterior"]["E_0"] += 1e-9 * seed
+    write_tree(tree, Path("posterior.nc"))
+    return sum_of_draws(tree)
+
+
+def test_bands_that_missed_what_was_held_out_are_said(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whenever the file was written: a copy is newer than the scores beside it."""
+    draws = sum_of_draws(open_posterior("posterior.nc").data)
+    ERRORS.assign(posterior_draws=draws).to_csv("errors.csv", index=False)
+    for age in (60.0, -60.0):
+        changed = (place / "posterior.nc").stat().st_mtime + age
+        os.utime(place / "errors.csv", (changed, changed))
+        assert note() == NARROW
+        assert f"out.nc: {NARROW}\n" in capsys.readouterr().err
+    ERRORS.assign(coverage_90=0.9, posterior_draws=draws).to_csv("errors.csv", index=False)
+    assert note() == ""
+
+
+def test_scores_that_are_copied_along_are_those_of_the_copy(place: Path) -> None:
+    """As `deabayes predict` writes them, of a record far from what was fitted."""
+    held_out = replace(creep(), name="other", role="validate", response=1e6 * creep().response)
+    for record in (creep(), held_out):
+        write_prepared(record, Path("prepared") / f"{record.name}.nc")
+    main(["predict", "posterior.nc", "--prepared", "prepared", "-o", "all"])
+    copy = place / "copy"
+    copy.mkdir()
+    Path("errors.csv").rename(copy / "errors.csv")
+    shutil.copyfile("posterior.nc", copy / "posterior.nc")
+    copied = open_posterior(copy / "posterior.nc").predict(time=[0.0, 1.0], voltage=1800.0)
+    assert copied.attrs["held_out_note"].startswith("of 1 held-out records the 90 % bands of 1")
+
+
+@pytest.mark.parametrize("validate", [None, ("sine_1kV",), ()])
+def test_scores_that_are_not_at_hand_are_missed(
+    place: Path, validate: tuple[str, ...] | None
+) -> None:
+    """Unless the study names none to hold out."""
+    study = replace(STUDY, validate=validate)
+    before = written(study)
+    said = {"absent": note()}
+    for name, table in (
+        ("of other draws", ERRORS.assign(posterior_draws=before)),
+        ("of before", ERRORS),
+    ):
+        written(study, seed=2)
+        table.to_csv("errors.csv", index=False)
+        said[name] = note()
+    Path("errors.csv").write_text("")
+    said["empty"] = note()
+    if validate == ():
+        assert set(said.values()) == {""}
+        return
+    assert re.match(r"held-out scores \(errors\.csv\) are not beside .*copy", said.pop("absent"))
+    for name, text in said.items():
+        assert re.match(r"errors\.csv beside .* not of its draws.*deabayes predict", text), name
 
 
 def test_a_frequency_response_under_a_load(place: Path) -> None:

@@ -81,13 +81,15 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
     from deabayes.fitted import Fitted
     from deabayes.posteriors.fitted_records import check_fitted_records
-    from deabayes.posteriors.storage import read_tree, write_datasets
+    from deabayes.posteriors.storage import read_tree, sum_of_draws, write_datasets
     from deabayes.prediction.bands import to_dataset
     from deabayes.prediction.errors_table import error_row
+    from deabayes.prediction.held_out import SCORED_DRAWS
 
     tree, experiments = read_tree(posterior), read_experiments(prepared)
     check_fitted_records(tree, experiments)
     fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
+    draws = sum_of_draws(tree)
     datasets, rows, failures = {}, [], []
     for index, experiment in enumerate(experiments):
         rng = np.random.default_rng([1, index])
@@ -100,7 +102,7 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
             "candidate": fitted.candidate,
         }
         datasets[experiment.name] = to_dataset(experiment, samples, attributes)
-        rows.append(error_row(experiment, samples, flags))
+        rows.append(error_row(experiment, samples, flags) | {SCORED_DRAWS: draws})
         if samples.failure:
             failures.append(f"{fitted.candidate}, {experiment.name}: {samples.failure}")
     write_datasets(datasets, output, mark="experiment")

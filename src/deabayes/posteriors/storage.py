@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from numbers import Integral
@@ -127,6 +128,18 @@ def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
 def stacked(group: xr.DataTree, name: str) -> FloatArray:
     """A variable of a group as (chain * draw,)."""
     return np.asarray(group[name].values, dtype=float).reshape(-1)
+
+
+def sum_of_draws(tree: xr.DataTree) -> str:
+    """What tells a posterior's draws from any others, wherever and whenever its file was written.
+
+    It begins with letters: of hexadecimal digits alone, some would be read as a number in a table.
+    """
+    group = tree["posterior"]
+    digest = hashlib.sha256()
+    for name in sorted(map(str, group.data_vars)):
+        digest.update(name.encode() + np.ascontiguousarray(group[name], dtype="<f8").tobytes())
+    return f"sha256:{digest.hexdigest()[:16]}"
 
 
 def specimen_to_json(specimen: Specimen) -> str:

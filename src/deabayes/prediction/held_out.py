@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 NARROW_COVERAGE = 0.7
 """Share of a record's points in its 90 % band below which the band is too narrow."""
 MOST_NAMED = 4
+SCORED_DRAWS = "posterior_draws"
+"""Column of errors.csv: of which draws the scores are."""
+UNCHECKED = "so nothing tells here whether bands on records that were not fitted are wide enough"
 
 
 def missed(errors: pd.DataFrame) -> pd.DataFrame:
@@ -19,17 +22,45 @@ def missed(errors: pd.DataFrame) -> pd.DataFrame:
     return held_out[held_out["coverage_90"] < NARROW_COVERAGE]
 
 
-def note_beside(posterior: Path) -> str:
+def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
     """What the errors.csv beside a posterior.nc says of its bands; nothing if they hold.
 
-    One that is older than the posterior is of another fit, and says nothing.
+    Parameters
+    ----------
+    draws : what tells the posterior's draws from others (`sum_of_draws`).
+    none_held_out : the study names no record to hold out, so that there is nothing to score.
     """
+    table = posterior.with_name("errors.csv")
+    errors = _scores(table, draws)
+    if errors is not None:
+        return _too_narrow(errors)
+    if none_held_out:
+        return ""
+    if table.is_file():
+        return (
+            f"errors.csv beside the posterior is not of its draws, {UNCHECKED}; score them again "
+            "(`deabayes predict` without --excitation), or copy the errors.csv that belongs to it"
+        )
+    return (
+        f"held-out scores (errors.csv) are not beside the posterior, {UNCHECKED}; copy errors.csv "
+        "along with it"
+    )
+
+
+def _scores(table: Path, draws: str) -> pd.DataFrame | None:
+    """An errors.csv, if it is there and of these draws."""
     import pandas as pd
 
-    table = posterior.with_name("errors.csv")
-    if not table.is_file() or table.stat().st_mtime < posterior.stat().st_mtime:
-        return ""
-    errors = pd.read_csv(table)
+    try:
+        errors = pd.read_csv(table)
+    except (OSError, ValueError):  # not there, or no table
+        return None
+    of_these = SCORED_DRAWS in errors and bool((errors[SCORED_DRAWS] == draws).all())
+    return errors if of_these else None
+
+
+def _too_narrow(errors: pd.DataFrame) -> str:
+    """How many held-out records the bands miss, and which; nothing if they miss none."""
     rows = missed(errors).sort_values("coverage_90")
     if rows.empty:
         return ""
