@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from deabayes.experiment import Excitation, FloatArray
 from deabayes.faults import UserError, nearest
+from deabayes.given_values import array_in_si
 from deabayes.systems.base import System
-from deabayes.units import array_in_si
 
 
 def excitation_of(

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.given_drive import excitation_of
+from deabayes.given_values import array_in_si
 from deabayes.parameter import Parameter
 from deabayes.systems import build
 from deabayes.systems.base import System
-from deabayes.units import array_in_si
 
 
 def simulate(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from deabayes.faults import UserError
-from deabayes.units import array_in_si, parse_quantity, registry, same_dimension, si_unit, to_si
+from deabayes.given_values import array_in_si
+from deabayes.units import parse_quantity, registry, same_dimension, si_unit, to_si
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,12 @@ STARTS = {
 }
 """What the pipeline's function for a rule calls."""
 PLUMBING = {
+    "carried_unit",
     "compiled",
     "faults",
     "files",
     "given_drive",
+    "given_values",
     "posteriors.storage",
     "quantities",
     "registry",
