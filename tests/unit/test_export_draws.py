@@ -55,6 +55,27 @@ def test_csv_says_the_unit_of_every_column(tmp_path):
     assert table["mu_alpha [Pa]"].tolist() == FIRST
 
 
+@pytest.mark.parametrize(
+    ("provenance", "converged", "told"),
+    [("simulated", False, (1, 0)), ("measured", True, (0, 1)), ("digitised", False, (0, 0))],
+)
+def test_csv_and_matlab_say_what_the_draws_are_worth(tmp_path, provenance, converged, told):
+    """In columns behind the others, of numbers alone: no reader of plain tables is at a loss."""
+    found = tree()
+    found.attrs.update(provenance=provenance, convergence=json.dumps({"converged": converged}))
+    export(found, "csv", tmp_path / "draws.csv")
+    table = pd.read_csv(tmp_path / "draws.csv")
+    assert list(table.columns)[-2:] == ["simulated", "converged"]
+    assert np.loadtxt(tmp_path / "draws.csv", delimiter=",", skiprows=1).shape == table.shape
+    assert set(zip(table["simulated"], table["converged"], strict=True)) == {told}
+    export(found, "mat", tmp_path / "draws.mat")
+    about = scipy.io.loadmat(tmp_path / "draws.mat", simplify_cells=True)["about"]
+    assert about == {
+        "candidate": "kv_gm_1", "system": "membrane", "provenance": provenance,
+        "deabayes_version": "1", "converged": converged,
+    }  # fmt: skip
+
+
 def test_parquet_keeps_plain_names_and_says_units_in_its_metadata(tmp_path):
     export(tree(), "parquet", tmp_path / "draws.parquet")
     table = pd.read_parquet(tmp_path / "draws.parquet")

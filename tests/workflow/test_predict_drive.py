@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ from tests.unit.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
 from deabayes.cli import main
+from deabayes.commands.drive import read_drive
 from deabayes.posteriors.storage import sum_of_draws, write_tree
 from deabayes.preparation.prepared import write_prepared
 from deabayes.study import Study
@@ -70,6 +72,32 @@ ERRORS = pd.DataFrame(
         "coverage_90": [0.3, 0.95, 0.62, 0.531],
     }
 )
+
+
+@pytest.mark.parametrize("provenance", ["simulated", "measured"])
+@pytest.mark.parametrize("converged", [True, False])
+@pytest.mark.parametrize("extrapolated", [True, False])
+def test_a_table_says_what_it_is_worth(
+    place: Path, provenance: str, converged: bool, extrapolated: bool
+) -> None:
+    """As the terminal does, which is not kept; it is a record still, and numbers alone."""
+    tree = file(None)
+    tree.attrs["convergence"] = json.dumps({"converged": converged})
+    specimen = json.loads(tree.attrs["specimen"])
+    tree.attrs["specimen"] = json.dumps(specimen | {"provenance": {"kind": provenance}})
+    write_tree(tree, place / "posterior.nc")
+    drive = "time [s],voltage [kV]\n0,2\n0.5,2\n"
+    (place / "drive.csv").write_text(drive.replace("2\n", "8\n") if extrapolated else drive)
+    predict("-o", "out.csv")
+    table = pd.read_csv("out.csv")
+    told = {"simulated": provenance == "simulated", "converged": converged}
+    told["extrapolated"] = extrapolated
+    assert list(table)[-3:] == list(told)
+    assert (table[list(told)] == [int(each) for each in told.values()]).all(axis=None)
+    assert np.loadtxt("out.csv", delimiter=",", skiprows=1).shape == table.shape
+    assert read_drive("tubular", place / "out.csv").keys() == {"time", "voltage"}
+
+
 NARROW = (
     "of 3 held-out records the 90 % bands of 2 are too narrow (they hold, of sine_1kV 53 %, "
     "sine_2kV 62 %); those of a drive of your own may be as much so"

@@ -49,7 +49,11 @@ def predict_record(
 
 
 def as_table(prediction: xr.Dataset) -> pd.DataFrame:
-    """One row per point, columns headed `name [unit]`; bands as `predictive_90_lower`."""
+    """One row per point, columns headed `name [unit]`; bands as `predictive_90_lower`.
+
+    Last, without a unit, what must not be lost with the terminal: `simulated`, `converged` and
+    `extrapolated`, 1 or 0 in every row.
+    """
     import pandas as pd
 
     at, response = prediction["coordinate"], prediction.attrs["response_name"]
@@ -64,6 +68,9 @@ def as_table(prediction: xr.Dataset) -> pd.DataFrame:
             for bound in prediction["bound"].values:
                 values = prediction[name].sel(level=level, bound=bound).values
                 columns[f"{name}_{100 * level:.0f}_{bound} [{unit}]"] = values
+    columns["simulated"] = int(prediction.attrs["provenance"] == "simulated")
+    columns["converged"] = int(prediction.attrs["converged"])
+    columns["extrapolated"] = int(bool(prediction.attrs["extrapolation"]))
     return pd.DataFrame(columns)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import draws_table
+from deabayes.export.table import converged, draws_table, stated
 
 
 def write(tree: xr.DataTree, path: Path) -> None:
@@ -27,11 +27,8 @@ def write(tree: xr.DataTree, path: Path) -> None:
         for name, variable in tree["posterior"].data_vars.items()
     }
     content = {
-        "candidate": tree.attrs["candidate"],
-        "system": tree.attrs["system"],
-        "provenance": tree.attrs["provenance"],
-        "deabayes_version": tree.attrs["deabayes_version"],
-        "converged": json.loads(tree.attrs["convergence"])["converged"],
+        **stated(tree),
+        "converged": converged(tree),
         "ensemble": table["ensemble"].tolist(),
         "parameters": parameters,
     }

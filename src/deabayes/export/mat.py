@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import draws_table, units
+from deabayes.export.table import converged, draws_table, stated, units
 from deabayes.faults import UserError
 
 LONGEST_NAME = 63
@@ -17,6 +17,8 @@ LONGEST_NAME = 63
 
 def write(tree: xr.DataTree, path: Path) -> None:
     """Structs `draws`, `units` and `names`, their fields named as MATLAB allows (see `fields`).
+
+    And `about`: `candidate`, `system`, `provenance`, `deabayes_version`, logical `converged`.
 
     Raises
     ------
@@ -29,8 +31,10 @@ def write(tree: xr.DataTree, path: Path) -> None:
     draws = {of[str(name)]: table[name].to_numpy() for name in table.columns}
     labels = {of[name]: unit for name, unit in units(tree).items()}
     names = {found: name for name, found in of.items()}
+    about = {**stated(tree), "converged": converged(tree)}
+    content = {"draws": draws, "units": labels, "names": names, "about": about}
     with path.open("wb") as stream:
-        savemat(stream, {"draws": draws, "units": labels, "names": names}, long_field_names=True)
+        savemat(stream, content, long_field_names=True)
 
 
 def fields(names: Sequence[str]) -> dict[str, str]:

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import draws_table
-
-STATED = ("candidate", "system", "provenance", "deabayes_version")
+from deabayes.export.table import converged, draws_table, stated
 
 
 def write(tree: xr.DataTree, path: Path) -> None:
@@ -31,7 +29,6 @@ def write(tree: xr.DataTree, path: Path) -> None:
         else field
         for field in table.schema
     ]
-    stated = {name: str(tree.attrs[name]) for name in STATED}
-    stated["converged"] = json.dumps(bool(json.loads(tree.attrs["convergence"])["converged"]))
+    told = stated(tree) | {"converged": json.dumps(converged(tree))}
     kept = {key.decode(): value for key, value in (table.schema.metadata or {}).items()}
-    pq.write_table(table.cast(pa.schema(fields, metadata={**kept, **stated})), path)
+    pq.write_table(table.cast(pa.schema(fields, metadata={**kept, **told})), path)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pandas as pd
 import xarray as xr
 
 from deabayes.posteriors.storage import stacked
+
+STATED = ("candidate", "system", "provenance", "deabayes_version")
 
 
 def draws_table(tree: xr.DataTree, kinds: tuple[str, ...] | None = None) -> pd.DataFrame:
@@ -23,6 +27,16 @@ def draws_table(tree: xr.DataTree, kinds: tuple[str, ...] | None = None) -> pd.D
     table = pd.DataFrame({name: stacked(group, name) for name in names})
     table.insert(0, "ensemble", [chain for chain in range(chains) for _ in range(size)])
     return table
+
+
+def stated(tree: xr.DataTree) -> dict[str, str]:
+    """Where draws come from, as texts; `provenance` is that of the records."""
+    return {name: str(tree.attrs[name]) for name in STATED}
+
+
+def converged(tree: xr.DataTree) -> bool:
+    """Whether draws may be used."""
+    return bool(json.loads(tree.attrs["convergence"])["converged"])
 
 
 def units(tree: xr.DataTree) -> dict[str, str]:
