@@ -179,7 +179,7 @@ class Fitted:
         given = {name: values for name, values in channels.items() if name != "time"}
         driven, label = excitation_of(self.system, channels.get("time"), given, conditions)
         fitted = [r.response_name for r in self.records if r.excitation_name == driven.name]
-        response = response or next(iter(fitted), self.system.response_to(driven.name))
+        response = response or next(iter(fitted), None) or self.system.response_to(driven.name)
         if response not in self.system.responses:
             raise UserError(
                 f"response {response!r} is unknown{nearest(response, self.system.responses)}"

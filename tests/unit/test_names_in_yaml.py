@@ -123,6 +123,21 @@ def test_a_study_called_as_its_folder_is_checked_with_its_entry(
     main(("check", "./strip"))
 
 
+def test_a_config_that_is_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The config in it is named, if there is one."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "config.yaml").write_text("studies: {}\n")
+    (tmp_path / "bare").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for folder, hint in (("here", f", {Path('here', 'config.yaml')}"), ("bare", "")):
+        with pytest.raises(SystemExit):
+            main(("check", "strip", "--config", folder))
+        said = capsys.readouterr().err
+        assert said == f"deabayes: {folder}: is a folder; name a file{hint}\n"
+
+
 def test_a_config_that_is_not_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -186,6 +186,12 @@ def test_missing_file(tmp_path: Path) -> None:
         read_record(tmp_path / "gone.csv")
 
 
+def test_a_folder_is_no_record(tmp_path: Path) -> None:
+    with pytest.raises(UserError) as told:
+        read_record(tmp_path)
+    assert str(told.value) == f"{tmp_path}: is a folder; name the file of the record"
+
+
 def test_a_long_record_is_read_quickly(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     block = "".join(f"{i * 1e-4:.4f},2.5,{i * 1e-6:.6f}\n" for i in range(100_000))

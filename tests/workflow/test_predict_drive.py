@@ -179,6 +179,27 @@ def test_a_frequency_response_under_a_load(place: Path) -> None:
     assert list(pd.read_csv("out.csv"))[:2] == ["frequency [Hz]", "gain_median [1/V]"]
 
 
+@pytest.mark.parametrize("fitted", ["strain", "gain"])
+def test_a_frequency_response_is_named_unless_one_was_fitted(
+    place: Path, capsys: pytest.CaptureFixture[str], fitted: str
+) -> None:
+    (place / "drive.csv").write_text("frequency [Hz]\n10\n20\n40\n")
+    if fitted == "gain":
+        tree = file(None)
+        records = json.loads(tree.attrs["experiments"])
+        records[0] |= {"excitation_name": "frequency", "response_name": "gain"}
+        tree.attrs["experiments"] = json.dumps(records)
+        write_tree(tree, place / "posterior.nc")
+        predict("-o", "out.csv", "--condition", "bias_kV=2")
+        assert "gain_median [1/V]" in pd.read_csv("out.csv")
+        return
+    with pytest.raises(SystemExit):
+        predict("-o", "out.csv", "--condition", "bias_kV=2")
+    said = capsys.readouterr().err
+    assert "no response is named; give --response gain or phase" in said
+    assert "strain" not in said and said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
@@ -187,6 +208,7 @@ def test_a_frequency_response_under_a_load(place: Path) -> None:
         (("-o", "drive.csv"), "is the file that is read"),
         (("-o", "out.csv", "--condition", "load_g"), "--condition 'load_g': expected NAME=VALUE"),
         (("-o", "out.csv", "--condition", "laod_g=3"), "laod_g.*did you mean 'load_g'"),
+        (("-o", "out.csv", "--excitation", "."), r"deabayes: \.: is a folder; name the file"),
         (("-o", "out.csv", "--errors", "e.csv"), "--errors .* --excitation"),
     ],
 )

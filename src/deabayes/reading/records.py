@@ -37,8 +37,10 @@ def read_record(
     Faults, UserError : whatever keeps the file from being read, naming file and column.
     """
     path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{path}: is a folder; name the file of the record")
     if not path.is_file():
-        raise UserError(f"{path}: there is no such file; correct the path in experiments.csv")
+        raise UserError(f"{path}: there is no such file; correct the path")
     try:
         table = _read_table(path, record_format, columns)
         return to_record(table, sha256_of(path), channels or CHANNELS, str(path))

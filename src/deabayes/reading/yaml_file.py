@@ -25,6 +25,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
     import yaml
 
     path = Path(path)
+    if path.is_dir():
+        within = path / "config.yaml"
+        raise UserError(f"{path}: is a folder; name a file{f', {within}' * within.is_file()}")
     if not path.is_file():
         remedy = "correct the path, or write it (docs/reference/configuration.md)"
         if path.name == "specimen.yaml":

@@ -174,7 +174,18 @@ class System(ABC):
         return None
 
     def response_to(self, excitation: str) -> str:
-        """The response to an excitation channel where none is named."""
+        """The response to an excitation channel where none is named.
+
+        Raises
+        ------
+        UserError : a frequency response, of which gain and phase are told apart by name alone.
+        """
+        named = [name for name in self.responses if name in FREQUENCY_RESPONSE]
+        if excitation in FREQUENCY_RESPONSE and named:
+            raise UserError(
+                f"excitation {excitation!r}: no response is named; give --response "
+                f"{' or '.join(named)} (`deabayes predict`), in Python response={named[0]!r}"
+            )
         return next(iter(self.responses))
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
