@@ -47,6 +47,20 @@ class ResidualScale:
         at = -np.log(response) if self.proportional else np.zeros_like(response)
         return np.asarray(at - np.log(self._column))
 
+    def level(self, response: FloatArray) -> FloatArray:
+        """y (W, N), or ln y: what residuals, times s, are differences of."""
+        if not self.proportional:
+            return response
+        return np.asarray(np.log(np.maximum(response, np.finfo(float).tiny)))
+
+    def in_levels(self, residuals: FloatArray) -> FloatArray:
+        """Residuals (W, N) as differences of levels."""
+        return np.asarray(self._column * residuals)
+
+    def response(self, level: FloatArray) -> FloatArray:
+        """y of levels of any shape."""
+        return np.asarray(np.exp(level)) if self.proportional else level
+
     @property
     def _column(self) -> FloatArray:
         return np.atleast_1d(np.asarray(self.scale, dtype=float))[:, None]

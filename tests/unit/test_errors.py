@@ -60,12 +60,11 @@ def test_crps_is_unbiased_in_the_number_of_samples():
 
 
 def test_interval_coverage_by_hand():
-    samples = np.tile(np.linspace(0.0, 1.0, 101)[:, None], (1, 4))
-    observed = np.array([0.04, 0.06, 0.94, 0.96])
-    assert interval_coverage(observed, samples, 0.9) == 0.5
-    assert interval_coverage(observed, samples, 0.94) == 1.0
-    with pytest.raises(ValueError, match="probability"):
-        interval_coverage(observed, samples, 90)
+    observed = np.array([0.04, 0.06, 0.94, 0.95])
+    assert interval_coverage(observed, np.full(4, 0.05), np.full(4, 0.95)) == 0.75
+    assert interval_coverage(observed, np.zeros(4), np.array([1.0, 0.05, 1.0, 1.0])) == 0.75
+    with pytest.raises(ValueError, match="length"):
+        interval_coverage(observed, [0.05], [0.95])
 
 
 def test_joint_log_score_by_hand_and_without_underflow():

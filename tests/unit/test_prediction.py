@@ -78,15 +78,15 @@ def test_a_draw_keeps_its_own_noise_where_others_fail():
 
 def test_bands_leave_the_same_share_on_either_side():
     """Of 0, 1, ..., 100: 25 to 75 and 5 to 95; the mean and median of a skewed sample differ."""
-    ladder = np.arange(101.0)[:, None] * np.ones(TIME.size)
-    skewed = np.array([0.0, 1.0, 5.0])[:, None] * np.ones(TIME.size)
-    made = Samples(skewed, ladder, 2.0 * ladder, None, np.full(TIME.size, np.nan), 0)
-    dataset = to_dataset(record(), made, {"candidate": "one"})
+    experiment = record()
+    dataset = to_dataset(experiment, sampled(range(101), experiment), {"candidate": "one"})
     at = dataset.sel(coordinate=1.0)
-    np.testing.assert_allclose(at["discrepancy"], [[25.0, 75.0], [5.0, 95.0]])
-    np.testing.assert_allclose(at["predictive"], [[50.0, 150.0], [10.0, 190.0]])
-    np.testing.assert_allclose(at["parameter"], [[0.5, 3.0], [0.1, 4.6]])
-    assert (float(at["mean"]), float(at["median"])) == (2.0, 1.0)
+    for name in ("parameter", "discrepancy"):  # the same without correlated noise
+        np.testing.assert_allclose(at[name], [[25.0, 75.0], [5.0, 95.0]])
+    np.testing.assert_allclose(at["predictive"], [[24.75, 75.25], [4.55, 95.45]], atol=0.5)
+    skewed = to_dataset(experiment, sampled([0.0, 1.0, 5.0], experiment), {})
+    np.testing.assert_allclose(skewed["parameter"][..., 0], [[0.5, 3.0], [0.1, 4.6]])
+    assert (float(skewed["mean"][0]), float(skewed["median"][0])) == (2.0, 1.0)
     assert dataset["level"].values.tolist() == [0.5, 0.9]
     np.testing.assert_allclose(dataset["excitation"], [0.0, 2.0, 4.0, 8.0])
     assert dataset["observed"].attrs["units"] == "N"
@@ -98,7 +98,10 @@ def test_a_row_of_errors_by_hand():
     what = replace(record(), response=np.array([8.0, 10.0, 10.0, 12.0]))
     levels = np.arange(21.0)[:, None] * np.ones(TIME.size)
     noisy = np.linspace(9.0, 15.0, 601)[:, None] * np.ones(TIME.size)
-    made = Samples(levels, levels, noisy, np.log([0.2, 0.4]), np.full(TIME.size, 0.5), 3)
+    ends = np.array([[10.5, 13.5], [9.3, 14.7]])[..., None] * np.ones(TIME.size)
+    made = Samples(
+        levels, levels, noisy, {"predictive": ends}, np.log([0.2, 0.4]), np.full(TIME.size, 0.5), 3
+    )
     row = error_row(what, made, "too far")
     assert row["e_rms_percent"] == pytest.approx(100 * np.sqrt(2.0) / 4)
     assert row["e_m_percent"] == pytest.approx(100 * 2.0 / 4)
@@ -106,7 +109,6 @@ def test_a_row_of_errors_by_hand():
     assert (row["e_m_q05"], row["e_m_q95"]) == pytest.approx((100 * 3 / 4, 100 * 12 / 4))
     rms = [100 * np.sqrt(2.0 + off**2) / 4 for off in (1.0, 10.0)]
     assert (row["e_rms_q05"], row["e_rms_q95"]) == pytest.approx(rms)
-    # 50 % of the predictive: 10.5 to 13.5; 90 %: 9.3 to 14.7.
     assert (row["coverage_50"], row["coverage_90"]) == (0.25, 0.75)
     assert row["joint_log_score"] == pytest.approx(np.log(0.3))
     assert row["failed_draws"] == 3 and row["extrapolation"] == "too far"

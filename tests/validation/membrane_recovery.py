@@ -144,7 +144,7 @@ def _held_out(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> ro
             experiment.coordinate,
             rng,
         )
-        for level, (low, high) in zip((50, 90), samples.band(samples.predictive), strict=True):
+        for level, (low, high) in zip((50, 90), samples.bands["predictive"], strict=True):
             inside = (low <= experiment.response) & (experiment.response <= high)
             row[f"held{level}:{experiment.name}"] = f"{inside.mean():.4f}"
         row[f"lost:{experiment.name}"] = samples.failed

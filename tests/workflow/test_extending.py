@@ -53,6 +53,13 @@ class Laplace(NoiseModel):
     def variances(self, draws, weights):
         white = 2.0 * np.asarray(draws["sigma_white"], dtype=float) ** 2 * np.mean(weights)
         return np.zeros_like(white), white
+
+    def spreads(self, draws, weights):
+        sigma = np.asarray(draws["sigma_white"], dtype=float)[:, None]
+        return np.zeros_like(sigma), sigma * np.sqrt(weights)
+
+    def cumulative(self, scores, draws):
+        return 0.5 * (1.0 - np.sign(scores) * np.expm1(-np.abs(scores)))
 '''
 YEOH = '''
 """Yeoh spring: powers of the first invariant."""

@@ -64,6 +64,7 @@ rule further_experiments:
             "further/information.py",
             "prediction/outcomes.py",
             "prediction/bands.py",
+            "prediction/mixture_bands.py",
             "prediction/transforms.py",
             "prediction/calibrated.py",
             "fitted.py",

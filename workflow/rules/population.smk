@@ -21,6 +21,7 @@ rule population:
             "posteriors/content.py",
             "posteriors/counted_records.py",
             "prediction/bands.py",
+            "prediction/mixture_bands.py",
             "prediction/transforms.py",
             "prediction/noise_origin.py",
             "pareto.py",

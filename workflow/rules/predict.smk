@@ -5,6 +5,7 @@ rule predict:
         modules=modules(
             "prediction/calibrated.py",
             "prediction/bands.py",
+            "prediction/mixture_bands.py",
             "prediction/transforms.py",
             "prediction/outcomes.py",
             "prediction/noise_origin.py",

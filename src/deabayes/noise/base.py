@@ -88,6 +88,14 @@ class NoiseModel(ABC):
     def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of its correlated and of its white part, (W,) each, on average over a record's points."""
 
+    @abstractmethod
+    def spreads(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scale of one residual, of its correlated part alone (W, 1) and of the whole (W, N)."""
+
+    @abstractmethod
+    def cumulative(self, scores: FloatArray, draws: Draws) -> FloatArray:
+        """Distribution function of one residual, or its correlated part, over its scale, (W, N)."""
+
 
 def contiguous(values: FloatArray) -> FloatArray:
     """As the kernels take it: float64, C order, copied only if it is not."""

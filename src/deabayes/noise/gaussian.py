@@ -36,6 +36,15 @@ class GaussianNoise(NoiseModel):
         with np.errstate(all="ignore"):
             return _whole_rows(innovation / np.sqrt(variance), residuals)
 
+    def spreads(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        correlated, white = (part[:, None] for part in self.variances(draws, np.ones(1)))
+        return np.sqrt(correlated), np.sqrt(correlated + white * weights)
+
+    def cumulative(self, scores: FloatArray, draws: Draws) -> FloatArray:
+        from scipy.special import ndtr
+
+        return np.asarray(ndtr(scores))
+
 
 def white_sample(
     rng: np.random.Generator, weights: FloatArray, sigma_white: FloatArray

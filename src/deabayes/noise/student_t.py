@@ -85,3 +85,13 @@ class StudentT(NoiseModel):
             wider = np.where(freedom > 2.0, freedom / (freedom - 2.0), np.inf)
         white = variance(draws["sigma_white"]) * np.mean(weights) * wider
         return np.zeros_like(white), white
+
+    def spreads(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        sigma = np.sqrt(variance(draws["sigma_white"]))[:, None]
+        return np.zeros_like(sigma), sigma * np.sqrt(weights)
+
+    def cumulative(self, scores: FloatArray, draws: Draws) -> FloatArray:
+        from scipy.special import stdtr
+
+        freedom = np.asarray(draws["degrees_of_freedom"], dtype=float)[:, None]
+        return np.asarray(stdtr(freedom, scores))

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise.base import NoiseModel
+from deabayes.prediction.mixture_bands import BANDS, LEVELS, bands
 from deabayes.prediction.noise_origin import NoiseOrigin
 from deabayes.prediction.transforms import transforms
 from deabayes.residual_scale import ResidualScale
 from deabayes.systems.base import Draws, System
-
-LEVELS = (0.5, 0.9)
 
 
 @dataclass(frozen=True)
 class Samples:
     """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
 
+    `bands` are the intervals (level, bound, N) of the three, of the law that the samples are of.
     `failed` counts the draws without a finite response, which are left out, and
     `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
     where the response was observed, of all draws: -inf of those that failed.
@@ -33,16 +33,22 @@ class Samples:
     parameter: FloatArray
     discrepancy: FloatArray
     predictive: FloatArray
+    bands: Mapping[str, FloatArray]
     log_density: FloatArray | None
     pit: FloatArray
     failed: int
     failure: str = ""
     noise_note: str = ""
 
-    def band(self, samples: FloatArray) -> FloatArray:
-        """Equal-tailed intervals (level, bound, N)."""
-        tails = [[(1 - level) / 2, (1 + level) / 2] for level in LEVELS]
-        return np.stack([np.quantile(samples, pair, axis=0) for pair in tails])
+    @classmethod
+    def none(
+        cls, size: int, log_density: FloatArray | None, failed: int, failure: str, note: str
+    ) -> Samples:
+        """Of a record of `size` points that no draw has a response to."""
+        nothing = np.full((2, size), np.nan)
+        none = dict.fromkeys(BANDS, np.full((len(LEVELS), 2, size), np.nan))
+        pit = np.full(size, np.nan)
+        return cls(nothing, nothing, nothing, none, log_density, pit, failed, failure, note)
 
 
 def sample_response(
@@ -75,8 +81,7 @@ def sample_response(
     log_density = np.full(kept.size, -np.inf) if observed else None
     pit = np.full(experiment.coordinate.size, np.nan)
     if not kept.any():
-        nothing = np.full((2, pit.size), np.nan)
-        return Samples(nothing, nothing, nothing, log_density, pit, kept.size, failure, origin.note)
+        return Samples.none(pit.size, log_density, kept.size, failure, origin.note)
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
@@ -89,6 +94,7 @@ def sample_response(
         mean,
         scale.with_residuals(mean, discrepancy),
         scale.with_residuals(mean, discrepancy + white),
+        bands(mean, scale, noise, noise_draws, weights),
         log_density,
         pit,
         int(np.sum(~kept)),
@@ -150,9 +156,8 @@ def to_dataset(
 def _curves(experiment: Experiment, samples: Samples) -> dict[str, tuple[object, ...]]:
     driven, unit = experiment.excitation, {"units": experiment.response_unit}
     driven_unit = {"units": driven.unit, "long_name": driven.name}
-    bands = {
-        name: (("level", "bound", "coordinate"), samples.band(getattr(samples, name)), unit)
-        for name in ("parameter", "discrepancy", "predictive")
+    intervals = {
+        name: (("level", "bound", "coordinate"), band, unit) for name, band in samples.bands.items()
     }
     return {
         "observed": ("coordinate", experiment.response, unit),
@@ -160,7 +165,7 @@ def _curves(experiment: Experiment, samples: Samples) -> dict[str, tuple[object,
         "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
         "excitation": ("coordinate", driven.at(experiment.coordinate), driven_unit),
         "pit": ("coordinate", samples.pit, {"units": "1"}),
-        **bands,
+        **intervals,
     }
 
 

@@ -70,20 +70,10 @@ def crps(observed: ArrayLike, samples: ArrayLike) -> FloatArray:
     return np.mean(np.abs(ordered), axis=0) - spread
 
 
-def interval_coverage(observed: ArrayLike, samples: ArrayLike, probability: float) -> float:
-    """Share of the observations inside the equal-tailed interval of the samples.
-
-    Parameters
-    ----------
-    observed : y (N,).
-    samples : x (S, N).
-    probability : nominal content of the interval, between 0 and 1.
-    """
-    if not 0.0 < probability < 1.0:
-        raise ValueError(f"probability must lie between 0 and 1, got {probability}")
-    observed, samples = _samples(observed, samples)
-    tails = [(1.0 - probability) / 2.0, (1.0 + probability) / 2.0]
-    lower, upper = np.quantile(samples, tails, axis=0)
+def interval_coverage(observed: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
+    """Share of the observations (N,) inside the intervals from `lower` to `upper` (N,)."""
+    observed, lower = _same_length(observed, lower)
+    observed, upper = _same_length(observed, upper)
     return float(np.mean((lower <= observed) & (observed <= upper)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Experiment
-from deabayes.prediction.bands import LEVELS, Samples
+from deabayes.prediction.bands import Samples
 from deabayes.prediction.errors import (
     crps,
     interval_coverage,
@@ -14,6 +14,7 @@ from deabayes.prediction.errors import (
     relative_rms_error,
     uniformity_p,
 )
+from deabayes.prediction.mixture_bands import LEVELS
 
 
 def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:
@@ -21,8 +22,9 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
 
     e_rms and e_m are those of equations.md section 4, in percent, NaN where the record does not
     vary; their intervals come from the draws' own errors. Coverage is that of the
-    predictive band, NaN as CRPS is where fewer than two draws have a response or the noise
-    is not known; `joint_log_score` is log mean_s p(y | theta_s), a failed draw's p being zero;
+    predictive band, CRPS that of one sample per draw of the same law, both NaN where fewer than two
+    draws have a response or the noise is not known; `joint_log_score` is log mean_s p(y | theta_s),
+    a failed draw's p being zero;
     `pit_p` tests whether the probability integral transforms are uniform.
     """
     observed = experiment.response
@@ -41,8 +43,8 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
         row[f"{name}_q05"], row[f"{name}_q95"] = float(low), float(high)
     predictive = samples.predictive
     known = len(predictive) > 1 and bool(np.isfinite(predictive).all())
-    for level in LEVELS:
-        covered = interval_coverage(observed, predictive, level) if known else np.nan
+    for level, band in zip(LEVELS, samples.bands["predictive"], strict=True):
+        covered = interval_coverage(observed, *band) if known else np.nan
         row[f"coverage_{round(100 * level)}"] = covered
     row["crps"] = float(np.mean(crps(observed, predictive))) if known else np.nan
     row["pit_p"] = uniformity_p(samples.pit)
