@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit.study_folders import make_folder, write_lines
 
 from deabayes.checks.coarse_excitation import missed_by_lines, too_coarse
+from deabayes.checks.study import check_study
 from deabayes.experiment import Excitation
+from deabayes.study import Study
 
 
 def voltage(time, values):
@@ -57,3 +60,17 @@ def test_without_time_nothing_is_said():
     curve = np.linspace(0.0, 1.0, 30)
     turning = Excitation("stretch", "1", curve, np.sin(12.0 * curve), in_time=False)
     assert too_coarse(turning) is None
+
+
+def test_check_says_it(tmp_path):
+    folder = make_folder(tmp_path)
+    rows = ["time [s],displacement [mm],force [N]"]
+    for k in range(121):
+        pulled = 30.0 * (1.0 - np.cos(2.0 * np.pi * k / 12))
+        rows.append(f"{0.1 * k:.4f},{pulled:.4f},{0.02 * pulled + 0.001 * (k % 3):.5f}")
+    write_lines(folder / "records" / "pull.csv", rows)
+    study = Study("s", folder, ("kv_gm_1",), calibrate=("pull",), validate=())
+    faults, warnings = check_study(study)
+    assert faults == []
+    (said,) = (warning for warning in warnings if "straight lines" in warning)
+    assert said.startswith("study s, pull: between its samples the displacement")

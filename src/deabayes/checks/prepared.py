@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from deabayes.checks.coarse_excitation import too_coarse
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
@@ -44,7 +45,12 @@ def prepared_records(
         for warning in _of_steps(study, row, each)
     ]
     late = [line for each in experiments for line in _delay_left_in(study, read.specimen, each)]
-    return experiments, list(faults.values()), [*warnings, *dict.fromkeys(late)]
+    coarse = [
+        f"study {study.name}, {each.name}: {said}"
+        for each in experiments
+        if (said := too_coarse(each.excitation))
+    ]
+    return experiments, list(faults.values()), [*warnings, *dict.fromkeys(late), *coarse]
 
 
 def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[str]:
