@@ -69,58 +69,6 @@ def charged_response(
     return response[:walkers]
 
 
-def charged_voltage(
-    knots: FloatArray, voltage: FloatArray, gain: FloatArray, decay: FloatArray, times: FloatArray
-) -> FloatArray:
-    r"""v (W, N) at times of each draw's own, uncharged before the first knot.
-
-    v' = kappa (g V - v) is (4) of Sarban et al. (2012). At s after a knot, with V = p0 + m s,
-
-    v = v(0) exp(-kappa s) + g (p0 psi_0 + m (s - psi_0 / kappa)),   psi_0 = 1 - exp(-kappa s).
-
-    Parameters
-    ----------
-    knots, voltage : (M,) V, linear between them, a repeated knot being a jump.
-    gain, decay : g and kappa [1/s] (W,); a decay that is not positive gives a row of NaN.
-    times : (W, N), in any order.
-    """
-    response = np.empty(times.shape)
-    decay = np.where(decay > 0.0, decay, np.nan)
-    _advance_voltage(knots, voltage, gain, decay, times, response)
-    return response
-
-
-@njit(cache=True)
-def _advance_voltage(knots, voltage, gain, decay, times, response) -> None:  # type: ignore[no-untyped-def]
-    """Fill response (W, N) with v."""
-    last = knots.size - 1
-    slopes = np.zeros(knots.size)
-    for k in range(last):
-        if knots[k + 1] > knots[k]:
-            slopes[k] = (voltage[k + 1] - voltage[k]) / (knots[k + 1] - knots[k])
-    charged = np.zeros(knots.size)
-    for w in range(times.shape[0]):
-        g, kappa, k = gain[w], decay[w], 0
-        for i in range(last):
-            s = knots[i + 1] - knots[i]
-            charged[i + 1] = _charged_for(s, charged[i], voltage[i], slopes[i], g, kappa)
-        for i in range(times.shape[1]):
-            time = times[w, i]
-            while k < last and knots[k + 1] <= time:
-                k += 1
-            while k > 0 and knots[k] > time:
-                k -= 1
-            s = max(time - knots[k], 0.0)
-            response[w, i] = _charged_for(s, charged[k], voltage[k], slopes[k], g, kappa)
-
-
-@njit(cache=True)
-def _charged_for(s, start, voltage, slope, gain, decay) -> float:  # type: ignore[no-untyped-def]
-    """The voltage v after s, from `start`."""
-    grown = -math.expm1(-decay * s)
-    return start * (1.0 - grown) + gain * (voltage * grown + slope * (s - grown / decay))
-
-
 @njit(cache=True)
 def _advance_charged(  # type: ignore[no-untyped-def]
     lengths, length_index, voltages, output_index, matrices, vectors, response

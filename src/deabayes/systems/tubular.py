@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
-from deabayes.systems.delayed import delayed, series_spring, shifted
+from deabayes.systems.delayed import AtOnce, delayed
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.solid import Solid
 from deabayes.systems.tubular_base import (
@@ -127,33 +126,32 @@ class Tubular(TubularBase):
         delay = self.specimen.quantities.get("sensor_delay")
         if delay is None:
             return self._strain_simulator(excitation, coordinate, response)
-        start, spring = float(excitation.coordinate[0]), None
-        if delay.sd is not None and not self.inertia:
-            spring = series_spring(
-                excitation,
-                lambda draws: self._gain(response, draws) * self._chain(draws).instantaneous,
-                self.circuit_of if self.circuit else None,
-            )
+        return delayed(
+            lambda times: self._strain_simulator(excitation, times, response),
+            coordinate,
+            delay,
+            "sensor_delay",
+            float(excitation.coordinate[0]),
+            None if self.inertia or self.circuit else self._at_once(excitation, response),
+        )
 
-        def happening(times: FloatArray) -> Simulator:
-            return self._strain_simulator(excitation, times, response, spring is None)
-
-        if delay.sd is None:
-            return shifted(happening, coordinate, delay.value, start)
-        return delayed(happening, coordinate, delay, "sensor_delay", start, spring)
+    def _at_once(self, excitation: Excitation, response: str) -> AtOnce:
+        """The series spring of a chain without mass and circuit."""
+        return AtOnce(
+            lambda times: excitation.at(times) ** 2,
+            lambda draws: self._gain(response, draws) * self._chain(draws).instantaneous,
+        )
 
     def _strain_simulator(
-        self, excitation: Excitation, coordinate: FloatArray, response: str, spring: bool = True
+        self, excitation: Excitation, coordinate: FloatArray, response: str
     ) -> Simulator:
-        """Strain, or displacement, when it happens (W, N); `spring`: with that in series."""
+        """Strain, or displacement, when it happens (W, N)."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
         mass = hung(excitation)
 
         def simulate(draws: Draws) -> FloatArray:
             chain = self._chain(draws)
-            if not spring:
-                chain = replace(chain, instantaneous=np.zeros_like(chain.instantaneous))
             gain = self._gain(response, draws)
             if self.inertia or self.circuit:
                 return gain[:, None] * self._per_square(load, mass, chain, draws)
