@@ -89,6 +89,40 @@ def test_a_jump_inside_the_record_is_seen_when_each_delay_is_over(rise, response
         assert np.abs(row - expected).max() < 3e-4 * np.ptp(expected)
 
 
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("time_constant", [1e-5, 1.7e-4, 1e-3])
+@pytest.mark.parametrize("rise", [0.0, 1e-4])
+def test_a_fast_circuit_charges_when_each_delay_is_over(rise, time_constant, even):
+    """A chain without mass follows v_C^2 at once: up to 60 % of the range were wrong."""
+    at = [0.0, 0.01, 0.01 + rise, 0.02, 0.02 + rise, 0.3]
+    jumps = Excitation("voltage", "V", np.array(at), 2e3 * np.array([0.2, 0.2, 1, 1, 0.5, 0.5]))
+    time = np.append(-1e-3, np.arange(0.0, 0.03, 5e-5))
+    if not even:
+        time = np.sort(np.random.default_rng(1).uniform(-1e-3, 0.03, 200))
+    resistance = np.array([0.8, 1.0, 1.5]) * time_constant / CIRCUIT["capacitance"].value
+    three = {name: np.repeat(values, 3) for name, values in draws().items()}
+    three |= {"series_resistance": resistance, "sensor_delay": LATE}
+    candidate = "voigt_kelvin_2_circuit"
+    found = Tubular(candidate, specimen()).predict(jumps, time, "displacement", three)
+    exact = Tubular(candidate, replace(specimen(), quantities=QUANTITIES | CIRCUIT))
+    for n, delay in enumerate(LATE):
+        one = draws() | {"series_resistance": resistance[n : n + 1]}
+        expected = exact.predict(jumps, time - delay, "displacement", one)[0]
+        assert np.abs(found[n] - expected).max() < 4e-4 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("candidate", ["voigt_kelvin_2", "voigt_kelvin_2_circuit"])
+@pytest.mark.parametrize("name", ["E_0", "tau_1", "thickness"])
+def test_an_impossible_draw_fails_alone(name, candidate):
+    three = {key: np.repeat(values, 3) for key, values in draws().items()}
+    three |= {"thickness": np.full(3, 80e-6), "sensor_delay": LATE}
+    spoilt = three | {name: three[name] * np.array([1.0, -1.0, 1.0])}
+    system = Tubular(candidate, specimen())
+    found, whole = (system.predict(raised(), TIME, "strain", d) for d in (spoilt, three))
+    assert np.isnan(found[1, TIME > 1e-3]).all()
+    np.testing.assert_array_equal(found[[0, 2]], whole[[0, 2]])
+
+
 def test_it_is_in_the_phase_and_not_in_the_gain():
     table = golden_table("tubular_frf", "load_100g")
     at = driven(table["frequency"], load_g=100)

@@ -26,6 +26,7 @@ from deabayes.integrate.linear import LANES, Hold, in_lanes
 from deabayes.integrate.state_space import StateSpace, fill_lanes, output_lanes, step_lanes
 
 EXTRA = 3
+EPSILON = float(np.finfo(float).eps)
 
 
 def charged_response(
@@ -67,6 +68,58 @@ def charged_response(
         response,
     )
     return response[:walkers]
+
+
+def charged_voltage(
+    knots: FloatArray, voltage: FloatArray, gain: FloatArray, decay: FloatArray, times: FloatArray
+) -> FloatArray:
+    r"""v (W, N) at times of each draw's own, uncharged before the first knot.
+
+    v' = kappa (g V - v) is (4) of Sarban et al. (2012). At s after a knot, with V = p0 + m s,
+
+    v = v(0) exp(-kappa s) + g (p0 psi_0 + m (s - psi_0 / kappa)),   psi_0 = 1 - exp(-kappa s).
+
+    Parameters
+    ----------
+    knots, voltage : (M,) V, linear between them, a repeated knot being a jump.
+    gain, decay : g and kappa [1/s] (W,); a decay that is not positive gives a row of NaN.
+    times : (W, N), in any order.
+    """
+    response = np.empty(times.shape)
+    decay = np.where(decay > 0.0, decay, np.nan)
+    _advance_voltage(knots, voltage, gain, decay, times, response)
+    return response
+
+
+@njit(cache=True)
+def _advance_voltage(knots, voltage, gain, decay, times, response) -> None:  # type: ignore[no-untyped-def]
+    """Fill response (W, N) with v."""
+    last = knots.size - 1
+    # As in `linear.hold`: even records differ by rounding only, and share their exponentials.
+    resolution = 4.0 * EPSILON * max(abs(knots[0]), abs(knots[last]))
+    slopes, charged = np.zeros(knots.size), np.zeros(knots.size)
+    for k in range(last):
+        if knots[k + 1] > knots[k]:
+            slopes[k] = (voltage[k + 1] - voltage[k]) / (knots[k + 1] - knots[k])
+    for w in range(times.shape[0]):
+        g, kappa, s, grown = gain[w], decay[w], 0.0, 0.0
+        for k in range(last):
+            step = knots[k + 1] - knots[k]
+            if not abs(step - s) <= resolution:
+                s, grown = step, -math.expm1(-kappa * step)
+            rise = voltage[k] * grown + slopes[k] * (s - grown / kappa)
+            charged[k + 1] = charged[k] * (1.0 - grown) + g * rise
+        k = 0
+        for i in range(times.shape[1]):
+            while k < last and knots[k + 1] <= times[w, i]:
+                k += 1
+            while k > 0 and knots[k] > times[w, i]:
+                k -= 1
+            step = max(times[w, i] - knots[k], 0.0)
+            if not abs(step - s) <= resolution:
+                s, grown = step, -math.expm1(-kappa * step)
+            rise = voltage[k] * grown + slopes[k] * (s - grown / kappa)
+            response[w, i] = charged[k] * (1.0 - grown) + g * rise
 
 
 @njit(cache=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deabayes.experiment import FloatArray
+from deabayes.integrate.charged import charged_voltage
 from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.integrate.modal import modal_response
 from deabayes.integrate.state_space import StateSpace
@@ -76,13 +77,13 @@ class Circuit:
         return self.leakage_resistance / (self.leakage_resistance + self.series_resistance)
 
     def charge(self, time: FloatArray, amplifier: FloatArray, coordinate: FloatArray) -> FloatArray:
-        """v_C (W, N) [V] at `coordinate` for an amplifier voltage linear between `time` (M,).
+        """v_C (W, N) [V] for an amplifier voltage linear between `time` (M,); exact.
 
-        Exact; uncharged before the first time, where the voltage jumps to its first value.
+        At `coordinate` (N,), or (W, N) where every draw has its own; uncharged before the first
+        time, where the voltage jumps to its first value.
         """
-        load = hold(time, amplifier, coordinate)
-        rest = np.zeros_like(self.gain)
-        return relaxation_response(load, rest, self.gain[:, None], self.time_constant[:, None])
+        own = np.broadcast_to(coordinate, (self.gain.size, coordinate.shape[-1]))
+        return charged_voltage(time, amplifier, self.gain, 1.0 / self.time_constant, own)
 
     def drive(self, space: StateSpace, voltage: Hold) -> FloatArray:
         """What v_C^2 does to linear systems, (W, N), from rest; exact, v_AMP held with power 1."""

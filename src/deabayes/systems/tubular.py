@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import Hold, hold, relaxation_response
@@ -17,7 +18,7 @@ from deabayes.parameter import Parameter
 from deabayes.systems import voigt_kelvin
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
-from deabayes.systems.delayed import AtOnce, delayed
+from deabayes.systems.delayed import AtOnce, delayed, shifted
 from deabayes.systems.linear_model import LinearModel
 from deabayes.systems.solid import Solid
 from deabayes.systems.tubular_base import (
@@ -123,36 +124,44 @@ class Tubular(TubularBase):
             return self.current_simulator(excitation, coordinate)
         if response == "displacement":
             self.require("active_length")
-        delay = self.specimen.quantities.get("sensor_delay")
+        simulator_at = partial(self._strain_simulator, excitation, response)
+        delay, start = self.specimen.quantities.get("sensor_delay"), float(excitation.coordinate[0])
         if delay is None:
-            return self._strain_simulator(excitation, coordinate, response)
-        return delayed(
-            lambda times: self._strain_simulator(excitation, times, response),
-            coordinate,
-            delay,
-            "sensor_delay",
-            float(excitation.coordinate[0]),
-            None if self.inertia or self.circuit else self._at_once(excitation, response),
-        )
+            return simulator_at(coordinate)
+        if delay.sd is None:
+            return shifted(simulator_at, coordinate, delay.value, start)
+        spring = None if self.inertia else self._series_spring(excitation, response)
+        smooth_at = partial(simulator_at, spring=spring is None)
+        return delayed(smooth_at, coordinate, delay, "sensor_delay", start, spring)
 
-    def _at_once(self, excitation: Excitation, response: str) -> AtOnce:
-        """The series spring of a chain without mass and circuit."""
-        return AtOnce(
-            lambda times: excitation.at(times) ** 2,
-            lambda draws: self._gain(response, draws) * self._chain(draws).instantaneous,
-        )
+    def _series_spring(self, excitation: Excitation, response: str) -> AtOnce:
+        """That of a chain without mass: it follows v^2 at once, or v_C^2 behind a circuit."""
+        knots, values = excitation.coordinate, excitation.values
+
+        def strain(draws: Draws, times: FloatArray) -> FloatArray:
+            if self.circuit:
+                voltage = self.circuit_of(draws).charge(knots, values, times)
+            else:
+                voltage = excitation.at(times)
+            voltage *= voltage
+            voltage *= (self.gain(response, draws) * self._chain(draws).instantaneous)[:, None]
+            return voltage
+
+        return strain
 
     def _strain_simulator(
-        self, excitation: Excitation, coordinate: FloatArray, response: str
+        self, excitation: Excitation, response: str, coordinate: FloatArray, spring: bool = True
     ) -> Simulator:
-        """Strain, or displacement, when it happens (W, N)."""
+        """Strain, or displacement, when it happens (W, N); `spring`: with the one in series."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
         mass = hung(excitation)
 
         def simulate(draws: Draws) -> FloatArray:
             chain = self._chain(draws)
-            gain = self._gain(response, draws)
+            if not spring:
+                chain = replace(chain, instantaneous=np.zeros_like(chain.instantaneous))
+            gain = self.gain(response, draws)
             if self.inertia or self.circuit:
                 return gain[:, None] * self._per_square(load, mass, chain, draws)
             return relaxation_response(
@@ -191,7 +200,7 @@ class Tubular(TubularBase):
         if self.inertia:
             chain = MovingChain(chain, self._inertial_parameter(hung(excitation), draws))
         circuit = self.circuit_of(draws) if self.circuit else None
-        return Harmonic(chain, circuit, self._pressure(1.0, draws), bias(excitation))
+        return Harmonic(chain, circuit, self.pressure(1.0, draws), bias(excitation))
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
         """What creep determines and what the chain means.
@@ -205,7 +214,7 @@ class Tubular(TubularBase):
         """
         chain = self._chain(draws)
         springs = np.column_stack([chain.instantaneous, chain.compliances])
-        strains = self._pressure(KILOVOLT, draws)[:, None] * springs
+        strains = self.pressure(KILOVOLT, draws)[:, None] * springs
         result = {
             f"strain_per_kV2_{n}": Derived(
                 rf"\sigma_{{1\,\mathrm{{kV}}}}/E_{{{n}}}",
@@ -236,7 +245,7 @@ class Tubular(TubularBase):
         chain = self._chain(draws)
         driven = DrivenChain(
             self._space(chain, load, draws),
-            self._pressure(1.0, draws),
+            self.pressure(1.0, draws),
             self.inertia,
             self.circuit_of(draws) if self.circuit else None,
         )
@@ -275,16 +284,3 @@ class Tubular(TubularBase):
             self.quantity(name, draws) for name in (*INERTIA_SYMBOLS, "active_length")
         )
         return np.asarray((moving + load) * length / area)
-
-    def _gain(self, response: str, draws: Draws) -> FloatArray:
-        """Pressure at 1 V (W,), times the length where the response is a displacement."""
-        pressure = self._pressure(1.0, draws)
-        if response != "displacement":
-            return pressure
-        return pressure * self.quantity("active_length", draws)
-
-    def _pressure(self, voltage: float, draws: Draws) -> FloatArray:
-        """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
-        thickness = self.quantity("thickness", draws)
-        thickness = np.where(thickness > 0.0, thickness, np.nan)
-        return maxwell_pressure(voltage, thickness, self.quantity("relative_permittivity", draws))

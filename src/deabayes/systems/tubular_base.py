@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
@@ -129,6 +130,19 @@ class TubularBase(System):
         if given is not None:
             return given
         return np.full(np.shape(next(iter(draws.values()), np.zeros(1))), self._stated[name].value)
+
+    def gain(self, response: str, draws: Draws) -> FloatArray:
+        """Pressure at 1 V (W,), times the length where the response is a displacement."""
+        pressure = self.pressure(1.0, draws)
+        if response != "displacement":
+            return pressure
+        return pressure * self.quantity("active_length", draws)
+
+    def pressure(self, voltage: float, draws: Draws) -> FloatArray:
+        """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
+        thickness = self.quantity("thickness", draws)
+        thickness = np.where(thickness > 0.0, thickness, np.nan)
+        return maxwell_pressure(voltage, thickness, self.quantity("relative_permittivity", draws))
 
     def circuit_of(self, draws: Draws) -> Circuit:
         """R_S, R_L and C of the draws."""
