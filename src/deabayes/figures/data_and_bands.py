@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from deabayes.figures import headings, panels, scales, style
+from deabayes.figures import bands, headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
 TITLE = "Data and predictions"
 CAPTION = (
     "Observed points, the posterior median and three separate 90 % bands. The blue band says how "
-    "well the parameters are known; only the grey one says where new data would fall. Relaxation, "
+    "well the parameters are known; only the grey one, up to the grey line, says where new data "
+    "would fall: with little white noise the band with discrepancy fills all of it. Relaxation, "
     "creep and frequency responses over more than a factor of 30 on a logarithmic axis, gains on "
     "two, load–unload records as loops."
 )
@@ -37,7 +38,7 @@ def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure
     figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + headings.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
-        panels.draw_bands(ax, record, x)
+        bands.draw(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
         if record.responds:
             ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
@@ -48,5 +49,5 @@ def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure
             ax.set_yscale("log")
         scales.set_horizontal(ax, x)
         headings.title(ax, record, role=role)
-    panels.legend_below(figure, panels.band_handles(observed))
+    panels.legend_below(figure, bands.handles(observed))
     return figure

@@ -12,8 +12,6 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
@@ -74,15 +72,6 @@ def say(ax: Axes, words: str) -> None:
     """Words in the middle of a panel that has nothing, or little, to show."""
     place = {"transform": ax.transAxes, "ha": "center", "va": "center"}
     ax.text(0.5, 0.5, words, fontsize=6.5, style="italic", color=style.VERMILLION, **place)
-
-
-def band_handles(observed: str = "observed") -> list[Line2D | Patch]:
-    """Legend entries of observed points, median and bands."""
-    return [
-        Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label=observed),
-        Line2D([], [], color=style.BLUE, linewidth=1.1, label="posterior median"),
-        *(Patch(color=style.BANDS[n][0], label=style.BANDS[n][1]) for n in style.BANDS),
-    ]
 
 
 @dataclass(frozen=True)
@@ -211,16 +200,6 @@ def _filled(steps: FloatArray) -> FloatArray:
     """Zero steps take the sign of the step before them."""
     index = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
     return steps[index]
-
-
-def draw_bands(ax: Axes, record: Record, x: Axis, minus: FloatArray | float = 0.0) -> None:
-    """The three 90 % bands, widest first; `minus` is subtracted (the median, for residuals)."""
-    for name, (colour, _) in style.BANDS.items():
-        lower, upper = (
-            record.response(name, level=0.9, bound=bound) - minus for bound in ("lower", "upper")
-        )
-        for part in branches(x.values):
-            ax.fill_between(x.values[part], lower[part], upper[part], color=colour, linewidth=0.4)
 
 
 def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> None:

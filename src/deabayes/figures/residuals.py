@@ -8,16 +8,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import headings, panels, scales, style
+from deabayes.figures import bands, headings, panels, scales, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import plain
 
 SCOPE = "candidate"
 TITLE = "Residuals"
 CAPTION = (
-    "Observed minus posterior median, with the bands around it. A trend or a wave that fills the "
-    "orange band is something the model does not contain. The last panel shows the residuals' "
-    "spread per record: records that share one noise model should spread alike."
+    "Observed minus posterior median, with the bands around it, the predictive one up to the grey "
+    "line. A trend or a wave that fills the orange band is something the model does not contain. "
+    "The last panel shows the residuals' spread per record: records that share one noise model "
+    "should spread alike."
 )
 
 
@@ -39,13 +40,13 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
             panels.say(ax, panels.NO_RESPONSE)
         ax.set_ylabel(f"residual{record.unit.suffix}")
         headings.title(ax, record)
-    panels.legend_below(figure, panels.band_handles())
+    panels.legend_below(figure, bands.handles())
     return figure
 
 
 def _along(ax: Axes, record: panels.Record, x: panels.Axis) -> None:
     median = record.response("median")
-    panels.draw_bands(ax, record, x, minus=median)
+    bands.draw(ax, record, x, minus=median)
     panels.draw_observed(ax, x.values, record.response("observed") - median)
     ax.axhline(0, color=style.BLUE, linewidth=1.1)
     scales.set_horizontal(ax, x)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import headings, panels, style
+from deabayes.figures import bands, headings, panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.passes import passes, usual_period
 from deabayes.quantities import display_unit
@@ -50,20 +50,17 @@ def _sheet(record: panels.Record) -> Figure:
     loop.set_xlabel(f"voltage{volt.suffix}, last cycle")
     first.set_ylabel(record.label)
     headings.title(first, record, whole=True)
-    panels.legend_below(figure, panels.band_handles())
+    panels.legend_below(figure, bands.handles())
     return figure
 
 
 def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
     """Bands, points and median of a stretch against time or voltage."""
-    whole = {
-        (name, bound): record.whole(name, level=0.9, bound=bound)[part]
+    ends = {
+        name: (record.whole(name, level=0.9, bound="lower")[part],
+               record.whole(name, level=0.9, bound="upper")[part])
         for name in style.BANDS
-        for bound in ("lower", "upper")
-    }
-    for name, (colour, _) in style.BANDS.items():
-        for branch in panels.branches(x):
-            lower, upper = whole[name, "lower"][branch], whole[name, "upper"][branch]
-            ax.fill_between(x[branch], lower, upper, color=colour, linewidth=0.4)
+    }  # fmt: skip
+    bands.fill(ax, x, ends)
     panels.draw_observed(ax, x, record.whole("observed")[part])
     ax.plot(x, record.whole("median")[part], color=style.BLUE, linewidth=1.1, zorder=4)
