@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, headings, panels, style
+from deabayes.figures import curves, headings, panels, scales, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -16,8 +16,10 @@ CAPTION = (
     "Root-mean-square error in per cent of each record's range. Points: of the posterior median "
     "curve; lines: 90 % interval of the errors of single draws, which mostly are larger. Only the "
     "held-out records say how well a candidate predicts. Open markers: the candidate did not "
-    "converge. ✕ after a name: outside the calibrated range."
+    "converge. ✕ after a name: outside the calibrated range. The axis is logarithmic where errors "
+    "differ by more than a factor of 20."
 )
+COLUMNS = ["e_rms_percent", "e_rms_q05", "e_rms_q95"]
 ROLES = (("calibrate", "calibration records"), ("validate", "held-out records"))
 
 
@@ -38,7 +40,12 @@ def draw(results: StudyResults) -> list[Figure]:
     for ax, (role, text) in zip(axes, present, strict=True):
         _panel(ax, tables, [n for n, r in roles.items() if r == role], unconverged)
         ax.set_title(text, loc="left", weight="bold")
-    axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
+    errors = pd.concat([table[COLUMNS] for table in tables.values()]).to_numpy(dtype=float)
+    if scales.spans_much(errors[:, 0]):
+        for ax in axes:
+            scales.logarithmic(ax, errors)
+    else:
+        axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
     axes[-1].set_xlabel("rms error (% of the record's range)")
     panels.legend_below(figure, panels.labelled(axes[0]), 4)
     return [figure]

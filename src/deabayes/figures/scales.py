@@ -20,6 +20,15 @@ from deabayes.figures.panels import Axis
 WITHIN_DECADES = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 """Where a decade may have ticks, from fine to coarse."""
 
+WIDE = 20.0
+"""Factor between values beyond which the smallest cannot be told apart on a linear axis."""
+
+
+def spans_much(values: FloatArray) -> bool:
+    """Whether positive values differ so much that a linear axis would hide the small ones."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > WIDE * finite.min())
+
 
 def set_horizontal(ax: Axes, x: Axis) -> None:
     """Label and scale of the horizontal axis."""

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import curves, panels, scales, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES
 
@@ -18,8 +18,12 @@ TITLE = "Errors of the sines"
 CAPTION = (
     "e_rms of each sine as prepared, in per cent of its range: of the posterior median curve, with "
     "the interval of the draws' own errors; filled points were fitted, open ones held out. "
-    "Crosses: the paper's Table 5, found on its own specimen."
+    "Crosses: the paper's Table 5, found on its own specimen. The axis is logarithmic where errors "
+    "differ by more than a factor of 20."
 )
+
+POINTS = r"e_rms_.*_percent$"
+ERRORS = r"e_rms_.*_(percent|q05|q95)$"
 
 
 def draw(results: StudyResults) -> list[Figure]:
@@ -33,7 +37,11 @@ def draw(results: StudyResults) -> list[Figure]:
     axes = figure.subplots(1, len(voltages), sharey=True, squeeze=False)[0]
     for ax, voltage in zip(axes, voltages, strict=True):
         _panel(ax, table, voltage)
-    axes[0].set_ylim(bottom=0.0)
+    errors = table.filter(regex=ERRORS).to_numpy(dtype=float)
+    if scales.spans_much(table.filter(regex=POINTS).to_numpy(dtype=float)):
+        scales.logarithmic(axes[0], errors, which="y")
+    else:
+        axes[0].set_ylim(bottom=0.0)
     axes[0].set_ylabel("$e_\\mathrm{rms}$ (% of range)")
     panels.legend_below(figure, _handles(table), 4)
     return [figure]
