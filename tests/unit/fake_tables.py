@@ -108,6 +108,7 @@ def _convergence(fake: Fake) -> dict[str, Any]:
         "r_hat_max": 1.003 if fake.converged else 1.31,
         "ess_bulk_min": 900.0,
         "ess_tail_min": 700.0,
+        "autocorrelation_times": [128.0, 140.0, 120.0, 32.0 if not fake.converged else 150.0],
         "tau_max": 39.0,
         "steps": 5000,
         "walkers": 128,

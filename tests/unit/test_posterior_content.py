@@ -68,7 +68,8 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     assert convergence_summary(PooledResult(runs, convergence)) == {
         "converged": False, "reasons": ["run 1: too short; sample longer"],
         "failed_gates": [asdict(SHORT)], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
-        "ess_tail_min": 300.0, "autocorrelation_times_min": 40.0, "tau_max": 5.0, "steps": 100,
+        "ess_tail_min": 300.0, "autocorrelation_times": [60.0, 40.0],
+        "autocorrelation_times_min": 40.0, "tau_max": 5.0, "steps": 100,
         "walkers": 2, "ensembles": 2, "acceptance": pytest.approx(0.3), "refitted": True,
         "replaced_walkers": 3, "failures": {"evaluations": 1500, "failed": 11},
         "mode_shares": [[0.9, 0.8], [0.1, 0.2]],

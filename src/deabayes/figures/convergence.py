@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -16,9 +19,10 @@ from deabayes.quantities import display_unit, symbol_text
 SCOPE = "candidate"
 TITLE = "Convergence"
 CAPTION = (
-    "R-hat and effective sample sizes with the limits they must keep (dashed), then the quantities "
-    "with the largest R-hat: one colour per independent run. Runs that agree have traces that "
-    "overlie each other and flat rank counts."
+    "R-hat, effective sample sizes and the lengths of the runs in autocorrelation times, with the "
+    "limits they must keep (dashed; red: not kept), then the quantities with the largest R-hat: "
+    "one colour per independent run. Runs that agree have traces that overlie each other and flat "
+    "rank counts. Posterior files that keep no lengths show those of runs that are too short."
 )
 WORST = 6
 TRACE_POINTS = 250
@@ -43,7 +47,7 @@ def _runs(results: CandidateResults, name: str) -> FloatArray:
 def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
     height = 0.135 * len(table) + 0.9 + style.HEADER
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    left, right, runs = figure.subplots(1, 3, width_ratios=(1, 1, 0.6))
     rows = np.arange(len(table))
     r_hat, ess = results.gate("r_hat", 1.01), results.gate("ess", 400.0)
     failed = ~(table["r_hat"] < r_hat)
@@ -63,11 +67,41 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
     right.set_xlabel(f"effective sample size (limit {ess:g})")
     figure.legend(loc="outside lower right", ncols=2)
     left.set_yticks(rows, [_name(results, n) for n in table.index], fontsize=6.0)
-    left.set_ylim(len(table) - 0.5, -0.5)
+    right.set_yticks(rows, [])
     for ax in (left, right):
+        ax.set_ylim(len(table) - 0.5, -0.5)
+    _lengths(runs, results)
+    for ax in (left, right, runs):
         ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
         ax.set_axisbelow(True)
     return figure
+
+
+def _lengths(ax: Axes, results: CandidateResults) -> None:
+    """How many autocorrelation times each run covers."""
+    limit = results.gate("autocorrelation_times", 50.0)
+    found = run_lengths(results.convergence)
+    lengths, rows = np.array(list(found.values())), np.arange(len(found))
+    ax.scatter(lengths, rows, c=np.where(lengths >= limit, style.BLUE, style.VERMILLION), s=9)
+    ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
+    if scales.spans_much(np.append(lengths, limit)):
+        scales.logarithmic(ax, np.append(lengths, limit), ticks=3)
+    else:
+        ax.set_xlim(left=0.0)
+    ax.set_yticks(rows, list(found), fontsize=6.0)
+    ax.set_ylim(max(len(found), 1) - 0.5, -0.5)
+    ax.set_xlabel(f"run in autocorrelation times\n(limit {limit:g})")
+
+
+def run_lengths(convergence: Mapping[str, Any]) -> dict[str, float]:
+    """Run -> its length in autocorrelation times; of older files the runs that are too short."""
+    if "autocorrelation_times" in convergence:
+        lengths = convergence["autocorrelation_times"]
+        return {f"run {k}": float(each) for k, each in enumerate(lengths, start=1)}
+    failed = convergence.get("failed_gates") or ()
+    short = {str(e["of"]): -float(e["badness"]) for e in failed if e["gate"] == "length"}
+    least = convergence.get("autocorrelation_times_min")
+    return short or ({} if least is None else {"shortest run": float(least)})
 
 
 def _name(results: CandidateResults, name: str) -> str:

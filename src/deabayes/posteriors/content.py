@@ -153,6 +153,7 @@ def convergence_summary(pooled: PooledResult) -> dict[str, object]:
         "r_hat_max": float(table["r_hat"].max()),
         "ess_bulk_min": float(table["ess_bulk"].min()),
         "ess_tail_min": float(table["ess_tail"].min()),
+        "autocorrelation_times": [float(each) for each in convergence.autocorrelation_times],
         "autocorrelation_times_min": float(np.min(convergence.autocorrelation_times)),
         "tau_max": max(float(run.autocorrelation_time) for run in runs),
         "steps": max(run.steps for run in runs),
