@@ -133,15 +133,29 @@ def response(name: str, kind: str) -> xr.Dataset:
     )  # fmt: skip
 
 
-def test_gain_and_phase_of_a_record_share_a_colour() -> None:
-    predictions = [response("a", "gain"), response("b", "gain"), response("b_phase", "phase"),
-                   response("c_phase", "phase")]  # fmt: skip
+def of_responses(*predictions: xr.Dataset) -> Figure:
     experiments = {p.attrs["experiment"]: SimpleNamespace(metadata={}) for p in predictions}
     results = SimpleNamespace(
         predictions={p.attrs["experiment"]: p for p in predictions},
         study=SimpleNamespace(experiments=experiments),
     )
     (figure,) = frequency_response.draw(results)  # type: ignore[arg-type]
+    return figure
+
+
+def test_the_band_of_one_response_is_drawn_as_its_legend_says() -> None:
+    figure = of_responses(response("a", "gain"), response("a_phase", "phase"))
+    (patch,) = figure.legends[0].get_patches()
+    for ax in figure.axes:
+        assert tuple(ax.collections[0].get_facecolor()[0]) == patch.get_facecolor()
+    figure = of_responses(response("a", "gain"), response("b", "gain"))
+    (label,) = (t.get_text() for t in figure.legends[0].get_texts() if "band" in t.get_text())
+    assert "its record's colour" in label
+
+
+def test_gain_and_phase_of_a_record_share_a_colour() -> None:
+    figure = of_responses(response("a", "gain"), response("b", "gain"),
+                          response("b_phase", "phase"), response("c_phase", "phase"))  # fmt: skip
     legend = {handle.get_label().split(",")[0]: to_hex(handle.get_color())
               for handle in figure.legends[0].get_lines()}  # fmt: skip
     gain, phase = ([to_hex(line.get_color()) for line in ax.lines[::2]] for ax in figure.axes)

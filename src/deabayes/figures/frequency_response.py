@@ -23,6 +23,9 @@ CAPTION = (
     "the posterior median and the 90 % predictive band (parameters, discrepancy and noise)."
 )
 
+BAND = 0.22
+"""Opacity of bands."""
+
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Gain above phase; one colour per record."""
@@ -60,7 +63,7 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]
         lower, upper = (
             record.response("predictive", level=0.9, bound=bound) for bound in ("lower", "upper")
         )
-        ax.fill_between(frequency, lower, upper, color=colour, alpha=0.22, linewidth=0)
+        ax.fill_between(frequency, lower, upper, color=colour, alpha=BAND, linewidth=0)
         ax.plot(frequency, record.response("median"), color=colour, linewidth=1.0)
         ax.plot(frequency, record.response("observed"), color=colour, linestyle="none",
                 marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
@@ -82,7 +85,9 @@ def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> lis
                label=_label(results, record))
         for k, record in enumerate(records)
     ]  # fmt: skip
-    return [*entries, Patch(color=style.GREY, alpha=0.25, label="90 % predictive band")]
+    colour = style.SERIES[0] if len(records) == 1 else style.GREY
+    label = "90 % predictive band" + ("" if len(records) == 1 else ", in its record's colour")
+    return [*entries, Patch(facecolor=colour, alpha=BAND, linewidth=0, label=label)]
 
 
 def _label(results: CandidateResults, record: panels.Record) -> str:
