@@ -8,6 +8,7 @@ rule analyse:
             "pipeline/analyse.py",
             "fitted.py",
             "passes.py",
+            "roughness.py",
             "prediction/errors.py",
             "posteriors/summary.py",
             "influence.py",

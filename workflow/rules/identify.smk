@@ -4,6 +4,7 @@ MODEL = modules(
     "experiment.py",
     "parameter.py",
     "passes.py",
+    "roughness.py",
     "distributions/*.py",
     "instruments.py",
     "prior/*.py",

@@ -2,6 +2,7 @@ PREPARATION = modules(
     "reading/*.py",
     "preparation/*.py",
     "passes.py",
+    "roughness.py",
     "units.py",
     "experiment.py",
     "instruments.py",

@@ -15,16 +15,13 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate.smooth_piece import DEGREE, fitted, line
+from deabayes.roughness import roughness
 
 FEWEST_KNOTS = 12
 """On one polynomial, twice its coefficients, before it counts as the signal's own shape."""
 CUT_OFF, COARSE_CUT_OFF = 1e-4, 4e-3
 """Of second differences, of which lines cut off an eighth: what a polynomial may miss, and
 what it may where even the fewest knots are too far apart for that."""
-SCATTER_NORM = 0.6745 * np.sqrt(924.0)
-"""Median absolute sixth difference of white noise over its standard deviation."""
-NOISIEST = 0.01
-"""Of the peak: knots that scatter more are levels of their own, not a monitor's noise."""
 STEADY = 0.01
 """Change of the voltage on a piece, over its peak, that counts as none."""
 JUMP, TURN, WORTH = 0.01, 0.05, 1e-3
@@ -111,19 +108,15 @@ def drive(
 
 
 def scatter(knots: FloatArray, volts: FloatArray) -> float:
-    """Standard deviation of evenly spaced knots about a smooth curve (robust), 0 if uneven.
+    """Standard deviation of evenly spaced knots about a smooth curve, 0 if uneven.
 
-    From sixth differences, which a sine of 40 knots per period passes with 1e-5 of its
-    amplitude; steps and corners are too few to count. Also 0 where it is too much for noise: an
-    excitation that changes from knot to knot (random levels, a triangle of few knots) has such
-    differences too, and is followed as it is.
+    See `roughness`; what is too much for noise is followed as it is.
     """
     steps = np.diff(knots)
     middle = float(np.median(steps))
     if knots.size < 4 * FEWEST_KNOTS or np.mean(np.abs(steps - middle) > 0.01 * middle) > 0.2:
         return 0.0
-    found = float(np.median(np.abs(np.diff(volts, 6)))) / SCATTER_NORM
-    return found if found <= NOISIEST * float(np.max(np.abs(volts))) else 0.0
+    return roughness(volts)
 
 
 def _spanning(

@@ -13,11 +13,6 @@ MONITOR_NOISE = 10.0
 WIDEST_NOISE = 12.0
 """Range of white noise over its standard deviation; that of 10^5 normal numbers is 9."""
 
-SIXTH_DIFFERENCE = 0.6745 * np.sqrt(924.0)
-"""Median absolute sixth difference of white noise over its standard deviation."""
-NOISIEST = 0.01
-"""Of the peak: samples that scatter more are levels of their own, not a monitor's noise."""
-
 
 def is_held(voltage: FloatArray) -> bool:
     """Whether a voltage [V] is constant but for 1 % of it or a monitor's noise."""
@@ -42,10 +37,3 @@ def excitation_range(protocol: str, excitation: FloatArray, unit: str) -> float:
     if is_step_from_the_start(protocol, excitation, unit):
         return float(np.max(np.abs(excitation)))
     return float(np.ptp(excitation))
-
-
-def monitor_noise(excitation: FloatArray) -> float:
-    """Standard deviation of an excitation about a smooth curve, as `integrate.drive` takes it."""
-    sixth = np.abs(np.diff(excitation, 6))
-    found = float(np.median(sixth)) / SIXTH_DIFFERENCE if sixth.size else 0.0
-    return found if found <= NOISIEST * float(np.max(np.abs(excitation))) else 0.0

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
-from deabayes.reading.held import excitation_range, monitor_noise
+from deabayes.reading.held import excitation_range
 from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.roughness import roughness
 
 REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
 MISSED = 0.01
@@ -79,7 +80,7 @@ def _off_the_line(
     known = excitation[measured]
     size = excitation_range(row.protocol, known, raw.units[row.excitation])
     off = np.where(between, np.abs(excitation - line), 0.0)
-    return off, max(MISSED * size, OVER_NOISE * monitor_noise(known))
+    return off, max(MISSED * size, OVER_NOISE * roughness(known))
 
 
 def _run(kept: NDArray[np.bool_], at: int) -> tuple[int, int]:
