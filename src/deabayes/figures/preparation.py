@@ -178,16 +178,17 @@ def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) 
     if turn is None:
         ax.xaxis.set_major_locator(MaxNLocator(5))
     else:
-        _bend(ax, record, turn)
+        linear = _bend(ax, record, turn)
         name = f"{name} since the hold began"
+        suffix += f", logarithmic beyond {linear:.2g}"
     if labelled:
         ax.set_xlabel(name + suffix)
     else:
         ax.tick_params(labelbottom=False)
 
 
-def _bend(ax: Axes, record: PreparedRecord, turn: float) -> None:
-    """Linear up to the ramp's length on both sides of the turn, logarithmic beyond."""
+def _bend(ax: Axes, record: PreparedRecord, turn: float) -> float:
+    """Linear up to the ramp's length on both sides of the turn, logarithmic beyond; that length."""
     first, last = record.experiment.excitation.coordinate[[0, -1]]
     factor = record.coordinate_unit.factor
     ramp, hold = (turn - float(first)) / factor, (float(last) - turn) / factor
@@ -199,6 +200,7 @@ def _bend(ax: Axes, record: PreparedRecord, turn: float) -> None:
     ax.set_xticks([], minor=True)
     ax.xaxis.set_major_formatter("{x:g}")
     ax.set_xlim(-1.15 * linear, 1.3 * hold)
+    return linear
 
 
 def _rounded(value: float) -> float:
