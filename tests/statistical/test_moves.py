@@ -13,17 +13,20 @@ from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior.joint import Prior
 from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.guide import NO_GUIDE
 from deabayes.sampling.moves import (
+    CrossedMove,
     DifferentialEvolutionMove,
     HopMove,
     IndependenceMove,
     StraightenedMove,
+    build_sampler,
     initial_state,
     last_accepted,
     recipe,
 )
 from deabayes.sampling.proposal import Lines
-from deabayes.sampling.proposal_fit import fit
+from deabayes.sampling.proposal_fit import MOST_TRIES, fit
 from deabayes.sampling.smc import log_standard_normal
 from deabayes.sampling.unit_hop import UnitHop
 from deabayes.sampling.warp import fit_warp
@@ -85,6 +88,13 @@ MOVES = {
         500,
     ),
     "along straightened ridges": (lambda d: StraightenedMove(curved_lines(d)), 500),
+    "some straightened coordinates": (
+        lambda d: [
+            (CrossedMove(curved_lines(d), 0.0), 0.5),
+            (CrossedMove(curved_lines(d), 0.3), 0.5),
+        ],
+        500,
+    ),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 300),
     "several in a row": (lambda d: IndependenceMove(replace(wide_proposal(d), tries=5)), 100),
     "along lines of other coordinates": (along_bent_lines, 500),
@@ -92,6 +102,10 @@ MOVES = {
     "recipe in other coordinates": (lambda d: recipe(bent_proposal(d, fine=True)), 500),
     "differential evolution": (lambda d: DifferentialEvolutionMove(), 500),
     "recipe": (lambda d: recipe(wide_proposal(d)), 500),
+    "recipe where proposals are rarely accepted": (
+        lambda d: recipe(bent_proposal(d, fine=True), rare=True),
+        500,
+    ),
     "jumps in the recipe": (
         lambda d: [
             (DifferentialEvolutionMove(gamma0=1.0), 0.5),
@@ -129,6 +143,30 @@ def test_the_last_of_several_accepted_in_a_row_counts():
     assert last_accepted(here, there, chance).tolist() == [2, -1, 1]
     chance[2, 0] = 4.0  # 0.5 against the -3 that it is at: refused only above 3.5
     assert last_accepted(here, there, chance).tolist() == [1, -1, 1]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_crossover_changes_as_many_straightened_coordinates_as_it_says(share):
+    lines, walkers = curved_lines(8), np.random.default_rng(5).standard_normal((400, 8))
+    move = CrossedMove(lines, share)
+    proposed, _ = move.get_proposal(walkers[:200], [walkers[200:]], np.random.RandomState(6))
+    steps = lines.straighten(proposed)[0] - lines.straighten(walkers[:200])[0]
+    changed = (np.abs(steps) > 1e-9).sum(axis=1)
+    assert changed.min() >= 1
+    assert changed.mean() == pytest.approx(1 + 7 * share, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("tries", "several", "crossed"),
+    [(MOST_TRIES, False, True), (MOST_TRIES, True, False), (MOST_TRIES - 1, False, False)],
+)
+def test_steps_of_few_coordinates_are_made_where_the_proposals_are_rarely_accepted(
+    tries, several, crossed
+):
+    frozen = replace(bent_proposal(5, fine=True), tries=tries)
+    guide = replace(NO_GUIDE, several=several)
+    sampler = build_sampler(log_standard_normal, frozen, (20, 5), guide)
+    assert any(isinstance(move, CrossedMove) for move in sampler._moves) == crossed
 
 
 def test_straightened_moves_without_their_jacobian_would_be_seen():

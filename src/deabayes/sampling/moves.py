@@ -7,7 +7,7 @@ it as the negative control of the check that every move here passes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,9 +22,13 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import SHORT_STEP, LogDensity
 from deabayes.sampling.guide import NO_GUIDE, Guide, Hop
 from deabayes.sampling.proposal import Lines, Proposal
+from deabayes.sampling.proposal_fit import MOST_TRIES
 
 ALONG = 0.15
 """Share of steps along maps, of each length."""
+ALONG_RARE, CROSSOVERS = 0.08, ((0.0, 1.0, 0.3), (0.1, 0.6, 0.1))
+"""The same where independence proposals are rare to be accepted, and what crosses there: chance
+of a coordinate to be changed, size of the step (see `CrossedMove`), share of steps."""
 
 
 class IndependenceMove(Move):
@@ -119,9 +123,46 @@ class StraightenedMove(DifferentialEvolutionMove):
         self, s: FloatArray, c: list[FloatArray], random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
         x, log_jacobian = self.lines.straighten(np.concatenate([s, *c]))
-        proposed, factors = super().get_proposal(x[: len(s)], [x[len(s) :]], random)
-        moved, ratio = self.lines.moved(s, log_jacobian[: len(s)], proposed)
-        return moved, factors + ratio
+        proposed = self._step(x[: len(s)], x[len(s) :], random)
+        return self.lines.moved(s, log_jacobian[: len(s)], proposed)
+
+    def _step(
+        self, moving: FloatArray, resting: FloatArray, random: np.random.RandomState
+    ) -> FloatArray:
+        """Where walkers (M, d) would go, by a step symmetric in x."""
+        proposed, _ = DEMove.get_proposal(self, moving, [resting], random)
+        return np.asarray(proposed)
+
+
+class CrossedMove(StraightenedMove):
+    """Differential evolution of some straightened coordinates at a time, the others left alone.
+
+    Crossover (Vrugt et al. 2009, International Journal of Nonlinear Sciences and Numerical
+    Simulation 10, 273). A walker where the ridge is narrower than elsewhere, or runs another
+    way, refuses steps of all coordinates at once, which are as long as the ridge is wide on
+    average; of one coordinate it accepts some.
+
+    Parameters
+    ----------
+    share : chance of each coordinate to be changed; one of them always is.
+    size : of steps, in those of the usual 2.38 / sqrt(2 d) for d coordinates changed.
+    """
+
+    def __init__(self, lines: Lines, share: float, size: float = 1.0) -> None:
+        super().__init__(lines)
+        self.share, self.size = share, size
+
+    def _step(
+        self, moving: FloatArray, resting: FloatArray, random: np.random.RandomState
+    ) -> FloatArray:
+        walkers, dimension = moving.shape
+        first = random.randint(len(resting), size=walkers)
+        second = (first + random.randint(1, len(resting), size=walkers)) % len(resting)
+        changed = random.rand(walkers, dimension) < self.share
+        changed[np.arange(walkers), random.randint(dimension, size=walkers)] = True
+        factor = self.size * 2.38 / np.sqrt(2.0 * changed.sum(axis=1))
+        factor *= 1.0 + 1e-5 * random.standard_normal(walkers)
+        return moving + factor[:, None] * changed * (resting[first] - resting[second])
 
 
 class HopMove(MHMove):
@@ -131,33 +172,59 @@ class HopMove(MHMove):
         super().__init__(hop)
 
 
-def recipe(frozen: Proposal, hops: Sequence[Hop] = ()) -> list[tuple[Any, float]]:
+def recipe(
+    frozen: Proposal, hops: Sequence[Hop] = (), rare: bool = False
+) -> list[tuple[Any, float]]:
     """Independence proposals, differential evolution, and jumps between modes.
 
     Where the proposal straightens ridges, differential evolution follows them, half of it
     in short steps that a tight ridge accepts: on the reference specimen's voigt_kelvin_3
     that took the autocorrelation time from 177 to 92 steps.
+
+    Parameters
+    ----------
+    rare : independence proposals are seldom accepted, and at the ends of a ridge never: much of
+        what is spent on them goes to steps of few coordinates, which get on there.
     """
     plain = Lines(frozen.coordinates)
-    jumps: list[tuple[Any, float]] = [(StraightenedMove(plain, gamma0=1.0), 0.1)]
-    jumps += [(HopMove(hop), 0.1) for hop in hops]
+    hopping = [(HopMove(hop), 0.1) for hop in hops]
+    if rare and frozen.lines:
+        return [(IndependenceMove(frozen), 0.25), *hopping, *_along_rare(frozen)]
+    jumps = [(StraightenedMove(plain, gamma0=1.0), 0.1), *hopping]
     if not frozen.lines:
         return [(IndependenceMove(frozen), 0.5), *jumps, (StraightenedMove(plain), 0.4)]
-    total = sum(weight for weight, _ in frozen.lines)
     along = [
-        (StraightenedMove(lines, gamma), ALONG * weight / total)
-        for weight, lines in frozen.lines
+        (StraightenedMove(lines, gamma), ALONG * share)
+        for share, lines in _shares(frozen)
         for gamma in (None, SHORT_STEP)
     ]
     return [(IndependenceMove(frozen), 0.4), *jumps, (StraightenedMove(plain), 0.2), *along]
+
+
+def _along_rare(frozen: Proposal) -> Iterator[tuple[Any, float]]:
+    """Steps along maps where hardly any independence proposal is accepted, and a few others."""
+    yield StraightenedMove(Lines(frozen.coordinates), gamma0=1.0), 0.02
+    yield StraightenedMove(Lines(frozen.coordinates)), 0.03
+    for share, lines in _shares(frozen):
+        for gamma in (None, SHORT_STEP):
+            yield StraightenedMove(lines, gamma), ALONG_RARE * share
+        for chance, size, weight in CROSSOVERS:
+            yield CrossedMove(lines, chance, size), weight * share
+
+
+def _shares(frozen: Proposal) -> list[tuple[float, Lines]]:
+    """The maps of a proposal, with weights that sum to 1."""
+    total = sum(weight for weight, _ in frozen.lines)
+    return [(weight / total, lines) for weight, lines in frozen.lines]
 
 
 def build_sampler(
     target: LogDensity, frozen: Proposal, shape: tuple[int, ...], guide: Guide = NO_GUIDE
 ) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
+    rare = frozen.tries == MOST_TRIES and not guide.several
     proposal = frozen if guide.several else replace(frozen, tries=1)
-    return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hops), vectorize=True)
+    return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hops, rare), vectorize=True)
 
 
 def initial_state(
