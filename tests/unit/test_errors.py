@@ -3,6 +3,7 @@ import pytest
 
 from deabayes.prediction.errors import (
     crps,
+    draws_behind_joint_log_score,
     interval_coverage,
     joint_log_score,
     relative_maximum_error,
@@ -72,3 +73,10 @@ def test_joint_log_score_by_hand_and_without_underflow():
     assert joint_log_score(np.log([0.1, 0.3]) - 1e4) == pytest.approx(np.log(0.2) - 1e4)
     assert joint_log_score([np.log(0.3), -np.inf]) == pytest.approx(np.log(0.15))
     assert joint_log_score([-np.inf, -np.inf]) == -np.inf
+
+
+def test_draws_behind_the_joint_log_score_by_hand():
+    assert draws_behind_joint_log_score(np.log([0.1, 0.3])) == pytest.approx(0.16 / 0.1)
+    assert draws_behind_joint_log_score(np.full(7, -1e4)) == pytest.approx(7.0)
+    assert draws_behind_joint_log_score([5e3, 0.0, -np.inf]) == pytest.approx(1.0)
+    assert draws_behind_joint_log_score([-np.inf, -np.inf]) == 0.0

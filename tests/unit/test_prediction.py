@@ -111,6 +111,7 @@ def test_a_row_of_errors_by_hand():
     assert (row["e_rms_q05"], row["e_rms_q95"]) == pytest.approx(rms)
     assert (row["coverage_50"], row["coverage_90"]) == (0.25, 0.75)
     assert row["joint_log_score"] == pytest.approx(np.log(0.3))
+    assert row["joint_log_score_draws"] == pytest.approx(0.36 / 0.2)
     assert row["failed_draws"] == 3 and row["extrapolation"] == "too far"
     assert (row["experiment"], row["role"], row["protocol"]) == ("a", "validate", "step")
 

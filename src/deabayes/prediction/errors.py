@@ -93,6 +93,24 @@ def joint_log_score(log_likelihood: ArrayLike) -> float:
     return float(logsumexp(log_likelihood) - np.log(log_likelihood.size))
 
 
+def draws_behind_joint_log_score(log_likelihood: ArrayLike) -> float:
+    """How many draws carry log mean_s p(y | theta_s): (sum_s p_s)^2 / sum_s p_s^2 (Kish 1965).
+
+    Near 1 the score is that of the best draw, too low by an unknown amount and another with
+    other draws. Zero where no draw has a response.
+
+    Parameters
+    ----------
+    log_likelihood : as in `joint_log_score`.
+    """
+    from scipy.special import logsumexp
+
+    log_likelihood = np.asarray(log_likelihood, dtype=float)
+    if not np.isfinite(log_likelihood).any():
+        return 0.0
+    return float(np.exp(2.0 * logsumexp(log_likelihood) - logsumexp(2.0 * log_likelihood)))
+
+
 def uniformity_p(pit: ArrayLike) -> float:
     """p-value of a Kolmogorov-Smirnov test that values (N,) are uniform on [0, 1].
 

@@ -8,6 +8,7 @@ from deabayes.experiment import Experiment
 from deabayes.prediction.bands import Samples
 from deabayes.prediction.errors import (
     crps,
+    draws_behind_joint_log_score,
     interval_coverage,
     joint_log_score,
     relative_maximum_error,
@@ -24,7 +25,7 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
     vary; their intervals come from the draws' own errors. Coverage is that of the
     predictive band, CRPS that of one sample per draw of the same law, both NaN where fewer than two
     draws have a response or the noise is not known; `joint_log_score` is log mean_s p(y | theta_s),
-    a failed draw's p being zero;
+    a failed draw's p being zero, and `joint_log_score_draws` how many draws carry that mean;
     `pit_p` tests whether the probability integral transforms are uniform.
     """
     observed = experiment.response
@@ -51,5 +52,6 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
     row["extrapolation"] = extrapolation
     if samples.log_density is not None:
         row["joint_log_score"] = joint_log_score(samples.log_density)
+        row["joint_log_score_draws"] = draws_behind_joint_log_score(samples.log_density)
     row["failed_draws"] = samples.failed
     return row
