@@ -10,10 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
+from tests.unit import fake_records
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
@@ -213,6 +215,26 @@ def test_long_names_fit_beside_and_below_the_panels(name: str, tmp_path: Path) -
     for ax in figure.axes:
         boxes = [t.get_window_extent() for t in ax.get_xticklabels() if t.get_text()]
         assert all(a.x1 < b.x0 for a, b in pairwise(sorted(boxes, key=lambda box: box.x0)))
+
+
+def test_labels_of_preparation_stay_in_their_column(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The longest one: counted from the hold, linear first and logarithmic then."""
+    monkeypatch.setattr(
+        fake_records, "_drive", lambda _, time, amplitude: np.where(time < 0.5, 1.0, amplitude)
+    )
+    study = StudyResults(write_study(tmp_path, Fake(protocols=("relaxation",) * 3)))
+    (figure,) = figures.draw("preparation", study)
+    figure.draw_without_rendering()
+    boxes = [
+        ax.xaxis.label.get_window_extent()
+        for ax in figure.findobj(Axes)
+        if "logarithmic" in ax.get_xlabel()
+    ]
+    assert len(boxes) == 3
+    assert all(a.x1 < b.x0 for a, b in pairwise(sorted(boxes, key=lambda box: box.x0)))
+    assert min(box.x0 for box in boxes) >= 0
 
 
 def test_intervals_of_errors_are_drawn_where_they_are(tmp_path: Path) -> None:

@@ -180,7 +180,8 @@ def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) 
     else:
         linear = _bend(ax, record, turn)
         name = f"{name} since the hold began"
-        suffix += f", logarithmic beyond {linear:.2g}"
+        # on a line of its own: three such labels stand abreast
+        suffix += f"\nlogarithmic beyond {linear:.2g}"
     if labelled:
         ax.set_xlabel(name + suffix)
     else:
