@@ -7,8 +7,8 @@ it as the negative control of the check that every move here passes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,35 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling.cloud import SHORT_STEP, LogDensity
 from deabayes.sampling.guide import NO_GUIDE, Guide, Hop
 from deabayes.sampling.proposal import Lines, Proposal
-from deabayes.sampling.proposal_fit import MOST_TRIES
+from deabayes.sampling.proposal_fit import rarely_accepted
 
-ALONG = 0.15
-"""Share of steps along maps, of each length."""
-ALONG_RARE, CROSSOVERS = 0.08, ((0.0, 1.0, 0.3), (0.1, 0.6, 0.1))
-"""The same where independence proposals are rare to be accepted, and what crosses there: chance
-of a coordinate to be changed, size of the step (see `CrossedMove`), share of steps."""
+
+@dataclass(frozen=True)
+class Shares:
+    """What share of the steps each kind of move has; hops have `HOP` each beside them.
+
+    Attributes
+    ----------
+    independence : proposals from the frozen density.
+    jump, plain : differential evolution in the coordinates before any map, the whole way from one
+        walker to another, and the usual size.
+    along : differential evolution along maps, of the usual size and in short steps, each.
+    crossed : chance of a coordinate to be changed, size (see `CrossedMove`), and share.
+    """
+
+    independence: float
+    jump: float
+    plain: float
+    along: float = 0.0
+    crossed: tuple[tuple[float, float, float], ...] = ()
+
+
+HOP = 0.1
+UNBENT = Shares(0.5, 0.1, 0.4)
+USUAL = Shares(0.4, 0.1, 0.2, 0.15)
+RARE = Shares(0.25, 0.02, 0.03, 0.08, ((0.0, 1.0, 0.3), (0.1, 0.6, 0.1)))
+"""Where independence proposals are seldom accepted, and at the ends of a ridge never: much of
+what is spent on them goes to steps of few coordinates, which get on there."""
 
 
 class IndependenceMove(Move):
@@ -183,46 +205,29 @@ def recipe(
 
     Parameters
     ----------
-    rare : independence proposals are seldom accepted, and at the ends of a ridge never: much of
-        what is spent on them goes to steps of few coordinates, which get on there.
+    rare : whether independence proposals are seldom accepted (see `RARE`).
     """
-    plain = Lines(frozen.coordinates)
-    hopping = [(HopMove(hop), 0.1) for hop in hops]
-    if rare and frozen.lines:
-        return [(IndependenceMove(frozen), 0.25), *hopping, *_along_rare(frozen)]
-    jumps = [(StraightenedMove(plain, gamma0=1.0), 0.1), *hopping]
-    if not frozen.lines:
-        return [(IndependenceMove(frozen), 0.5), *jumps, (StraightenedMove(plain), 0.4)]
-    along = [
-        (StraightenedMove(lines, gamma), ALONG * share)
-        for share, lines in _shares(frozen)
-        for gamma in (None, SHORT_STEP)
+    shares = (RARE if rare else USUAL) if frozen.lines else UNBENT
+    before = Lines(frozen.coordinates)
+    moves: list[tuple[Any, float]] = [
+        (IndependenceMove(frozen), shares.independence),
+        (StraightenedMove(before, gamma0=1.0), shares.jump),
+        *((HopMove(hop), HOP) for hop in hops),
+        (StraightenedMove(before), shares.plain),
     ]
-    return [(IndependenceMove(frozen), 0.4), *jumps, (StraightenedMove(plain), 0.2), *along]
-
-
-def _along_rare(frozen: Proposal) -> Iterator[tuple[Any, float]]:
-    """Steps along maps where hardly any independence proposal is accepted, and a few others."""
-    yield StraightenedMove(Lines(frozen.coordinates), gamma0=1.0), 0.02
-    yield StraightenedMove(Lines(frozen.coordinates)), 0.03
-    for share, lines in _shares(frozen):
-        for gamma in (None, SHORT_STEP):
-            yield StraightenedMove(lines, gamma), ALONG_RARE * share
-        for chance, size, weight in CROSSOVERS:
-            yield CrossedMove(lines, chance, size), weight * share
-
-
-def _shares(frozen: Proposal) -> list[tuple[float, Lines]]:
-    """The maps of a proposal, with weights that sum to 1."""
     total = sum(weight for weight, _ in frozen.lines)
-    return [(weight / total, lines) for weight, lines in frozen.lines]
+    for weight, lines in frozen.lines:
+        part = weight / total
+        moves += [(StraightenedMove(lines, g), shares.along * part) for g in (None, SHORT_STEP)]
+        moves += [(CrossedMove(lines, c, size), w * part) for c, size, w in shares.crossed]
+    return moves
 
 
 def build_sampler(
     target: LogDensity, frozen: Proposal, shape: tuple[int, ...], guide: Guide = NO_GUIDE
 ) -> EnsembleSampler:
     """The ensemble sampler of `recipe` for walkers of a shape (W, d) and a vectorised target."""
-    rare = frozen.tries == MOST_TRIES and not guide.several
+    rare = rarely_accepted(frozen) and not guide.several
     proposal = frozen if guide.several else replace(frozen, tries=1)
     return EnsembleSampler(*shape, target, moves=recipe(proposal, guide.hops, rare), vectorize=True)
 

@@ -90,6 +90,11 @@ def enough_tries(excess: FloatArray) -> int:
     return int(np.clip(np.ceil(ENOUGH / acceptance(known)), 1, MOST_TRIES))
 
 
+def rarely_accepted(proposal: Proposal) -> bool:
+    """Whether even as many tries as there may be are hardly enough (see `enough_tries`)."""
+    return proposal.tries == MOST_TRIES
+
+
 def acceptance(excess: FloatArray) -> float:
     r"""Expected share of independence proposals that are accepted, from log p/q at draws of p.
 
