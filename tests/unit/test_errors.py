@@ -80,3 +80,24 @@ def test_draws_behind_the_joint_log_score_by_hand():
     assert draws_behind_joint_log_score(np.full(7, -1e4)) == pytest.approx(7.0)
     assert draws_behind_joint_log_score([5e3, 0.0, -np.inf]) == pytest.approx(1.0)
     assert draws_behind_joint_log_score([-np.inf, -np.inf]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("dimension", "information", "carried", "low", "high"),
+    [(7, 2.0, True, -1.0, 1.0), (20, 10.0, False, -200.0, -10.0)],
+)
+def test_a_joint_log_score_is_known_where_ten_draws_carry_it(
+    dimension, information, carried, low, high
+):
+    """Posterior N(0, I) and a record that says `information` times as much of each parameter."""
+    rng = np.random.default_rng(4)
+    variance, off, draws = 1.0 + 1.0 / information, [], []
+    for _ in range(40):
+        read = np.sqrt(variance) * rng.standard_normal(dimension)
+        apart = ((rng.standard_normal((1000, dimension)) - read) ** 2).sum(axis=1)
+        density = 0.5 * (dimension * np.log(information) - information * apart)
+        exact = -0.5 * (dimension * np.log(variance) + read @ read / variance)
+        off.append(joint_log_score(density) - exact)
+        draws.append(draws_behind_joint_log_score(density))
+    assert (np.median(draws) > 10.0) == carried
+    assert low < np.mean(off) < high
