@@ -59,3 +59,31 @@ def replace_in(path: Path, old: str, new: str) -> None:
     text = path.read_text(encoding="utf-8")
     assert old in text, f"{old!r} is not in {path}"
     path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+CONFIG = """\
+studies:
+  vhb:
+    specimen: strip
+    candidates: [kv_gm_1, kv_gm_2]
+    calibrate: [relax]
+    validate: [pull]
+    noise_scale: range
+    preparation:
+      relaxation: [{mask_before: {time: 0.1 s}}, {average: {points: 20}}]
+      load_unload: [average]
+    priors: {mu_alpha: {distribution: lognormal, median: 35 kPa, sigma: 0.5}}
+    further_experiments: {longer: {like: relax, duration: 2}}
+    evidence_check: nested
+    sampling: {walkers: 64}
+sampling: {ensembles: 2, walkers: 32, seed: 7, r_hat: 1.02}
+data_root: ../public
+"""
+
+
+def make_config(folder: Path) -> Path:
+    """A config with settings of every kind beside a study folder."""
+    make_folder(folder)
+    path = folder / "config.yaml"
+    path.write_text(CONFIG, encoding="utf-8")
+    return path

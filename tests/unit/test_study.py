@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import make_folder, replace_in
+from tests.unit.study_folders import make_config, replace_in
 
 from deabayes.faults import Faults, UserError
 from deabayes.study import (
@@ -23,33 +23,10 @@ from deabayes.study import (
     write_study,
 )
 
-CONFIG = """\
-studies:
-  vhb:
-    specimen: strip
-    candidates: [kv_gm_1, kv_gm_2]
-    calibrate: [relax]
-    validate: [pull]
-    noise_scale: range
-    preparation:
-      relaxation: [{mask_before: {time: 0.1 s}}, {average: {points: 20}}]
-      load_unload: [average]
-    priors: {mu_alpha: {distribution: lognormal, median: 35 kPa, sigma: 0.5}}
-    further_experiments: {longer: {like: relax, duration: 2}}
-    evidence_check: nested
-    sampling: {walkers: 64}
-sampling: {ensembles: 2, walkers: 32, seed: 7, r_hat: 1.02}
-data_root: ../public
-"""
-
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    """A config beside a study folder."""
-    make_folder(tmp_path)
-    path = tmp_path / "config.yaml"
-    path.write_text(CONFIG, encoding="utf-8")
-    return path
+    return make_config(tmp_path)
 
 
 def test_a_study_with_everything(config: Path) -> None:
@@ -115,7 +92,7 @@ def test_one_study_of_a_config_by_name(config: Path) -> None:
 
 def test_of_several_studies_one_must_be_named(config: Path) -> None:
     other = "studies:\n  other: {specimen: strip, candidates: [kv_gm_1]}\n"
-    config.write_text(CONFIG.replace("studies:\n", other, 1), encoding="utf-8")
+    replace_in(config, "studies:\n", other)
     with pytest.raises(UserError, match="has several studies; name one of other, vhb"):
         load_study(config)
     assert load_study(config, "other").name == "other"
@@ -125,31 +102,6 @@ def test_a_mapping_is_read_like_its_file(config: Path) -> None:
     from deabayes.reading.yaml_file import read_yaml
 
     assert load_studies(read_yaml(config), str(config)) == load_studies(config)
-
-
-def test_split_by_a_column(config: Path) -> None:
-    folder = config.parent / "strip"
-    replace_in(folder / "experiments.csv", "note,stretch_rate_per_s", "material,note")
-    replace_in(folder / "experiments.csv", "force,first,", "force,Soft 00-30,")
-    replace_in(folder / "experiments.csv", "force,,0.05", "force,Hard,")
-    further = "further_experiments: {again: {like: relax}, misspelt: {like: relaks}}"
-    asked = f"calibrate: [relax, relacks], validate: [], {further}"
-    config.write_text(
-        f"studies: {{s: {{specimen: strip, candidates: [gent], split_by: material, {asked}}}}}"
-    )
-    from deabayes.checks.study import check_names
-
-    soft, hard = load_studies(config)
-    assert set(soft.further_experiments) == {"again", "misspelt"}
-    assert set(hard.further_experiments) == {"misspelt"}, "its record is not of this part"
-    assert (soft.calibrate, hard.calibrate) == (("relax", "relacks"), ("relacks",))
-    assert soft.validate == hard.validate == ()
-    assert "no experiment 'relacks'; did you mean 'relax'?" in " ".join(check_names(soft))
-    assert (soft.name, soft.select) == ("s_Soft_00-30", {"material": "Soft 00-30"})
-    assert (hard.name, hard.select) == ("s_Hard", {"material": "Hard"})
-    config.write_text("studies: {s: {specimen: strip, candidates: [gent], split_by: materiel}}")
-    with pytest.raises(UserError, match=r"no column 'materiel' to split by; did you mean 'mater"):
-        load_studies(config)
 
 
 @pytest.mark.parametrize(
@@ -227,79 +179,3 @@ def test_defaults_are_the_contract() -> None:
         "ensembles": 4, "walkers": 128, "max_steps": 20000, "ess": 400.0, "r_hat": 1.01,
         "autocorrelation_times": 50.0, "particles": 1024, "seed": 1,
     }  # fmt: skip
-
-
-def test_an_empty_list_holds_nothing_out(config: Path) -> None:
-    """As `deabayes check` understands it; a list that is not given leaves it to the role column."""
-    from dataclasses import replace
-
-    from deabayes.pipeline import select_rows
-    from deabayes.reading.table import read_table
-
-    (study,) = load_studies(config)
-    rows = read_table(study.specimen)
-
-    def held_out(validate: tuple[str, ...] | None) -> list[str]:
-        chosen = select_rows(replace(study, validate=validate), rows)
-        return [row.name for row in chosen if row.role == "validate"]
-
-    assert held_out(()) == []
-    assert held_out(("pull",)) == ["pull"]
-    assert held_out(None) == [row.name for row in rows if row.role == "validate"] != []
-
-
-def test_studies_of_one_protocol_or_response(config: Path) -> None:
-    from deabayes.checks.study import check_study
-    from deabayes.reading.selection import selected
-    from deabayes.reading.table import read_table
-
-    entry = "{specimen: strip, candidates: [kv_gm_1], split_by: protocol}"
-    config.write_text(f"studies: {{s: {entry}}}")
-    relaxation, load_unload = load_studies(config)
-    assert (relaxation.name, relaxation.select) == ("s_relaxation", {"protocol": "relaxation"})
-    rows = read_table(relaxation.specimen)
-    assert [row.name for row in selected(rows, load_unload.select)] == ["pull"]
-    config.write_text(
-        f"studies: {{s: {entry.replace('split_by: protocol', 'select: {response: force}')}}}"
-    )
-    (study,) = load_studies(config)
-    assert selected(rows, study.select) == rows
-    assert check_study(study)[0] == []
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        (
-            {"calibrate": None, "validate": ("relax",)},
-            ["name one of its records under `calibrate`, and not under `validate`"],
-        ),
-        ({"calibrate": ("pull",), "validate": None}, []),
-        ({"calibrate": None, "validate": None}, []),
-    ],
-)
-def test_a_listed_record_has_the_role_of_its_list(
-    config: Path, given: dict[str, tuple[str, ...] | None], words: list[str]
-) -> None:
-    """Where the other list is not given, the role column does not take it back."""
-    from dataclasses import replace
-
-    from deabayes.checks.study import used_rows
-    from deabayes.pipeline import select_rows
-    from deabayes.reading.folder import scan_folder
-
-    (study,) = load_studies(config)
-    study = replace(study, **given)  # type: ignore[arg-type]
-    read, _ = scan_folder(study.specimen)
-    assert read is not None
-    faults: list[str] = []
-    used = used_rows(study, read, faults)
-    roles = {row.name: row.role for row in used}
-    for role in ("calibrate", "validate"):
-        assert all(roles[name] == role for name in given[role] or ())
-    assert [word for fault in faults for word in words if word in fault] == words
-    if words:
-        with pytest.raises(UserError, match=words[0]):
-            select_rows(study, read.table)
-    else:
-        assert select_rows(study, read.table) == used
