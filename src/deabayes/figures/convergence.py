@@ -87,7 +87,8 @@ def _lengths(ax: Axes, results: CandidateResults) -> None:
     if scales.spans_much(np.append(lengths, limit)):
         scales.logarithmic(ax, np.append(lengths, limit), ticks=3)
     else:
-        ax.set_xlim(left=0.0)
+        # markers of the longest run stand clear of the axis' end
+        ax.set_xlim(0.0, 1.1 * np.append(lengths, limit).max())
     ax.set_yticks(rows, list(found), fontsize=6.0)
     ax.set_ylim(max(len(found), 1) - 0.5, -0.5)
     ax.set_xlabel(f"run in autocorrelation times\n(limit {limit:g})")
