@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import csv
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,17 @@ SYSTEMS = "<!-- systems -->"
 NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
 
 
-def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
     """Fill the places of tables, figures (`<!-- figure: file.png text -->`), commands, systems.
 
     `<!-- code: file.py f g -->` quotes the functions f and g, without names the whole file.
+    Paths are those below docs/, wherever the page is.
     """
-    docs = Path(config["docs_dir"])
+    docs, folder = Path(config["docs_dir"]), posixpath.dirname(page.file.src_uri)
     markdown = TABLE.sub(lambda match: table(docs, match["path"]), markdown)
-    markdown = FIGURE.sub(lambda match: figure(docs, match["path"], match["text"]), markdown)
+    markdown = FIGURE.sub(
+        lambda match: figure(docs, match["path"], match["text"], folder), markdown
+    )
     markdown = CODE.sub(lambda match: code(docs / match["path"], match["names"].split()), markdown)
     for place, made in ((COMMANDS, commands), (SYSTEMS, systems)):
         markdown = markdown.replace(place, made()) if place in markdown else markdown
@@ -41,11 +45,11 @@ def table(docs: Path, name: str) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def figure(docs: Path, name: str, text: str) -> str:
-    """An image, or a note that what it shows was not measured."""
+def figure(docs: Path, name: str, text: str, folder: str) -> str:
+    """An image as a page in a folder of docs/ names it, or a note that it was not measured."""
     if not (docs / name).is_file():
         return NOT_MEASURED.format(path=f"docs/{name}")
-    return f"![{text}]({name})"
+    return f"![{text}]({posixpath.relpath(name, folder or '.')})"
 
 
 def code(path: Path, names: list[str]) -> str:

@@ -201,7 +201,7 @@ def test_the_verdict_says_what_was_compared():
 
 
 def test_the_verdict_says_that_a_larger_order_did_not_converge():
-    """It may be the one that is needed: specimen 10 of three units in docs/validation.md."""
+    """It may be the one that is needed: specimen 10 of three membrane units that are shown."""
     scores = [
         score("n1", 3, 0.0, ONES),
         score("n2", 5, 9.0, 1.5 * ONES),

@@ -23,6 +23,17 @@ def test_what_was_not_run_is_neither_met_nor_missed(tmp_path):
     assert {goal[0] for goal in table["goal"]} == set("12345678")
 
 
+def test_the_figures_of_a_goal_are_counted():
+    rows = {"goal": [*["6 a"] * 4, "1 b"], "asked": ["x", "x", "y", "y", "z"], "of": list("abcde")}
+    rows["measured"] = ["0.9", "0.1", goals.NOT_RUN, "0.8", "at every change"]
+    rows["met"] = ["yes", "NO", "", "yes", goals.BY_TESTS]
+    counts = ["figures", "as asked", "missed", "not measured"]
+    table = goals.overview(pd.DataFrame(rows)).set_index("goal")
+    assert list(table.loc["6 a", counts]) == [4, 2, 1, 1]
+    assert list(table.loc["1 b", counts]) == [1, 1, 0, 0]
+    assert list(table["asked"]) == ["x; y", "z"]
+
+
 @pytest.mark.parametrize(
     ("mean", "end", "expected"), [(0.09, 0.14, "yes"), (0.11, 0.1, "NO"), (0.05, 0.16, "NO")]
 )

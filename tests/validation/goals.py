@@ -14,8 +14,9 @@ import pandas as pd
 
 from tests.validation import membrane_summary, recovery_summary
 
-FILE = "goals.csv"
+FILE, OVERVIEW = "goals.csv", "goals_overview.csv"
 NOT_RUN = "not measured yet"
+BY_TESTS = "by make test"
 MUST_FAIL = "must fail"
 """In what a table says of a noise model that is wrong on purpose."""
 COVERED, BAND, BAND_HALF = (0.86, 0.94), (0.85, 0.95), (0.42, 0.58)
@@ -32,7 +33,7 @@ Checked = tuple[str, "pd.Series[Any] | None", bool]
 
 
 def write(folder: Path) -> list[str]:
-    """Write goals.csv."""
+    """Write goals.csv, a row for every figure, and goals_overview.csv, a row for every goal."""
     table = pd.DataFrame(
         [
             {"goal": goal, "asked": asked, "of": what, "measured": measured, "met": met}
@@ -41,8 +42,30 @@ def write(folder: Path) -> list[str]:
         ]
     )
     table.to_csv(folder / FILE, index=False)
+    overview(table).to_csv(folder / OVERVIEW, index=False)
     print(f"\n{FILE}\n{table.to_string(index=False)}")
     return []
+
+
+def overview(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per goal: how many of its figures are as asked.
+
+    Parameters
+    ----------
+    table : goals.csv
+    """
+    return pd.DataFrame([_summed(goal, rows) for goal, rows in table.groupby("goal", sort=False)])
+
+
+def _summed(goal: object, rows: pd.DataFrame) -> dict[str, object]:
+    return {
+        "goal": goal,
+        "asked": "; ".join(rows["asked"].unique()),
+        "figures": len(rows),
+        "as asked": int(rows["met"].isin(["yes", BY_TESTS]).sum()),
+        "missed": int((rows["met"] == "NO").sum()),
+        "not measured": int((rows["measured"] == NOT_RUN).sum()),
+    }
 
 
 def _table(path: Path) -> pd.DataFrame | None:
@@ -63,7 +86,7 @@ def by_tests(*names: str) -> Callable[[Path], Iterator[Found]]:
 
     def find(folder: Path) -> Iterator[Found]:
         for name in names:
-            yield name, "asserted at every change", "by make test"
+            yield name, "asserted at every change", BY_TESTS
 
     return find
 
