@@ -47,3 +47,8 @@ class Parameter:
     reference_stretches: tuple[float, float] | None = None
     part_of: str | None = None
     belongs_to: str | None = None
+
+    @property
+    def is_time_constant(self) -> bool:
+        """Whether it is that of a relaxation unit, of which there may be several."""
+        return self.unit == "s" and self.ordered is not None

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
-from deabayes.posteriors.content import convergence_summary, shortness
+from deabayes.posteriors.content import convergence_summary, slower_than_records
 from deabayes.posteriors.summary import contraction, contractions
 from deabayes.prior.joint import Prior
 from deabayes.sampling.gates import Failed
@@ -76,19 +76,31 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("upper", "said"), [(500.0, ["0.3"]), (0.2, [])])
+@pytest.mark.parametrize(
+    ("slow", "said"), [(0.06, ["tau_2"]), (0.04, [])]
+)  # of a hundred draws, beyond the longest record
 @pytest.mark.parametrize("inherited", [True, False])
-def test_records_shorter_than_the_prior_expects_are_told(upper, said, inherited):
-    tau = Parameter("tau_1", "", "s", "", LogUniform(0.01, upper), "", ordered="tau")
-    records = [
-        SimpleNamespace(experiment=SimpleNamespace(coordinate_unit="s", elapsed=length))
-        for length in (0.1, 0.3)
+def test_units_that_may_outlast_every_record_are_told(slow, said, inherited):
+    names = ("tau_1", "tau_2", "k_2")
+    parameters = [
+        Parameter(name, "", "s", "", LogUniform(0.01, 500.0), "", ordered=group)
+        for name, group in zip(names, ("tau", "tau", None), strict=True)
     ]
-    blocks = (SimpleNamespace(names=("tau_1",)),) if inherited else ()
-    prior = SimpleNamespace(parameters=(tau,), inherited=blocks)
-    target = SimpleNamespace(prior=prior, records=records)
-    found = [line.partition("lasts ")[2].partition(" s,")[0] for line in shortness(target)]
-    assert found == ([] if inherited else said)
+    theta = np.tile([0.2, 0.29, 9.0], (100, 1))
+    theta[: int(100 * slow), 1] = 40.0
+    records = [
+        SimpleNamespace(experiment=SimpleNamespace(coordinate_unit=unit, elapsed=length))
+        for length, unit in ((0.1, "s"), (0.3, "s"), (1e3, "Hz"))
+    ]
+    blocks = (SimpleNamespace(names=("tau_2",)),) if inherited else ()
+    target = SimpleNamespace(
+        prior=SimpleNamespace(parameters=parameters, inherited=blocks), records=records
+    )
+    found = slower_than_records(target, theta)
+    assert [line.partition(":")[0] for line in found] == ([] if inherited else said)
+    assert all("lasts 0.3 s" in line for line in found)
+    target.records = records[2:]
+    assert slower_than_records(target, theta) == []
 
 
 NORMAL = np.random.default_rng(1).standard_normal(20000)

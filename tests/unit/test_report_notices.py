@@ -34,6 +34,18 @@ def test_a_warning_of_a_record_stands_once(tmp_path: Path) -> None:
     assert of_fit.details == ("prior_from: no normal",)
 
 
+def test_what_the_fit_says_of_an_unconverged_candidate_is_shown_too(tmp_path: Path) -> None:
+    """Why it may have been held up; of a converged one that is not shown in full it is not."""
+    fake = Fake(candidates=(1, 2), protocols=("relaxation",))
+    results = StudyResults(write_study(tmp_path, fake))
+    (other,) = (c for c in results.candidates if c is not results.recommended)
+    other.attributes["warnings"] = ["tau_1: slower than the records"]
+    for converged in (True, False):
+        other.attributes["convergence"]["converged"] = converged
+        said = [n.details for n in notices.of_study(results) if n.candidate == other.name]
+        assert (("tau_1: slower than the records",) in said) is not converged
+
+
 def test_noise_at_the_end_of_its_prior_is_said(tmp_path: Path) -> None:
     fake = Fake(candidates=(1,), protocols=("relaxation",))
     results = StudyResults(write_study(tmp_path, fake)).recommended

@@ -14,12 +14,13 @@ from deabayes.posteriors.counted_records import CountedRecord
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
-from deabayes.reading.checks import too_short_for
 from deabayes.sampling.pooling import PooledResult
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
 PRIOR_DRAWS = 4000
+SLOW = 0.95
+"""Quantile of a time constant's draws that ought to be within the longest record."""
 RIM = 0.01
 """Share of an inherited prior's draws that are as unlikely, below which it is said."""
 
@@ -79,7 +80,7 @@ class PosteriorContent:
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
                 *unexpected,
-                *shortness(target),
+                *slower_than_records(target, theta),
                 *_notes(target.prior, inherited),
                 *at_the_rim(target.prior, theta),
             ],
@@ -89,13 +90,28 @@ class PosteriorContent:
         )
 
 
-def shortness(target: LogPosterior) -> list[str]:
-    """That no calibrated record outlasts the longest time constant that the prior expects."""
+def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
+    """Relaxation units that by the draws theta (W, d) may outlast every calibrated record.
+
+    Such a unit's stiffness and time constant trade along a long ridge: little more of it is seen
+    than their ratio, and sampling is slow for want of data, not of steps. What another study
+    handed on may have been told by longer records.
+    """
     experiments = [record.experiment for record in target.records]
     durations = [each.elapsed for each in experiments if each.coordinate_unit == "s"]
     inherited = {name for block in target.prior.inherited for name in block.names}
-    own = [p for p in target.prior.parameters if p.name not in inherited]
-    return too_short_for(own, durations, "the longest calibrated record")
+    found = []
+    for parameter, draws in zip(target.prior.parameters, theta.T, strict=True):
+        if not durations or not parameter.is_time_constant or parameter.name in inherited:
+            continue
+        if (longest := float(np.quantile(draws, SLOW))) > max(durations):
+            found.append(
+                f"{parameter.name}: {100 * (1 - SLOW):.0f} % of its draws are above {longest:.3g} "
+                f"s, and the longest calibrated record lasts {max(durations):.3g} s, which shows "
+                "little more of so slow a unit than a drift. A longer record, or one that "
+                "preparation crops less, tells more of it; more steps do not"
+            )
+    return found
 
 
 def _with_doubts(

@@ -181,7 +181,7 @@ def too_short_for(
     parameters: Iterable[Parameter], durations: Sequence[float], where: str
 ) -> list[str]:
     """No record outlasts the longest of the ordered time constants that the priors expect."""
-    constants = [p for p in parameters if p.unit == "s" and p.ordered]
+    constants = [p for p in parameters if p.is_time_constant]
     if not constants or not durations:
         return []
     # The prior's upper quartile: half of its mass lies within a factor or so of it.

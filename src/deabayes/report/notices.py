@@ -31,10 +31,13 @@ class Notice:
 
 
 def of_study(results: StudyResults) -> list[Notice]:
-    """Notices of a study: every unconverged candidate, and all else of the one shown in full."""
+    """Notices of a study: of the candidate shown in full, and what may have held up others."""
     found = [n for c in results.candidates for n in unconverged(c)]
     found += unresolved(results)
     found += evidence(results)
+    for candidate in results.candidates:
+        if not candidate.converged and candidate is not results.recommended:
+            found += stored(candidate)
     found += of_candidate(results.recommended)
     found += data(results)
     return found
