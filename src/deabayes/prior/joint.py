@@ -8,9 +8,9 @@ import numpy as np
 
 from deabayes.distributions import format_number
 from deabayes.distributions.scores import FloatArray, log_normal_density
-from deabayes.faults import UserError
 from deabayes.parameter import Parameter
-from deabayes.prior.blocks import blocks_of
+from deabayes.prior.blocks import Block
+from deabayes.prior.default_map import DefaultMap
 from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
 from deabayes.prior.inherited_scores import check_scores
 from deabayes.prior.learned import Shown
@@ -27,9 +27,8 @@ class Prior:
     r"""p(theta) as theta = T(z), z ~ N(0, I).
 
     Independent parameters take their quantile transform; members of an ordered
-    group are order statistics with a minimum ratio (see `Ordered`); a parameter
-    with `half_product_with` has its prior on half that product, or on the stress that both
-    make at reference stretches; parts of a total share its prior (see `Parts`); parameters
+    group are order statistics with a minimum ratio (see `Ordered`); half products carry a prior
+    together (see `DefaultMap`); parts of a total share its prior (see `Parts`); parameters
     inherited from another posterior are correlated (see `PosteriorBlock`).
 
     Parameters
@@ -42,7 +41,6 @@ class Prior:
     Attributes
     ----------
     parameters, names : in the order of theta's columns.
-    blocks : what transforms groups of them together.
     """
 
     def __init__(
@@ -65,8 +63,7 @@ class Prior:
         given = minimum_ratio if isinstance(minimum_ratio, Mapping) else {}
         default = MINIMUM_RATIO if isinstance(minimum_ratio, Mapping) else minimum_ratio
         self.minimum_ratios = {group: given.get(group, default) for group in self._members}
-        self._half_products = self._product_columns()
-        self.blocks = blocks_of(self.parameters, self._members, self.minimum_ratios)
+        self._default = DefaultMap(self.parameters, self._members, self.minimum_ratios)
         self._inherited_columns = [[self._column[n] for n in b.names] for b in self.inherited]
 
     @classmethod
@@ -117,48 +114,51 @@ class Prior:
         """
         common = tuple(n for n in self.names if n in names)
         check_same_order(self.parameters, names)
-        theta = np.tile(self._from_default(np.zeros((1, len(self.names)))), (len(draws), 1))
+        theta = np.tile(
+            self._default.to_parameters(np.zeros((1, len(self.names)))), (len(draws), 1)
+        )
         for name in common:
             theta[:, self._column[name]] = draws[:, list(names).index(name)]
         columns = [self._column[n] for n in common]
-        z = self._to_default(theta)[:, columns]
+        z = self._default.to_normal(theta)[:, columns]
         for name, column in zip(common, z.T, strict=True):
             check_scores(name, column, self.describe(name))
 
         def to_parameters(z: FloatArray) -> FloatArray:
             every = np.zeros((len(z), len(self.names)))
             every[:, columns] = z
-            return self._from_default(every)[:, columns]
+            return self._default.to_parameters(every)[:, columns]
 
         shown = Shown.by([self.parameters[k] for k in columns])
         block = PosteriorBlock.fit(common, z, shown, to_parameters)
         kept = tuple(b for b in self.inherited if not set(b.names) & set(common))
         return Prior(self.parameters, self.minimum_ratios, (*kept, block))
 
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What transforms groups of parameters together."""
+        return self._default.blocks
+
     def to_parameters(self, z: FloatArray) -> FloatArray:
         """theta (W, d) of standard normal z (W, d)."""
-        return self._from_default(self._mixed(z, "colour"))
+        return self._default.to_parameters(self._mixed(z, "colour"))
 
     def to_normal(self, theta: FloatArray) -> FloatArray:
         """z (W, d) of theta (W, d); NaN where theta is outside the support."""
-        return self._mixed(self._to_default(theta), "whiten")
+        return self._mixed(self._default.to_normal(theta), "whiten")
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """log p(theta), (W,), normalised; -inf outside the support."""
         theta = np.asarray(theta, dtype=float)
-        factors = self._products(theta)
-        magnitudes = theta * factors
-        with np.errstate(divide="ignore"):
-            total = np.sum(np.log(np.abs(factors)), axis=1)
-        for block in self.blocks:
-            total += block.log_density(magnitudes[:, block.columns])
+        total = self._default.log_density(theta)
         if self.inherited:
-            total += self._over_inherited("log_density_ratio", theta, self._to_default(theta))
+            z = self._default.to_normal(theta)
+            total += self._over_inherited("log_density_ratio", theta, z)
         return np.where(np.isnan(total), -np.inf, total)
 
     def log_density_of_inherited(self, theta: FloatArray) -> FloatArray:
         """log p, (W,), of inherited parameters' scores alone."""
-        z = self._to_default(theta)
+        z = self._default.to_normal(theta)
         own = z[:, [column for columns in self._inherited_columns for column in columns]]
         default = np.sum(log_normal_density(own), axis=1)
         return default + self._over_inherited("log_density_ratio", theta, z)
@@ -185,7 +185,7 @@ class Prior:
         z = rng.standard_normal((CANDIDATES * n if learned else n, len(self.names)))
         for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
             z[:, columns] = block.mixture.sample(rng, len(z))
-        theta = self._from_default(z)
+        theta = self._default.to_parameters(z)
         if not learned:
             return theta
         weights = np.nan_to_num(np.exp(self._over_inherited("log_weights", theta, z)))
@@ -236,51 +236,6 @@ class Prior:
             if name in inherited.names:
                 text = f"{inherited.describe()} of: {text}; misfit {inherited.misfit:.3f}"
         return text
-
-    def _product_columns(self) -> list[tuple[int, int]]:
-        """(parameter, parameter whose half product with it has the prior), as columns."""
-        columns = []
-        for k, parameter in enumerate(self.parameters):
-            other = parameter.half_product_with
-            if other is None:
-                continue
-            if other not in self._column:
-                raise ValueError(f"{parameter.name}: half_product_with {other} is no parameter")
-            if parameter.prior.support[0] < 0.0:
-                raise UserError(
-                    f"prior of {parameter.name}: it is that of half of {parameter.name} {other}, "
-                    f"which is positive, so it must not reach below 0: {parameter.prior.describe()}"
-                )
-            columns.append((k, self._column[other]))
-        return columns
-
-    def _from_default(self, z: FloatArray) -> FloatArray:
-        theta = np.empty_like(z, dtype=float)
-        for block in self.blocks:
-            theta[:, block.columns] = block.to_parameters(z[:, block.columns])
-        with np.errstate(divide="ignore", over="ignore"):
-            return theta / self._products(theta)
-
-    def _to_default(self, theta: FloatArray) -> FloatArray:
-        theta = np.asarray(theta, dtype=float)
-        theta = theta * self._products(theta)
-        z = np.empty_like(theta)
-        for block in self.blocks:
-            z[:, block.columns] = block.to_normal(theta[:, block.columns])
-        return z
-
-    def _products(self, theta: FloatArray) -> FloatArray:
-        """What theta (W, d) is multiplied by to carry the prior: 1 for most."""
-        factors = np.ones_like(theta)
-        for k, other in self._half_products:
-            stretches = self.parameters[k].reference_stretches
-            exponent = theta[:, other]
-            if stretches is None:
-                factors[:, k] = 0.5 * exponent
-            else:
-                first, third = np.log(stretches)
-                factors[:, k] = np.expm1(first * exponent) - np.expm1(third * exponent)
-        return factors
 
     def _mixed(self, z: FloatArray, method: str) -> FloatArray:
         """z with `colour` or `whiten` applied to the inherited columns."""
