@@ -113,7 +113,7 @@ def kernel_alone(
     """The compiled integration, with its constants prepared."""
     from deabayes.systems.membrane_lanes import integrate
 
-    history = system._drive(excitation, times)
+    history = system._history(excitation, times)
     limit = np.full(WALKERS, system.breakdown)
     constants = system._material(draws).constants(history, system.tolerance, limit)
     pieces = history.edges, history.coefficients, history.restart

@@ -98,15 +98,15 @@ def test_error_falls_with_the_tolerance_as_the_order_says():
     for tolerance in (1e-6, 1e-8, 1e-10):
         system = membrane("kv_gm_2", tolerance)
         # The same pieces of the voltage for all.
-        history = membrane("kv_gm_2", 1e-13)._drive(sine(0.05), time)
-        found = system._integrated(history, time, DRAWS)
+        history = membrane("kv_gm_2", 1e-13)._history(sine(0.05), time)
+        found = system._followed(history, time, DRAWS)
         errors.append(np.max(np.abs(found.stretch[0] - exact)) / np.ptp(exact))
         steps.append(found.steps[0])
     assert errors[0] < 1e-6
     assert errors[2] < 1e-10
     free = [
-        membrane("kv_gm_2", tol)._integrated(
-            membrane("kv_gm_2")._drive(step(4e3), time), time, DRAWS
+        membrane("kv_gm_2", tol)._followed(
+            membrane("kv_gm_2")._history(step(4e3), time), time, DRAWS
         ).steps[0]
         for tol in (1e-7, 1e-11)
     ]  # fmt: skip

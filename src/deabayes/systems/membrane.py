@@ -17,7 +17,6 @@ it), and its t_v = eta/mu is no time: the relaxation time at xi = lambda is
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError
-from deabayes.integrate.drive import Drive, drive
+from deabayes.integrate.drive import Drive
 from deabayes.parameter import Parameter
 from deabayes.springs.base import column
 from deabayes.systems.base import Derived, Draws, Simulator, System
@@ -33,14 +32,14 @@ from deabayes.systems.batch import once
 from deabayes.systems.conditions import Conditions
 from deabayes.systems.membrane_candidates import MembraneModel, examples
 from deabayes.systems.membrane_material import FOLD_POINTS, Material, PullIn
+from deabayes.systems.membrane_motion import Motion, follow
 from deabayes.systems.membrane_solid import solid
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import filled, quantity, uncertain_quantities
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
+from deabayes.systems.voltage_history import voltage_history
 
 DEFAULT_TOLERANCE = 1e-6
-DRIVE_TOLERANCE = 0.1
-"""Of the tolerance: for the voltage, relative to its peak."""
 BREAKDOWN_STRETCH = 6.0
 QUANTITIES = {
     "permittivity": (r"\varepsilon", "permittivity, absolute: relative one times 8.854 pF/m"),
@@ -57,15 +56,6 @@ MEANINGS = {
     "breakdown_stretch": "stretch beyond which a prediction counts as failed, default 6",
     **{name: meaning for name, (_, meaning) in QUANTITIES.items()},
 }
-
-
-@dataclass(frozen=True)
-class Integrated:
-    """Stretch (W, N); steps tried and the time at which a draw was lost, else NaN, (W,)."""
-
-    stretch: FloatArray
-    steps: NDArray[np.int64]
-    ended: FloatArray
 
 
 class Membrane(System):
@@ -144,9 +134,7 @@ class Membrane(System):
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).
 
-        The voltage is linear between its knots; where knots are samples of a smooth curve,
-        that curve is used (see `integrate.drive`). It is zero before its first knot, a first
-        value other than zero or a repeated time is a jump, and it stays at its last value.
+        The voltage is zero before its first knot (see `voltage_history`).
 
         A row is NaN where a draw is pulled in (its stretch passes the end of the near
         equilibrium's branch), passes the breakdown stretch, or fails.
@@ -163,10 +151,10 @@ class Membrane(System):
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])
         in_order = bool(np.all(order == np.arange(order.size)))
-        history = self._drive(excitation, times)
+        history = self._history(excitation, times)
 
         def simulate(draws: Draws) -> FloatArray:
-            ascending = self._integrated(history, times, draws).stretch
+            ascending = self._followed(history, times, draws).stretch
             stretch = ascending
             if not in_order:
                 stretch = np.empty_like(ascending)
@@ -186,42 +174,36 @@ class Membrane(System):
         draws that stay until the time `last`.
         """
         times = np.array([last])
-        history = self._drive(excitation, times)
-        ended = self._integrated(history, times, draws).ended
+        history = self._history(excitation, times)
+        ended = self._followed(history, times, draws).ended
         volts = np.full(ended.shape, np.nan)
         gone = np.isfinite(ended)
         volts[gone] = history.at(ended[gone])
         return ended, volts
 
-    def _integrated(self, history: Drive, times: FloatArray, draws: Draws) -> Integrated:
+    def _history(self, excitation: Excitation, times: FloatArray) -> Drive:
+        if excitation.without_time:
+            raise UserError("a membrane needs the voltage in time; a quasi-static record has none")
+        return voltage_history(excitation, times, self.tolerance)
+
+    def _followed(self, history: Drive, times: FloatArray, draws: Draws) -> Motion:
         """The draws followed through the history to the ascending `times`."""
         material = self._material(draws)
-        walkers = material.modulus.size
-        limit = np.full(walkers, self.breakdown)
+        limit = np.full(material.modulus.size, self.breakdown)
         if not self.leave_near_branch:
             limit = once(
                 draws,
                 (self, "limit"),
                 lambda: material.pull_in(self.breakdown, FOLD_POINTS).stretch,
             )
-        constants, units = material.constants(history, self.tolerance, limit)
-        found = Integrated(
-            np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
-        )
-        results = found.stretch, found.steps, found.ended
-        pieces = history.edges, history.coefficients, history.restart
-        if self.model.inertia:
-            from deabayes.systems.membrane_inertia import integrate_with_inertia
+        mass = self._mass(draws, material.modulus.size) if self.model.inertia else None
+        return follow(material, history, times, self.tolerance, limit, mass)
 
-            side = quantity(self.specimen, "side_length", draws)
-            mass = side * side * quantity(self.specimen, "density", draws) / 3.0
-            mass = np.ascontiguousarray(np.broadcast_to(mass, walkers))
-            integrate_with_inertia(*pieces, times, constants, units, mass, *results)
-        else:
-            from deabayes.systems.membrane_lanes import integrate
-
-            integrate(*pieces, times, constants, units, *results)
-        return found
+    def _mass(self, draws: Draws, walkers: int) -> FloatArray:
+        """rho L^2/3 of (14), (W,)."""
+        side = quantity(self.specimen, "side_length", draws)
+        mass = side * side * quantity(self.specimen, "density", draws) / 3.0
+        return np.ascontiguousarray(np.broadcast_to(mass, walkers))
 
     def pull_in(self, draws: Draws) -> PullIn:
         """Where the near equilibrium ends: the voltage a steady actuator bears."""
@@ -278,16 +260,3 @@ class Membrane(System):
                 side * (stretch - column(quantity(self.specimen, "prestretch", draws)))
             )
         return np.asarray((side * stretch) ** 2)
-
-    def _drive(self, excitation: Excitation, times: FloatArray) -> Drive:
-        knots = np.asarray(excitation.coordinate, dtype=float)
-        volts = np.asarray(excitation.values, dtype=float)
-        if excitation.without_time:
-            raise UserError("a membrane needs the voltage in time; a quasi-static record has none")
-        if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(volts))):
-            raise UserError("excitation 'voltage': times and voltages must be finite")
-        if np.any(np.diff(knots) < 0.0):
-            raise UserError("excitation 'voltage': times must ascend; sort the record by time")
-        tolerance = DRIVE_TOLERANCE * self.tolerance
-        span = float(times[0]), float(times[-1])
-        return drive(knots, volts, *span, tolerance, noisy=excitation.noisy)

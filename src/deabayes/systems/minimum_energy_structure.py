@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.integrate.drive import Drive, drive
+from deabayes.integrate.drive import Drive
 from deabayes.parameter import Parameter
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.batch import once
@@ -40,13 +40,12 @@ from deabayes.systems.structure_motion import Motion, follow
 from deabayes.systems.structure_quantities import MEANINGS, OPTIONAL, REQUIRED, UNCERTAIN
 from deabayes.systems.structure_solid import solid
 from deabayes.systems.structure_static import STEEPEST, Structure
+from deabayes.systems.voltage_history import voltage_history
 
 DEFAULT_TOLERANCE = 1e-6
 LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE = 1e-5, 1e-4
 """Move the log-likelihood of the reference specimen's sines by 0.003 in 0.6 of the time, and by
 0.03 in 0.4 of it."""
-DRIVE_TOLERANCE = 0.1
-"""Of the tolerance: for the voltage, relative to its peak."""
 AT_VOLTAGE = 5e3
 CHUNK = 2048
 """Draws whose branches are held at once: 200 angles each."""
@@ -198,20 +197,12 @@ class MinimumEnergyStructure(System):
         return float(excitation.values[0]) if prehistory == "equilibrium" else 0.0
 
     def _history(self, excitation: Excitation, times: FloatArray, held: float) -> Drive:
-        knots = np.asarray(excitation.coordinate, dtype=float)
-        volts = np.asarray(excitation.values, dtype=float)
         if self.model.units == 0:
             raise UserError(
                 f"candidate {self.candidate!r} has no relaxation units, so it does not move in "
                 "time; take one that has, such as ogden_1_units_1"
             )
-        if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(volts))):
-            raise UserError("excitation 'voltage': times and voltages must be finite")
-        if np.any(np.diff(knots) < 0.0):
-            raise UserError("excitation 'voltage': times must ascend; sort the record by time")
-        tolerance = DRIVE_TOLERANCE * self.tolerance
-        span = float(times[0]), float(times[-1])
-        return drive(knots, volts, *span, tolerance, excitation.noisy, before=held)
+        return voltage_history(excitation, times, self.tolerance, before=held)
 
     @property
     def cheap(self) -> bool:

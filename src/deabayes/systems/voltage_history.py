@@ -1,0 +1,40 @@
+"""A record's voltage as the pieces that actuators are integrated over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.experiment import Excitation, FloatArray
+from deabayes.faults import UserError
+from deabayes.integrate.drive import Drive, drive
+
+OF_TOLERANCE = 0.1
+"""What the voltage's pieces may miss, relative to its peak, over the tolerance of the response."""
+
+
+def voltage_history(
+    excitation: Excitation, times: FloatArray, tolerance: float, before: float = 0.0
+) -> Drive:
+    """Pieces of a voltage, linear between its knots; smooth where they are samples of a curve.
+
+    A repeated time, or a first value other than `before`, is a jump; the last value stays.
+
+    Parameters
+    ----------
+    times : (N,) ascending, what the pieces must span [s].
+    tolerance : of the response, relative to its range.
+    before : voltage before the first knot [V].
+
+    Raises
+    ------
+    UserError
+        A voltage that is no history in time.
+    """
+    knots = np.asarray(excitation.coordinate, dtype=float)
+    volts = np.asarray(excitation.values, dtype=float)
+    if not (np.all(np.isfinite(knots)) and np.all(np.isfinite(volts))):
+        raise UserError("excitation 'voltage': times and voltages must be finite")
+    if np.any(np.diff(knots) < 0.0):
+        raise UserError("excitation 'voltage': times must ascend; sort the record by time")
+    span = float(times[0]), float(times[-1])
+    return drive(knots, volts, *span, OF_TOLERANCE * tolerance, excitation.noisy, before)
