@@ -168,6 +168,20 @@ def test_axes_follow_the_protocol(measured: StudyResults, unconverged: StudyResu
     assert np.ptp(sine.horizontal().values) == pytest.approx(60.0, rel=0.02)
 
 
+def test_records_side_by_side_share_a_unit_that_suits_them(measured: StudyResults) -> None:
+    first = next(iter(measured.recommended.predictions.values()))
+    first = first.assign_attrs(response_name="displacement", response_unit="m")
+    share = first["observed"] / np.abs(first["observed"]).max()
+    sizes = {"large": 2.5e-3, "medium": 0.4e-3, "small": 20e-6}
+    shown = panels.side_by_side(first.assign(observed=size * share) for size in sizes.values())
+    assert [record.unit.label for record in shown] == ["mm", "mm", "µm"]
+    assert np.abs(shown[1].response("observed")).max() == pytest.approx(0.4)
+    # Another response does not count, and alone a record has the unit of its own size.
+    other = first.assign_attrs(response_name="force", response_unit="N")
+    alone = panels.side_by_side([first.assign(observed=4e-4 * share), other])
+    assert [record.unit.label for record in alone] == ["µm", alone[1].unit.label]
+
+
 def test_noise_share_is_relative_to_the_records_variance(measured: StudyResults) -> None:
     from deabayes.figures.noise_share import correlated_shares, sizes
 

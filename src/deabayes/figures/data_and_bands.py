@@ -30,7 +30,7 @@ def draw(
 
     `role` is said of all records instead of their own, `observed` in the legend.
     """
-    records = [panels.Record(p, log_time) for p in results.predictions.values()]
+    records = panels.side_by_side(results.predictions.values(), log_time)
     return [_sheet(group, role, observed) for group in panels.batches(records) if group]
 
 

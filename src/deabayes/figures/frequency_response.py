@@ -29,7 +29,7 @@ BAND = 0.22
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Gain above phase; one colour per record."""
-    records = [panels.Record(p) for p in results.predictions.values()]
+    records = panels.side_by_side(results.predictions.values())
     responses = {
         kind: [r for r in records if r.prediction.attrs["response_name"] == kind]
         for kind in ("gain", "phase")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
 
@@ -25,6 +25,8 @@ CYCLES_SHOWN = 3
 NO_RESPONSE = "no draw has a response"
 GAP = 3.0
 """Times the usual spacing of points."""
+SMALLEST = 0.05
+"""Of a unit: the smallest response that reads well in it."""
 Item = TypeVar("Item")
 
 
@@ -93,6 +95,8 @@ class Record:
 
     prediction: xr.Dataset
     log_time: bool | None = None
+    beside: float = 0.0
+    """Largest response of its kind among the records shown beside it (SI)."""
 
     @property
     def name(self) -> str:
@@ -107,19 +111,31 @@ class Record:
         return str(self.prediction.attrs.get("extrapolation", ""))
 
     @property
+    def response_name(self) -> str:
+        return str(self.prediction.attrs["response_name"])
+
+    @property
+    def largest(self) -> float:
+        """Magnitude of the observed response (SI)."""
+        return float(np.nanmax(np.abs(self.prediction["observed"].values), initial=0.0))
+
+    @property
     def unit(self) -> DisplayUnit:
-        attributes = self.prediction.attrs
-        observed = self.prediction["observed"]
-        return display_unit(attributes["response_unit"], observed, attributes["response_name"])
+        """That of the records beside it, its own where it would be next to nothing in theirs."""
+        kind = str(self.prediction.attrs["response_unit"])
+        theirs = display_unit(kind, max(self.largest, self.beside), self.response_name)
+        if self.largest >= SMALLEST * theirs.factor:
+            return theirs
+        return display_unit(kind, self.largest, self.response_name)
 
     @property
     def label(self) -> str:
-        return plain(str(self.prediction.attrs["response_name"])) + self.unit.suffix
+        return plain(self.response_name) + self.unit.suffix
 
     @property
     def spans_decades(self) -> bool:
         """Whether the response wants a logarithmic axis: a gain does."""
-        return str(self.prediction.attrs["response_name"]) == "gain"
+        return self.response_name == "gain"
 
     @property
     def responds(self) -> bool:
@@ -168,6 +184,16 @@ class Record:
         excitation = self.prediction["excitation"]
         name = str(excitation.attrs.get("name", excitation.attrs.get("long_name", "excitation")))
         return _axis(excitation.values[self.shown], name, _unit(excitation))
+
+
+def side_by_side(predictions: Iterable[xr.Dataset], log_time: bool | None = None) -> list[Record]:
+    """Records to be compared by eye: those of one response in one unit, where it suits them."""
+    alone = [Record(prediction, log_time) for prediction in predictions]
+    largest: dict[str, float] = {}
+    for each in alone:
+        name = each.response_name
+        largest[name] = max(each.largest, largest.get(name, 0.0))
+    return [replace(each, beside=largest[each.response_name]) for each in alone]
 
 
 def _unit(variable: xr.DataArray) -> str:

@@ -23,7 +23,7 @@ CURVES = 50
 def draw(results: CandidateResults) -> list[Figure]:
     """Sheets of the calibration records."""
     known = results.prior_predictive
-    records = [panels.Record(p) for n, p in results.predictions.items() if n in known]
+    records = panels.side_by_side(p for n, p in results.predictions.items() if n in known)
     return [_sheet(results, group) for group in panels.batches(records) if group]
 
 

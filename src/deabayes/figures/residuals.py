@@ -24,7 +24,7 @@ CAPTION = (
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Sheets of residuals along the coordinate, then their spread by noise group."""
-    records = [panels.Record(p) for p in results.predictions.values()]
+    records = panels.side_by_side(results.predictions.values())
     sheets = [_sheet(group) for group in panels.batches(records) if group]
     return [*sheets, _spread(results, records)] if records else sheets
 
