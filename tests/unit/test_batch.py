@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from tests.validation.worlds import membrane, tubular_full
+from tests.validation.membrane_worlds import membrane
+from tests.validation.tubular_worlds import tubular_full
 
 from deabayes.systems.batch import Batch, once
 

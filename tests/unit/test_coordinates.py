@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from tests.unit.coordinates import COORDINATES, SLOPES, WEIGHT
-from tests.validation.worlds import tubular_full
+from tests.validation.tubular_worlds import tubular_full
 
 from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import Quantity, Specimen

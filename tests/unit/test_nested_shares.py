@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.validation.worlds import membrane
+from tests.validation.membrane_worlds import membrane
 
 from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray

@@ -11,7 +11,7 @@ from tests.validation import order_selection
 from tests.validation.order_signal import SHOWN, signal, true_curves, whitened
 from tests.validation.sampled import Sampled
 from tests.validation.tally import verdict
-from tests.validation.worlds import tubular
+from tests.validation.tubular_worlds import tubular
 
 from deabayes.comparison.decision import decide
 from deabayes.comparison.ranking import score_all

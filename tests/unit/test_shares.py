@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.validation.worlds import membrane, tubular_full
+from tests.validation.membrane_worlds import membrane
+from tests.validation.tubular_worlds import tubular_full
 
 from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray

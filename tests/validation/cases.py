@@ -1,6 +1,6 @@
 """The three data sets of mixing.md, on which samplers of the membrane are compared.
 
-One simulated data set each, priors of `worlds.membrane`, fitted with three units:
+One simulated data set each, priors of `membrane_worlds.membrane`, fitted with three units:
 A has relaxation times of 3, 30 and 250 s at the pre-stretch, P the paper's 6, 50 and 125 s,
 B only two units (3 and 250 s). The noise is a sensor's: 2 um white, 3 um correlated over 2 s.
 """
@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.posterior import LogPosterior
-from tests.validation.worlds import NoiseGroups, given, membrane, responded
+from tests.validation.membrane_worlds import membrane
+from tests.validation.worlds import NoiseGroups, given, responded
 
 SEED = 20261124
 RELAXATION_TIMES: Mapping[str, tuple[float, ...]] = {

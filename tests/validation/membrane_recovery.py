@@ -1,9 +1,9 @@
 """Are a membrane's true parameters recovered, and held-out records covered, as often as said?
 
-Specimens are drawn from the priors of `worlds.membrane` with n = 1, 2, 3 units, put through
-steps to 2, 3 and 4 kV, and fitted with the same n and the same priors. Stored per parameter:
-the rank of the truth among the draws, whether the 50 and 90 % intervals hold it, the bias in
-posterior standard deviations and the posterior's sd; per data set: how the sampling went;
+Specimens are drawn from the priors of `membrane_worlds.membrane` with n = 1, 2, 3 units, put
+through steps to 2, 3 and 4 kV, and fitted with the same n and the same priors. Stored per
+parameter: the rank of the truth among the draws, whether the 50 and 90 % intervals hold it, the
+bias in posterior standard deviations and the posterior's sd; per data set: how the sampling went;
 per held-out record: the share of its points inside the predictive bands. Replicates that
 did not converge are kept and marked.
 
@@ -32,8 +32,9 @@ from deabayes.posterior import LogPosterior
 from deabayes.prediction.bands import sample_response
 from deabayes.prediction.noise_origin import NoiseOrigin
 from tests.validation import rows
+from tests.validation.membrane_worlds import membrane
 from tests.validation.sampled import Sampled, sample
-from tests.validation.worlds import OU, Simulated, World, given, group_of, membrane, simulate
+from tests.validation.worlds import OU, Simulated, World, given, group_of, simulate
 
 OUTPUT = Path("docs/validation")
 SEED = 20261122

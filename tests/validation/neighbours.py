@@ -15,7 +15,8 @@ import pandas as pd
 
 from deabayes.experiment import FloatArray
 from tests.validation.membrane_recovery import specimen
-from tests.validation.worlds import OU, membrane
+from tests.validation.membrane_worlds import membrane
+from tests.validation.worlds import OU
 
 CORRELATED = 0.2
 

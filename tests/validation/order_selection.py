@@ -1,7 +1,8 @@
 """Does the shipped rule pick the right model order, and does it say when it cannot?
 
-Specimens are drawn from the priors of `worlds`; every order from 1 to 3 is fitted and scored
-for the shipped rule (`comparison.decide`): bridge evidence, BIC, block-LOO. Worlds:
+Specimens are drawn from the priors of `membrane_worlds` and `tubular_worlds`; every order from
+1 to 3 is fitted and scored for the shipped rule (`comparison.decide`): bridge evidence, BIC,
+block-LOO. Worlds:
 
 - `closed`: the truth is one of the candidates.
 - `shown`: the same, and drawn again until the records can show its last unit (`order_signal`).
@@ -40,17 +41,11 @@ from deabayes.comparison.decision import Score
 from deabayes.comparison.ranking import Ranked, score_all
 from deabayes.posterior import LogPosterior
 from tests.validation import rows
+from tests.validation.membrane_worlds import membrane
 from tests.validation.order_signal import SHOWN, signal
 from tests.validation.sampled import Sampled, sample
-from tests.validation.worlds import (
-    Discrepancy,
-    Simulated,
-    World,
-    membrane,
-    simulate,
-    smooth_in_log_time,
-    tubular,
-)
+from tests.validation.tubular_worlds import tubular
+from tests.validation.worlds import Discrepancy, Simulated, World, simulate, smooth_in_log_time
 
 OUTPUT = Path("docs/validation")
 SEED = 20261123

@@ -1,7 +1,7 @@
 """Does the joint fit of the whole tubular actuator recover the truth, and as often as it says?
 
 Actuators with two Kelvin units, mass and circuit are drawn from the priors of
-`worlds.tubular_full`, put through a creep step and shaken under 100 and 500 g, and fitted
+`tubular_worlds.tubular_full`, put through a creep step and shaken under 100 and 500 g, and fitted
 jointly with the same model and the same priors. Stored as for the membrane
 (`membrane_recovery`): ranks, coverage, bias and sd per parameter, how the sampling went, and
 the share of the held-out records' points inside the predictive bands.
@@ -21,7 +21,8 @@ import numpy as np
 from tests.validation import rows
 from tests.validation.membrane_recovery import OUTPUT, SEED, compared
 from tests.validation.sampled import SETTINGS, sample
-from tests.validation.worlds import given, simulate, tubular_full
+from tests.validation.tubular_worlds import tubular_full
+from tests.validation.worlds import given, simulate
 
 UNITS = 2
 

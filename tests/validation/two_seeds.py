@@ -19,7 +19,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
-from tests.validation import rows, structure_worlds, worlds
+from tests.validation import membrane_worlds, rows, structure_worlds, tubular_worlds
 from tests.validation.sampled import SETTINGS, Sampled, sample
 from tests.validation.worlds import World, given, simulate
 
@@ -27,9 +27,9 @@ OUTPUT = Path("docs/validation")
 FILE = "two_seeds.csv"
 SEED = 20261128
 MODELS: Mapping[str, tuple[Callable[[], World], int]] = {
-    "kv_gm_1, steps": (worlds.membrane, 1),
-    "kv_gm_2, steps": (worlds.membrane, 2),
-    "voigt_kelvin_2, creep": (worlds.tubular, 2),
+    "kv_gm_1, steps": (membrane_worlds.membrane, 1),
+    "kv_gm_2, steps": (membrane_worlds.membrane, 2),
+    "voigt_kelvin_2, creep": (tubular_worlds.tubular, 2),
     "ogden_1, forces": (structure_worlds.at_rest, 1),
     "ogden_1_units_1, sines": (structure_worlds.in_motion, 1),
 }

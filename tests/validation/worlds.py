@@ -1,18 +1,8 @@
 """Simulated specimens: what is known of them beforehand, their records, and their noise.
 
 A world is a family of models with the priors of somebody who has an idea of the material,
-and blank records that a specimen drawn from those priors is put through.
-
-The membrane's priors are the default ones narrowed about the parameters of Nguyen et al.
-(2021), so that over nine in ten draws stay on the near branch at 4 kV. A draw that is
-pulled in is drawn again: the posterior excludes it too (its likelihood is zero), so ranks
-stay uniform. Records are those of the joint fit in mixing.md: steps to 2, 3 and 4 kV with
-155 points each on a grid whose spacing doubles from 0.25 to 8 s, to 595 s. Held out are a
-step to 3.5 kV and five periods of a sine of 2 kV at 0.05 Hz.
-
-The tubular actuator's whole model (mass and circuit) has a creep record and frequency
-responses under 100 and 500 g, gain and phase each; held out are creep at 2.5 kV and the
-response under 300 g.
+and blank records that a specimen drawn from those priors is put through. The worlds of each
+system are in `membrane_worlds`, `tubular_worlds` and `structure_worlds`.
 
 The noise is drawn from the noise priors at the scale of the records of the prior's median
 specimen, one set of noise parameters for all records of a protocol.
@@ -27,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Role, Specimen
+from deabayes.experiment import Excitation, Experiment, FloatArray, Role, Specimen
 from deabayes.posterior import LogPosterior, build
 from deabayes.residual_scale import ResidualScale
 from deabayes.study import Settings, Study
@@ -178,122 +168,3 @@ def blank(
         name, protocol, role, *coordinate, time, *response,
         np.linspace(0.5, 1.0, time.size), np.ones(time.size), excitation, provenance="simulated",
     )  # fmt: skip
-
-
-def doubling_grid(points: int = 20, last: int = 55, refined: int = 1) -> FloatArray:
-    """Times whose spacing doubles from 0.25 to 8 s: 155 points to 595 s, or `refined` as many."""
-    counts = [points] * 5 + [last]
-    spacing = np.concatenate([np.full(n, 0.25 * 2**k) for k, n in enumerate(counts)])
-    return np.cumsum(np.repeat(spacing / refined, refined))
-
-
-def membrane(refined: int = 1) -> World:
-    """The membrane; `refined` sets how many times denser than 155 points its records are."""
-    quantities = {
-        "side_length": Quantity(0.01, "m"),
-        "thickness": Quantity(1e-3, "m"),
-        "permittivity": Quantity(4.11e-11, "F/m", 0.9e-12),
-        "prestretch": Quantity(3.0, "1"),
-    }
-    grid, displacement = doubling_grid(refined=refined), ("displacement", "m")
-
-    def step(kilovolts: float, role: Role = "calibrate") -> Experiment:
-        volts = np.full(2, 1e3 * kilovolts)
-        excitation = Excitation("voltage", "V", np.array([0.0, 600.0]), volts)
-        return blank(f"step_{kilovolts:g}kV", "step", displacement, grid, excitation, role)
-
-    knots = np.linspace(0.0, 100.0, 2001)
-    alternating = Excitation("voltage", "V", knots, 2e3 * np.sin(0.1 * np.pi * knots))
-    sine = blank("sine_2kV", "sine", displacement, knots[10::10], alternating, "validate")
-    return World(
-        "kv_gm",
-        Specimen("validation", "membrane", {"kind": "simulated"}, quantities),
-        membrane_priors,
-        (step(2.0), step(3.0), step(4.0)),
-        (step(3.5, "validate"), sine),
-    )
-
-
-def membrane_priors(units: int) -> dict[str, Settings]:
-    """The default priors, narrowed about Nguyen et al. (2021)."""
-    return {
-        "mu_alpha": {"distribution": "lognormal", "median": "35 kPa", "sigma": 0.3},
-        "zeta_alpha": {"distribution": "lognormal", "median": "100 kPa s", "sigma": 0.7},
-        "J_alpha": {"distribution": "lognormal", "median": 110.0, "sigma": 0.4},
-        "J_beta": {"distribution": "lognormal", "median": 55.0, "sigma": 0.4},
-        "tau_beta": {"distribution": "loguniform", "lower": "2 s", "upper": "400 s"},
-        **{
-            f"mu_beta_{i}": {"distribution": "lognormal", "median": "15 kPa", "sigma": 0.6}
-            for i in range(1, units + 1)
-        },
-    }
-
-
-def tubular() -> World:
-    """A creep record of 0.5 s at 2 kV, as in `calibration`: the cheap family."""
-    quantities = {
-        "thickness": Quantity(80e-6, "m", 2e-6),
-        "relative_permittivity": Quantity(3.1, "1", 0.1),
-        "active_length": Quantity(0.07, "m"),
-    }
-    excitation = Excitation("voltage", "V", np.array([0.0, 1e-9, 0.5]), np.array([0, 2e3, 2e3]))
-    time = np.geomspace(1e-3, 0.5, 120)
-    return World(
-        "voigt_kelvin",
-        Specimen("validation", "tubular", {"kind": "simulated"}, quantities),
-        tubular_priors,
-        (blank("creep", "creep", ("strain", "1"), time, excitation),),
-    )
-
-
-def tubular_priors(units: int) -> dict[str, Settings]:
-    """What one knows of a silicone before the test."""
-    return {
-        "E_0": {"distribution": "lognormal", "median": "1.5 MPa", "sigma": 0.3},
-        "tau": {"distribution": "loguniform", "lower": "2 ms", "upper": "1 s"},
-        **{
-            f"E_{i}": {"distribution": "lognormal", "median": "10 MPa", "sigma": 0.5}
-            for i in range(1, units + 1)
-        },
-    }
-
-
-def tubular_full() -> World:
-    """The whole tubular actuator: creep and frequency responses under two loads."""
-    quantities = {
-        "thickness": Quantity(80e-6, "m", 2e-6),
-        "relative_permittivity": Quantity(3.1, "1", 0.1),
-        "active_length": Quantity(0.07, "m"),
-        "cross_section": Quantity(6e-4, "m^2", 0.15e-4),
-        "total_mass": Quantity(0.1005, "kg"),
-        "active_mass": Quantity(0.0462, "kg", 1e-3),
-        "sensor_mass": Quantity(0.01, "kg", 5e-4),
-        "series_resistance": Quantity(954.0, "ohm", 50.0),
-        "leakage_resistance": Quantity(1e9, "ohm", 0.2e9),
-        "capacitance": Quantity(180e-9, "F", 2e-9),
-    }
-    time, frequency = np.arange(2e-3, 0.5, 2e-3), np.arange(1.0, 100.5, 1.0)
-
-    def creep(kilovolts: float, role: Role = "calibrate") -> Experiment:
-        """Raised within 3 ms, as a current of 120 mA does it."""
-        volts = 1e3 * kilovolts * np.array([0.0, 1.0, 1.0])
-        excitation = Excitation("voltage", "V", np.array([0.0, 3e-3, 0.5]), volts)
-        return blank(f"creep_{kilovolts:g}kV", "creep", ("strain", "1"), time, excitation, role)
-
-    def shaken(load: float, role: Role = "calibrate") -> tuple[Experiment, Experiment]:
-        held = {"load_g": load, "bias_kV": 2.0}
-        excitation = Excitation("frequency", "Hz", frequency, frequency, held)
-        name, protocol, along = f"shaken_{load:g}g", "frequency_response", ("frequency", "Hz")
-        return (
-            blank(name, protocol, ("gain", "1/V"), frequency, excitation, role, along),
-            blank(f"{name}_phase", protocol, ("phase", "rad"), frequency, excitation, role, along),
-        )
-
-    return World(
-        "voigt_kelvin",
-        Specimen("validation", "tubular", {"kind": "simulated"}, quantities),
-        tubular_priors,
-        (creep(2.0), *shaken(100.0), *shaken(500.0)),
-        (creep(2.5, "validate"), *shaken(300.0, "validate")),
-        ending="_inertia_circuit",
-    )
