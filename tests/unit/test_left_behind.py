@@ -17,7 +17,8 @@ from deabayes.pipeline import predict_candidate, prepare_study
 from deabayes.posteriors.storage import write_tree
 from deabayes.preparation.prepared import write_prepared
 from deabayes.report import build
-from deabayes.study import Study, write_study
+from deabayes.studies import write_study
+from deabayes.study import Study
 
 
 def names(folder: Path) -> list[str]:

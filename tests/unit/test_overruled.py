@@ -20,7 +20,8 @@ from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import PriorFromPosterior
 from deabayes.prior.joint import Prior
 from deabayes.reading.specimen import read_specimen
-from deabayes.study import Study, load_studies
+from deabayes.studies import load_studies
+from deabayes.study import Study
 from deabayes.systems import build
 
 SOURCE = "results/first/kv_gm_1/posterior.nc"

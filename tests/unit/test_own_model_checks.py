@@ -10,7 +10,7 @@ from tests.unit.study_folders import replace_in
 
 from deabayes.checks.study import check_names
 from deabayes.cli import main
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 
 ANSWER = """            return relaxation_response(
                 squared, np.zeros_like(per_square), per_square[:, None], lag

@@ -16,7 +16,7 @@ from deabayes.faults import Faults, UserError
 from deabayes.own_models import loading as own_models
 from deabayes.own_models.loading import load_models, recorded, restore
 from deabayes.pipeline.identify import chain_folder
-from deabayes.study import load_studies, load_study, write_study
+from deabayes.studies import load_studies, load_study, write_study
 from deabayes.systems import OWN, system_class
 
 OTHER = """

@@ -17,7 +17,7 @@ from deabayes.population.settings import (
     load_populations,
     write_population,
 )
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 
 CANDIDATES = ["kv_gm_1", "kv_gm_2"]
 

@@ -15,7 +15,7 @@ from deabayes.cli import main
 from deabayes.population.settings import load_populations
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import PriorFromPosterior
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -96,7 +96,7 @@ def prepared():
     """The records as the study `membrane` prepares them."""
     from deabayes.preparation import prepare
     from deabayes.reading.folder import read_folder
-    from deabayes.study import load_study
+    from deabayes.studies import load_study
 
     study = load_study(REPOSITORY / "config.yaml", "membrane")
     folder = read_folder(study.specimen)

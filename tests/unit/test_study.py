@@ -11,16 +11,14 @@ import pytest
 from tests.unit.study_folders import make_config, replace_in
 
 from deabayes.faults import Faults, UserError
+from deabayes.studies import load_studies, load_study, write_study
 from deabayes.study import (
     Sampling,
     Study,
     fit_settings,
     from_settings,
-    load_studies,
-    load_study,
     settings_on_file,
     to_settings,
-    write_study,
 )
 
 

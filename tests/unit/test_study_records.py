@@ -9,7 +9,7 @@ import pytest
 from tests.unit.study_folders import make_config, replace_in
 
 from deabayes.faults import UserError
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 
 
 @pytest.fixture

@@ -26,7 +26,8 @@ from deabayes.reading.specimen import read_specimen
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.smc import anneal
-from deabayes.study import Sampling, load_study
+from deabayes.studies import load_study
+from deabayes.study import Sampling
 
 OUTPUT = Path("docs/validation/noise_variants.csv")
 CANDIDATES = ("kv_gm_3", "ogden_1_units_3")

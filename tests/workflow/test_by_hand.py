@@ -11,7 +11,7 @@ from tests.unit.study_folders import make_folder, replace_in
 from deabayes import api, pipeline
 from deabayes.cli import main
 from deabayes.commands.by_hand import fit_by_name
-from deabayes.study import load_studies, load_study
+from deabayes.studies import load_studies, load_study
 
 CONFIG = """\
 pathvars: {results: elsewhere}

@@ -15,7 +15,8 @@ import deabayes
 from deabayes import pipeline
 from deabayes.pipeline.analyse import analyse_study
 from deabayes.pipeline.identify import build_target
-from deabayes.study import Sampling, load_study, write_study
+from deabayes.studies import load_study, write_study
+from deabayes.study import Sampling
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("series_resistance", "leakage_resistance", "capacitance")

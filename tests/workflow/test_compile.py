@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from deabayes.pipeline import prepare_study
-from deabayes.study import load_study, write_study
+from deabayes.studies import load_study, write_study
 
 ROOT = Path(__file__).resolve().parents[2]
 LATER = """
@@ -20,7 +20,7 @@ from deabayes.prediction import bands as prediction
 from deabayes.pipeline import build_target, read_experiments
 from dataclasses import replace
 from deabayes.posterior import further_prior, wider_systems
-from deabayes.study import load_study
+from deabayes.studies import load_study
 from deabayes.sampling.warp import fit_warp
 
 samples = np.random.default_rng(2).standard_normal((500, 4))

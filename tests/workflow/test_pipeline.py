@@ -18,7 +18,8 @@ import deabayes
 from deabayes import pipeline
 from deabayes.export import export
 from deabayes.faults import UserError
-from deabayes.study import Sampling, load_study
+from deabayes.studies import load_study
+from deabayes.study import Sampling
 
 ROOT = Path(__file__).parents[2]
 CANDIDATES = ("voigt_kelvin_1", "voigt_kelvin_2")

@@ -22,7 +22,8 @@ from deabayes.population.settings import SETTINGS, Population, write_population
 from deabayes.posteriors.storage import read_tree, write_tree
 from deabayes.preparation.prepared import read_prepared, write_prepared
 from deabayes.report import build
-from deabayes.study import Sampling, load_study, write_study
+from deabayes.studies import load_study, write_study
+from deabayes.study import Sampling
 
 RECORDS = {"tube_a": "creep_2000V", "tube_b": "creep_2500V", "tube_c": "creep_1500V"}
 BUDGET = Sampling(ensembles=2, walkers=24, max_steps=120, particles=64, seed=1)

@@ -12,7 +12,7 @@ from tests.workflow.snakemake_runs import ROOT
 
 from deabayes.checks.study import check_study
 from deabayes.reading.yaml_file import read_yaml
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 
 PROFILES = ROOT / "workflow" / "profiles"
 WITH_STUDIES = sorted(path.parent.name for path in PROFILES.glob("*/studies.yaml"))

@@ -11,7 +11,7 @@ from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.checks.prior_sources import Sources
 from deabayes.reading.download import missing_data
-from deabayes.study import load_studies
+from deabayes.studies import load_studies
 from deabayes.checks.study import check_names
 
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))

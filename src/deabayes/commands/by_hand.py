@@ -13,7 +13,8 @@ from deabayes.commands.find_results import found_posteriors
 from deabayes.commands.output import a_folder, keep_inputs
 from deabayes.commands.own_protocol import named, once_each
 from deabayes.faults import UserError, nearest
-from deabayes.study import Study, load_study, settings_on_file, write_study
+from deabayes.studies import load_study, write_study
+from deabayes.study import Study, settings_on_file
 from deabayes.units import NUMBER_AND_UNIT
 
 OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
@@ -196,7 +197,7 @@ def simulate_record(
 def download(studies: Sequence[str], config: Path) -> Iterator[str]:
     """Fetch the public records of the studies; one line per specimen folder."""
     from deabayes.reading.download import fetch
-    from deabayes.study import load_studies
+    from deabayes.studies import load_studies
 
     wanted = [find_study(name, config) for name in studies] or load_studies(config)
     for folder, root in dict.fromkeys((study.specimen, study.data_root) for study in wanted):

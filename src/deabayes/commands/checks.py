@@ -82,7 +82,7 @@ def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
     """What is wrong with the posterior that a study has for its prior, and what to know of it."""
     from deabayes.checks.prior_sources import Sources
     from deabayes.population.settings import load_populations
-    from deabayes.study import load_studies
+    from deabayes.studies import load_studies
 
     if study.prior_from is None:
         return [], []

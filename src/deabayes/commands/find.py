@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def find_study(study: str, config: Path) -> Study:
     """A study by its settings file (`results/NAME/study.yaml`) or by its name in `config`."""
     from deabayes.reading.yaml_file import read_yaml
-    from deabayes.study import load_studies, load_study
+    from deabayes.studies import load_studies, load_study
 
     if Path(study).suffix in (".yaml", ".yml"):
         return load_study(Path(study))
@@ -32,7 +32,7 @@ def find_population(name: str, config: Path) -> Population:
     """A population of a config by name, checked against its studies."""
     from deabayes.population.checks import check_population
     from deabayes.population.settings import load_populations
-    from deabayes.study import load_studies
+    from deabayes.studies import load_studies
 
     populations = {each.name: each for each in load_populations(config)}
     if name not in populations:

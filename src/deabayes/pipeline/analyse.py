@@ -27,7 +27,7 @@ def analyse_study(results: Path, output: Path) -> list[str]:
     """
     from deabayes.analyses import run_all
     from deabayes.analyses.base import StudyContext
-    from deabayes.study import load_study
+    from deabayes.studies import load_study
 
     check_as_fitted(results)
     study = load_study(results / "study.yaml")

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.study import Sampling, Settings, Study, load_studies
+from deabayes.studies import load_studies
+from deabayes.study import Sampling, Settings, Study
 
 FOLDER = "populations"
 """Of the results, beside those of the studies."""
@@ -44,7 +45,7 @@ def load_populations(
 
     Parameters
     ----------
-    config, where : as for `deabayes.study.load_studies`.
+    config, where : as for `deabayes.studies.load_studies`.
 
     Raises
     ------

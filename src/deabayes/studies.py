@@ -1,0 +1,161 @@
+"""Studies on file: those of a config, with what it says of all of them, and one alone."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.files import write_text_atomically
+from deabayes.own_models.files import load_named, model_of, seen
+from deabayes.reading.schema import violations
+from deabayes.reading.selection import told_apart_by, values_of
+from deabayes.reading.table import read_table
+from deabayes.reading.yaml_file import read_yaml
+from deabayes.study import Study, from_settings, to_settings
+
+
+def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> tuple[Study, ...]:
+    """Every study of a config, in order; `split_by` gives one per value of the column.
+
+    Parameters
+    ----------
+    config : path of config.yaml, or what it holds.
+    where : for a mapping, the file or files (``a.yaml, b.yaml``) it was read from.
+        Folders are relative to the config's own folder (the working directory
+        where there is no file).
+
+    Raises
+    ------
+    Faults : every violation of the schema (schemas/config.schema.yaml), and of what it names.
+    """
+    content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
+    place = where or ("config" if isinstance(config, Mapping) else str(config))
+    faults = violations(content, "config", place)
+    if faults:
+        raise Faults(faults)
+    bases = [Path(file).parent for file in place.split(", ") if Path(file).is_file()] or [Path()]
+    own = load_named(content, bases, place)
+    studies: list[Study] = []
+    for name, settings in content["studies"].items():
+        inherited = _with_defaults(settings, content)
+        try:
+            study = _with_files(from_settings({"name": name, **inherited}), bases, own)
+            studies += _split(study, settings.get("split_by"))
+        except UserError as error:
+            faults += [f"{place}, studies.{name}: {fault}" for fault in str(error).splitlines()]
+    if faults:
+        raise Faults(faults)
+    _check_names(studies, place)
+    return tuple(studies)
+
+
+def load_study(path: Path, name: str | None = None) -> Study:
+    """One study: of a file that holds just its settings (study.yaml), or by name of a config.
+
+    Folders in a study.yaml are relative to the working directory, as `to_settings` gives them.
+    The system that its `model` defines is loaded.
+
+    Raises
+    ------
+    Faults, UserError : violations of the schema, or no study of this name.
+    """
+    content = read_yaml(Path(path))
+    if "studies" in content:
+        studies = {study.name: study for study in load_studies(Path(path))}
+        if name is None and len(studies) > 1:
+            raise UserError(f"{path}: has several studies; name one of {', '.join(studies)}")
+        wanted = name or next(iter(studies))
+        if wanted not in studies:
+            raise UserError(f"{path}: has no study {wanted!r}{nearest(wanted, studies)}")
+        return studies[wanted]
+    name = str(content.pop("name", None) or name or Path(path).parent.name)
+    faults = violations({"studies": {name: content}}, "config", str(path))
+    if faults:
+        raise Faults(faults)
+    if content.get("split_by") is not None:
+        raise UserError(f"{path}, split_by: makes several studies, and this file holds one; put "
+                        f"it under `studies: {{{name}: ...}}` of a config, or give the part that "
+                        "is meant by `select: {COLUMN: VALUE}`")  # fmt: skip
+    load_named({"studies": {name: content}}, [Path()], str(path))
+    return from_settings({"name": name, **content})
+
+
+def write_study(study: Study, path: Path) -> None:
+    """Write a study.yaml; a file that says the same already is left alone, time stamp and all."""
+    text = yaml.safe_dump(to_settings(study), sort_keys=False, allow_unicode=True)
+    path = Path(path)
+    if path.is_file() and path.read_text(encoding="utf-8") == text:
+        return
+    write_text_atomically(text, path)
+
+
+def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
+    """A study's settings with the config's `sampling` and `data_root` beneath its own."""
+    sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
+    return {"data_root": content.get("data_root"), **settings, "sampling": sampling}
+
+
+def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) -> Study:
+    """The study with its folders seen from the working directory, and its system's file."""
+    found = [base for base in bases if (base / study.specimen).is_dir()]
+    base = found[0] if found else bases[0]
+    specimen, root = Path(os.path.normpath(base / study.specimen)), study.data_root
+    return replace(
+        study,
+        specimen=specimen,
+        prior_from=None if study.prior_from is None else _from_here(study.prior_from),
+        model=model_of(specimen, own) if study.model is None else seen(study.model, bases),
+        data_root=None if root is None else Path(os.path.normpath(base / root.expanduser())),
+    )
+
+
+def _from_here(path: str) -> str:
+    """A path in the one spelling that Snakemake knows it by: `./results/x` is `results/x`."""
+    place = Path(os.path.normpath(path))
+    return (place.relative_to(Path.cwd()) if place.is_relative_to(Path.cwd()) else place).as_posix()
+
+
+def _split(study: Study, column: str | None) -> list[Study]:
+    """One study per value of `column` of experiments.csv, or the study itself without one."""
+    if column is None:
+        return [study]
+    rows = read_table(study.specimen)
+    parts = []
+    for value in values_of(study.specimen, column):
+        # A name that no part knows stays in all, to be said.
+        others = {row.name for row in rows if str(told_apart_by(row).get(column)) != value}
+        parts.append(
+            replace(
+                study,
+                name=f"{study.name}_{re.sub(r'[^A-Za-z0-9.-]+', '_', value).strip('_')}",
+                select={**study.select, column: value},
+                calibrate=_without(others, study.calibrate),
+                validate=_without(others, study.validate),
+                further_experiments={
+                    key: settings
+                    for key, settings in study.further_experiments.items()
+                    if settings["like"] not in others
+                },
+            )
+        )
+    return parts
+
+
+def _without(others: Set[str], listed: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    return None if listed is None else tuple(name for name in listed if name not in others)
+
+
+def _check_names(studies: Sequence[Study], where: str) -> None:
+    """No two studies share a results folder (`split_by` may make them), also where case is lost."""
+    seen: set[str] = set()
+    for study in studies:
+        if study.name.lower() in seen:
+            raise UserError(f"{where}: two studies are called {study.name!r}; rename one")
+        seen.add(study.name.lower())
