@@ -10,6 +10,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
+from deabayes.predict_with import names_of_all, only_for_predictions
 from deabayes.prior.joint import Prior, PriorFromPosterior
 from deabayes.record_noise import (
     noise_coordinate,
@@ -211,58 +212,7 @@ def build(
         for e in calibrate
     )
     parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, system))
-    prior = Prior.from_parameters(parameters, study.priors, _names_elsewhere(study, specimen))
-    if inherited is not None and not _is_for_predictions_only(inherited, prior, study, specimen):
+    prior = Prior.from_parameters(parameters, study.priors, names_of_all(study, specimen))
+    if inherited is not None and not only_for_predictions(inherited, prior, study, specimen):
         prior = prior.inherit(*inherited)
     return LogPosterior(system, records, noise, prior, quantities_counted=quantities_counted)
-
-
-def further_prior(
-    study: Study, target: LogPosterior, inherited: PriorFromPosterior | None = None
-) -> Prior | None:
-    """The prior of the parameters that only `predict_with` needs; None if there are none.
-
-    No fitted record tells anything of them: their posterior is this.
-    """
-    system = target.system
-    further = {
-        parameter.name: parameter
-        for wide in wider_systems(study, system).values()
-        for parameter in wide.parameters()
-        if parameter.name not in target.names
-    }
-    if not further:
-        return None
-    known = (*target.names, *_names_elsewhere(study, system.specimen))
-    prior = Prior.from_parameters(further.values(), study.priors, known)
-    if inherited is not None and set(inherited.names) & set(prior.names):
-        prior = prior.inherit(*inherited)
-    return prior
-
-
-def wider_systems(study: Study, system: System) -> dict[str, System]:
-    """Protocol -> the system that predicts its held-out records."""
-    specimen, candidate = system.specimen, system.candidate
-    return {
-        protocol: build_system(specimen.system, candidate + ending, specimen)
-        for protocol, ending in study.predict_with.items()
-    }
-
-
-def _is_for_predictions_only(
-    inherited: PriorFromPosterior, prior: Prior, study: Study, specimen: Specimen
-) -> bool:
-    """Whether `prior_from` holds parameters of what `predict_with` adds, and none of the fit's."""
-    names = set(inherited.names)
-    further = set(_names_elsewhere(study, specimen)) if study.predict_with else set()
-    return not names & set(prior.names) and bool(names & further)
-
-
-def _names_elsewhere(study: Study, specimen: Specimen) -> tuple[str, ...]:
-    """Parameters of all candidates, and of what predicts with them."""
-    return tuple(
-        parameter.name
-        for candidate in study.candidates
-        for ending in ("", *study.predict_with.values())
-        for parameter in build_system(specimen.system, candidate + ending, specimen).parameters()
-    )

@@ -133,7 +133,7 @@ def test_the_fit_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     target = SimpleNamespace(system=system, records=(), names=("mu_alpha",))
     found = Inheritance(handed_on, True, ("prior_from: n",))
     monkeypatch.setattr(identify, "inherited_prior", lambda *_: found)
-    monkeypatch.setattr("deabayes.posterior.further_prior", lambda *_: None)
+    monkeypatch.setattr("deabayes.predict_with.further_prior", lambda *_: None)
     monkeypatch.setattr(
         "deabayes.posteriors.content.PosteriorContent.of", lambda *given: given[6].notes
     )

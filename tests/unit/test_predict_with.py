@@ -15,9 +15,10 @@ from deabayes.checks.study import check_names
 from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
 from deabayes.fitted import Fitted
-from deabayes.posterior import build, further_prior
+from deabayes.posterior import build
 from deabayes.posteriors.content import PosteriorContent
 from deabayes.posteriors.file import posterior_tree
+from deabayes.predict_with import further_prior
 from deabayes.prior.joint import PriorFromPosterior
 from deabayes.study import Study
 from deabayes.systems.tubular import Tubular
@@ -66,8 +67,13 @@ def file(further, study=STUDY, fitted=None):
     )  # fmt: skip
 
 
+def prior_of_the_rest(study=STUDY, inherited=None):
+    fitted = target()
+    return further_prior(study, fitted.system, fitted.names, inherited)
+
+
 def test_what_the_fit_left_out_is_drawn_from_its_prior():
-    further = further_prior(STUDY, target())
+    further = prior_of_the_rest()
     assert further.names == ("moving_mass", "series_resistance")
     group = file(further)["posterior"]
     assert group["moving_mass"].attrs["kind"] == "prior"
@@ -85,7 +91,7 @@ def test_or_from_another_posterior_correlations_kept():
     inherited = PriorFromPosterior(
         ("moving_mass", "series_resistance"), np.column_stack([mass, resistance])
     )
-    further = further_prior(STUDY, target(), inherited)
+    further = prior_of_the_rest(inherited=inherited)
     drawn = further.sample(np.random.default_rng(2), 4000)
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(
         np.corrcoef(mass, resistance)[0, 1], abs=0.02
@@ -111,12 +117,12 @@ def test_without_predict_with_the_circuit_is_no_prior_of_the_fit():
 
 def test_a_study_that_predicts_with_nothing_else_has_nothing_further():
     plain = replace(STUDY, predict_with={})
-    assert further_prior(plain, target()) is None
+    assert prior_of_the_rest(plain) is None
     assert "moving_mass" not in file(None)["posterior"]
 
 
 def test_a_held_out_record_is_predicted_with_the_wider_candidate():
-    fitted = Fitted.from_tree(file(further_prior(STUDY, target())), 50, 1)
+    fitted = Fitted.from_tree(file(prior_of_the_rest()), 50, 1)
     gain = replace(experiments(300)[0], role="validate")
     assert fitted.system_for(gain).candidate == "voigt_kelvin_2" + ENDING
     assert fitted.system_for(creep()).candidate == "voigt_kelvin_2"
@@ -178,7 +184,7 @@ FREQUENCY = np.array([20.0, 60.0, 90.0])
 
 
 def test_the_interface_predicts_a_protocol_with_the_wider_candidate():
-    post = Posterior(file(further_prior(STUDY, target())))
+    post = Posterior(file(prior_of_the_rest()))
     wide = post.predict(frequency=FREQUENCY, protocol="frequency_response", **ASKED)
     fitted = Fitted.from_tree(post.data, 20, 1)
     expected = Tubular("voigt_kelvin_2" + ENDING, UNCERTAIN).predict(
@@ -190,7 +196,7 @@ def test_the_interface_predicts_a_protocol_with_the_wider_candidate():
 
 
 def test_without_a_protocol_it_says_that_there_is_a_wider_one():
-    post = Posterior(file(further_prior(STUDY, target())))
+    post = Posterior(file(prior_of_the_rest()))
     plain = post.predict(frequency=FREQUENCY, **ASKED)
     assert plain.attrs["model_note"] == (
         "solved by voigt_kelvin_2, the fitted candidate; records of frequency_response are "
@@ -203,7 +209,7 @@ def test_without_a_protocol_it_says_that_there_is_a_wider_one():
 
 
 def test_a_protocol_that_is_none():
-    post = Posterior(file(further_prior(STUDY, target())))
+    post = Posterior(file(prior_of_the_rest()))
     with pytest.raises(UserError, match="did you mean 'frequency_response'"):
         post.predict(frequency=FREQUENCY, protocol="frequency_respons", **ASKED)
 

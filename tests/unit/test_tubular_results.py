@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 from tests.unit.golden import load_golden
-from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, draws, file, target
+from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, draws, file, prior_of_the_rest
 from tests.unit.test_tubular_frequency_response import SPECIMEN, WHOLE, experiments
 
 from deabayes import figures
@@ -21,7 +21,6 @@ from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.pipeline import predict_candidate
-from deabayes.posterior import further_prior
 from deabayes.posteriors.storage import write_tree
 from deabayes.preparation.prepared import write_prepared
 from deabayes.systems.tubular import Tubular
@@ -111,7 +110,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> CandidateResults:
     folder.mkdir(parents=True)
     study_with_sines = replace(STUDY, predict_with={"frequency_response": "_inertia_circuit",
                                                     "sine": "_inertia_circuit"})  # fmt: skip
-    write_tree(file(further_prior(study_with_sines, target()), study_with_sines),
+    write_tree(file(prior_of_the_rest(study_with_sines), study_with_sines),
                folder / "posterior.nc")  # fmt: skip
     predict_candidate(folder / "posterior.nc", study / "prepared", folder / "predictions",
                       folder / "errors.csv")  # fmt: skip

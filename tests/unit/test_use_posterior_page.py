@@ -10,10 +10,9 @@ from pathlib import Path
 import matplotlib as mpl
 import pandas as pd
 import pytest
-from tests.unit.test_predict_with import STUDY, file, target
+from tests.unit.test_predict_with import STUDY, file, prior_of_the_rest
 
 from deabayes.cli import main
-from deabayes.posterior import further_prior
 from deabayes.posteriors.storage import write_tree
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +27,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     study = replace(STUDY, specimen=ROOT / "data" / "tubular")
     folder = tmp_path / "results" / "tubular" / "voigt_kelvin_2"
     folder.mkdir(parents=True)
-    write_tree(file(further_prior(STUDY, target()), study), folder / "posterior.nc")
+    write_tree(file(prior_of_the_rest(), study), folder / "posterior.nc")
     (tmp_path / "data").symlink_to(ROOT / "data")
     (tmp_path / "drive.csv").write_text("time [ms],voltage [kV]\n0,0\n10,1.8\n500,1.8\n")
     (tmp_path / "frequencies.csv").write_text("frequency [Hz]\n10\n20\n40\n")

@@ -19,7 +19,7 @@ from pathlib import Path
 from deabayes.prediction import bands as prediction
 from deabayes.pipeline import build_target, read_experiments
 from dataclasses import replace
-from deabayes.posterior import further_prior, wider_systems
+from deabayes.predict_with import further_prior, wider_systems
 from deabayes.studies import load_study
 from deabayes.sampling.warp import fit_warp
 
@@ -39,7 +39,7 @@ for candidate in study.candidates:
         r = e.response - f
         target.noise.innovations(r, e.coordinate, weights, draws)
         target.noise.sample(np.random.default_rng(1), e.coordinate, weights, draws)
-    further = further_prior(study, target)
+    further = further_prior(study, target.system, target.names)
     wide = further.sample(np.random.default_rng(1), 3).T
     wide = {**target.draws(theta), **dict(zip(further.names, wide))}
     for protocol, system in wider_systems(study, target.system).items():

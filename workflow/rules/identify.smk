@@ -9,6 +9,7 @@ MODEL = modules(
     "instruments.py",
     "prior/*.py",
     "posterior.py",
+    "predict_with.py",
     "posteriors/counted_records.py",
     "posteriors/inheritance.py",
     "record_noise.py",

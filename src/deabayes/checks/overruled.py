@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
-from deabayes.posterior import wider_systems
+from deabayes.predict_with import wider_systems
 from deabayes.prior.overrides import overridden, targets_of
 from deabayes.study import Settings, Study
 from deabayes.systems import System

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
-from deabayes.posterior import wider_systems
+from deabayes.predict_with import wider_systems
 from deabayes.prior.joint import Prior
 from deabayes.quantities import with_unit
 from deabayes.study import Study

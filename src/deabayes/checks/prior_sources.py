@@ -12,8 +12,8 @@ from deabayes.checks.counted_twice import repeated_in_prior
 from deabayes.checks.overruled import overruled
 from deabayes.faults import UserError, nearest
 from deabayes.population.settings import FOLDER, Population
-from deabayes.posterior import wider_systems
 from deabayes.posteriors.inheritance import Inheritance, foreign_quantities, inherit_from
+from deabayes.predict_with import wider_systems
 from deabayes.prior.overrides import check_same_order
 from deabayes.reading.specimen import read_specimen
 from deabayes.study import Study

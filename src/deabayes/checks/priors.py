@@ -21,7 +21,7 @@ def check_priors(
     Warnings: numbers without a unit, of parameters that have one.
     """
     from deabayes.noise import REGISTRY as NOISE
-    from deabayes.posterior import wider_systems
+    from deabayes.predict_with import wider_systems
     from deabayes.prior.joint import Prior
     from deabayes.prior.overrides import bare_numbers
     from deabayes.record_noise import noise_parameters

@@ -101,7 +101,7 @@ def _without_model(
     study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
 ) -> list[str]:
     """Records that a candidate has no model of; each complaint is said once."""
-    from deabayes.posterior import wider_systems
+    from deabayes.predict_with import wider_systems
 
     found: dict[str, str] = {}
     for candidate, system in systems.items():

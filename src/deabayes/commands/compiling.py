@@ -50,11 +50,11 @@ def _use_wider_systems(
     study: Study, target: LogPosterior, experiments: Sequence[Experiment]
 ) -> None:
     """What `predict_with` asks for, at the median of the prior."""
-    from deabayes.posterior import further_prior, wider_systems
+    from deabayes.predict_with import further_prior, wider_systems
 
     theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
     draws = dict(target.draws(theta))
-    further = further_prior(study, target)
+    further = further_prior(study, target.system, target.names)
     if further is not None:
         theta = further.to_parameters(np.zeros((TRIAL_WALKERS, len(further.names))))
         draws |= dict(zip(further.names, np.ascontiguousarray(theta.T), strict=True))

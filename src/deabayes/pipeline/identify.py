@@ -133,14 +133,16 @@ def _content(
 ) -> PosteriorContent:
     from deabayes.checks.overruled import overruled
     from deabayes.checks.prior_scale import unexpected
-    from deabayes.posterior import further_prior
     from deabayes.posteriors.content import PosteriorContent
+    from deabayes.predict_with import further_prior
 
     inherited = inherited_prior(study)
     if inherited is not None:
         said = overruled(study, target.system, inherited.prior.names, inherited.priors)
         inherited = replace(inherited, notes=(*inherited.notes, *said))
-    further = further_prior(study, target, inherited.prior if inherited else None)
+    further = further_prior(
+        study, target.system, target.names, inherited.prior if inherited else None
+    )
     seed = seed_of(study, candidate, "prior")
     odd = unexpected(study, target.system, [record.experiment for record in target.records])
     return PosteriorContent.of(study, candidate, target, pooled, seed, further, inherited, odd)

@@ -32,7 +32,7 @@ class PosteriorContent:
     `z` (E, S, d) are thinned draws of the E independent ensembles in the
     prior's standard-normal coordinate, `log_posterior` (E, S) their density;
     `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
-    is the prior of parameters that only predictions need (see `posterior.further_prior`);
+    is the prior of parameters that only predictions need (see `predict_with.further_prior`);
     `counted_before` are the records that the prior knows.
     """
 
