@@ -157,8 +157,13 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
         tried.append(len(ensembles))
         return [other if len(tried) >= 4 else each.proposal for each in ensembles]
 
+    class Seen(Exception):
+        pass
+
     def lengths(runs, ensembles, total, *more):
         asked.append(total)
+        if len(asked) == 4:
+            raise Seen
         return continue_all(runs, ensembles, total, *more)
 
     continue_all = pooling._continue_all
@@ -167,7 +172,8 @@ def test_runs_after_a_refit_are_as_long_as_refits_were_not_as_tries(monkeypatch)
     monkeypatch.setattr(pooling, "leave_out", lambda ensembles, rng: True)
     runs = [slow_run(rng, 32, 400, 2, fair) for _ in range(2)]
     settings = Sampling(ensembles=2, walkers=32, max_steps=40000, autocorrelation_times=1e6)
-    pooling.pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
+    with pytest.raises(Seen):
+        pooling.pool(lambda z: np.zeros(len(z)), runs, settings, np.random.SeedSequence(6))
     assert asked[0] == 1000
     assert asked[:3] == sorted(asked[:3])
     assert asked[3] == 2000
