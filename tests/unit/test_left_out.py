@@ -17,6 +17,7 @@ from deabayes.comparison.left_out import (
     left_out_log_density,
     log_ratio_without,
 )
+from deabayes.sampling.guide import Guide
 from deabayes.sampling.smc import anneal
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
@@ -109,6 +110,43 @@ def test_draws_that_cannot_have_what_is_left_out_count():
         rng,
     )
     assert found == pytest.approx(norm.logsf(0.5), abs=0.2)
+
+
+def mirrored(z, random):
+    """Half of the draws hop to where the sign is the other."""
+    return z * random.choice([-1.0, 1.0], size=(len(z), 1)), np.zeros(len(z))
+
+
+@pytest.mark.parametrize(
+    ("guide", "off"), [(Guide(hops=(mirrored,)), 0.0), (Guide(), np.log(2.0))], ids=["hop", "none"]
+)
+def test_draws_get_by_a_hop_to_where_only_what_is_left_out_said_no(guide, off):
+    """The rest tells |z| = 3 within 0.2, what is left out z within 0.2 of 3: half the mass."""
+    found = left_out_log_density(
+        lambda z: norm(3.0, 0.2).logpdf(np.abs(z[:, 0])),
+        lambda z: norm(3.0, 0.2).logpdf(z[:, 0]),
+        3.0 + 0.2 / np.sqrt(2.0) * np.random.default_rng(6).standard_normal((1024, 1)),
+        np.random.default_rng(7),
+        guide,
+    )
+    exact = norm(0.0, 0.2 * np.sqrt(2.0)).logpdf(0.0) - np.log(2.0)
+    assert found - exact == pytest.approx(off, abs=0.15)
+
+
+def test_a_posterior_s_guide_leads_its_records_and_blocks():
+    target, z = three_records()
+    seen = []
+
+    def stay(z, random):
+        seen.append(len(z))
+        return z, np.zeros(len(z))
+
+    leave_one_experiment_out(target, z, np.random.SeedSequence(1), Guide(hops=(stay,)))
+    assert set(seen) == {600}
+    leave_block_out(
+        target, "b", slice(6, 12), z[:256], np.random.default_rng(1), Guide(hops=(stay,))
+    )
+    assert set(seen) == {600, 256}
 
 
 def test_half_of_the_data_on_many_parameters_are_left_out_without_bias():

@@ -9,6 +9,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.sampling.cloud import LogDensity, Schedule
+from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.smc import anneal, settle
 
 AT_THE_TURN = Schedule(crossed=True)
@@ -33,7 +34,11 @@ class _Whole:
 
 
 def log_ratio_without(
-    log_whole: LogDensity, log_left: LogDensity, z: FloatArray, rng: np.random.Generator
+    log_whole: LogDensity,
+    log_left: LogDensity,
+    z: FloatArray,
+    rng: np.random.Generator,
+    guide: Guide = NO_GUIDE,
 ) -> tuple[float, FloatArray]:
     r"""log of the normalising constant of p(theta | y) / L_left(theta) where L_left > 0.
 
@@ -45,17 +50,22 @@ def log_ratio_without(
     log_whole : z (W, d) -> (W,), of the posterior of all data, unnormalised.
     log_left : z (W, d) -> (W,), log-likelihood of what is left out given the rest.
     z : (S, d) draws of the posterior of all data.
+    guide : what is known of that posterior's shape.
 
     Returns
     -------
     the logarithm, and the draws at the end of the way, (S, d).
     """
-    found = anneal(z, log_whole, lambda z: -log_left(z), rng, ON_THE_WAY)
+    found = anneal(z, log_whole, lambda z: -log_left(z), rng, ON_THE_WAY, guide=guide)
     return found.log_evidence, found.particles
 
 
 def left_out_log_density(
-    log_rest: LogDensity, log_left: LogDensity, z: FloatArray, rng: np.random.Generator
+    log_rest: LogDensity,
+    log_left: LogDensity,
+    z: FloatArray,
+    rng: np.random.Generator,
+    guide: Guide = NO_GUIDE,
 ) -> float:
     r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest].
 
@@ -70,22 +80,27 @@ def left_out_log_density(
     log_rest : z (W, d) -> (W,), of the posterior without what is left out, unnormalised.
     log_left : as of `log_ratio_without`; NaN or -inf where there is no response.
     z : (S, d) draws of the posterior of all data.
+    guide : as of `log_ratio_without`.
     """
     whole = _Whole(log_rest, log_left)
-    _, responding = log_ratio_without(whole, whole.left, z, rng)
-    without = settle(responding, log_rest, rng, AT_THE_TURN).particles
+    _, responding = log_ratio_without(whole, whole.left, z, rng, guide)
+    without = settle(responding, log_rest, rng, AT_THE_TURN, guide).particles
     responds = np.isfinite(log_left(without))
     share = max(float(np.mean(responds)), 0.5 / len(without))
     start = np.where(responds[:, None], without, responding)
-    return float(np.log(share)) + anneal(start, log_rest, log_left, rng, ON_THE_WAY).log_evidence
+    back = anneal(start, log_rest, log_left, rng, ON_THE_WAY, guide=guide)
+    return float(np.log(share)) + back.log_evidence
 
 
 def leave_one_experiment_out(
-    target: LogPosterior, z: FloatArray, seed: np.random.SeedSequence
+    target: LogPosterior,
+    z: FloatArray,
+    seed: np.random.SeedSequence,
+    guide: Guide = NO_GUIDE,
 ) -> dict[str, float]:
     """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
 
-    Empty for a single experiment. z (S, d) are draws of the posterior.
+    Empty for a single experiment. z (S, d) are draws of the posterior; guide: what is known of it.
     """
     rows: dict[str, list[str]] = {}
     for record in target.records:
@@ -93,7 +108,9 @@ def leave_one_experiment_out(
     if len(rows) < 2:
         return {}
     return {
-        name: left_out_log_density(*_without(target, members), z, np.random.default_rng(stream))
+        name: left_out_log_density(
+            *_without(target, members), z, np.random.default_rng(stream), guide
+        )
         for (name, members), stream in zip(rows.items(), seed.spawn(len(rows)), strict=True)
     }
 
@@ -109,7 +126,12 @@ def _without(target: LogPosterior, members: list[str]) -> tuple[LogDensity, LogD
 
 
 def leave_block_out(
-    target: LogPosterior, experiment: str, block: slice, z: FloatArray, rng: np.random.Generator
+    target: LogPosterior,
+    experiment: str,
+    block: slice,
+    z: FloatArray,
+    rng: np.random.Generator,
+    guide: Guide = NO_GUIDE,
 ) -> float:
     """log p(block | points before it, parameters as all other terms have them) of a record.
 
@@ -119,6 +141,7 @@ def leave_block_out(
     Parameters
     ----------
     z : (S, d) draws of the posterior.
+    guide : what is known of its shape.
     """
 
     def log_left(z: FloatArray) -> FloatArray:
@@ -131,4 +154,4 @@ def leave_block_out(
         with np.errstate(invalid="ignore"):
             return np.where(np.isfinite(left), target(z) - left, -np.inf)
 
-    return left_out_log_density(log_rest, log_left, z, rng)
+    return left_out_log_density(log_rest, log_left, z, rng, guide)

@@ -25,6 +25,7 @@ from deabayes.experiment import Experiment, FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.storage import stacked
 from deabayes.quantities import with_unit
+from deabayes.sampling.guide import Guide
 
 LOO_DRAWS = 4000
 DRAWS_AT_ONCE = 1000
@@ -103,10 +104,10 @@ def block_loo(
     ]
     names = block_names({r.experiment.name: r.experiment for r in target.records}, places)
     loo = leave_one_block_out(terms, names)
-    z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
+    z, guide = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS)), Guide.of(target)
     for block in np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT)):
         rng = np.random.default_rng([*seed.generate_state(4), block])
-        loo.terms[block] = leave_block_out(target, *places[block], z, rng)
+        loo.terms[block] = leave_block_out(target, *places[block], z, rng, guide)
     return loo
 
 

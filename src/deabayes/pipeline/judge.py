@@ -23,6 +23,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     from deabayes.comparison import scoring
     from deabayes.comparison.left_out import leave_one_experiment_out
     from deabayes.posteriors.storage import read_tree
+    from deabayes.sampling.guide import Guide
 
     tree = read_tree(posterior)
     study, target = stored_target(tree, prepared)
@@ -37,9 +38,8 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     maximum = scoring.maximum_log_likelihood(target, best)
     points = sum(r.experiment.coordinate.size for r in target.records)
     thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
-    left_out = leave_one_experiment_out(
-        target, thinned, seed_of(study, candidate, "leave one experiment out")
-    )
+    stream = seed_of(study, candidate, "leave one experiment out")
+    left_out = leave_one_experiment_out(target, thinned, stream, Guide.of(target))
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,
