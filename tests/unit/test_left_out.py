@@ -17,7 +17,7 @@ from deabayes.comparison.left_out import (
     left_out_log_density,
     log_ratio_without,
 )
-from deabayes.sampling.guide import Guide
+from deabayes.sampling.guide import NO_GUIDE, Guide
 from deabayes.sampling.smc import anneal
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
@@ -118,7 +118,7 @@ def mirrored(z, random):
 
 
 @pytest.mark.parametrize(
-    ("guide", "off"), [(Guide(hops=(mirrored,)), 0.0), (Guide(), np.log(2.0))], ids=["hop", "none"]
+    ("guide", "off"), [(Guide(hops=(mirrored,)), 0.0), (NO_GUIDE, np.log(2.0))], ids=["hop", "none"]
 )
 def test_draws_get_by_a_hop_to_where_only_what_is_left_out_said_no(guide, off):
     """The rest tells |z| = 3 within 0.2, what is left out z within 0.2 of 3: half the mass."""
@@ -223,17 +223,17 @@ def three_records():
 
 def test_every_record_is_left_out_as_a_whole():
     target, z = three_records()
-    found = leave_one_experiment_out(target, z, np.random.SeedSequence(1))
+    found = leave_one_experiment_out(target, z, np.random.SeedSequence(1), NO_GUIDE)
     assert found == pytest.approx(
         {"a": exact(*line(), slice(0, 12)), "b": exact(*line(), slice(12, 24))}, abs=0.3
     )
     alone = Line(target.records[:2])
-    assert leave_one_experiment_out(alone, z, np.random.SeedSequence(1)) == {}
+    assert leave_one_experiment_out(alone, z, np.random.SeedSequence(1), NO_GUIDE) == {}
 
 
 def test_a_block_of_a_record_is_left_out():
     target, z = three_records()
-    found = leave_block_out(target, "b", slice(6, 12), z, np.random.default_rng(1))
+    found = leave_block_out(target, "b", slice(6, 12), z, np.random.default_rng(1), NO_GUIDE)
     assert found == pytest.approx(exact(*line(), slice(18, 24)), abs=0.1)
 
 
@@ -259,6 +259,7 @@ def test_a_block_that_alone_tells_some_parameters_is_left_out_without_bias():
             Whole(), "creep", slice(0, 3),
             np.random.default_rng(seed).multivariate_normal(mean, covariance, size=256),
             np.random.default_rng(seed),
+            NO_GUIDE,
         )
         for seed in (1, 2)
     ]  # fmt: skip

@@ -96,7 +96,7 @@ def leave_one_experiment_out(
     target: LogPosterior,
     z: FloatArray,
     seed: np.random.SeedSequence,
-    guide: Guide = NO_GUIDE,
+    guide: Guide,
 ) -> dict[str, float]:
     """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
 
@@ -131,7 +131,7 @@ def leave_block_out(
     block: slice,
     z: FloatArray,
     rng: np.random.Generator,
-    guide: Guide = NO_GUIDE,
+    guide: Guide,
 ) -> float:
     """log p(block | points before it, parameters as all other terms have them) of a record.
 
