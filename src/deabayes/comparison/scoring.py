@@ -78,7 +78,7 @@ def bridge_evidence(
     """
     from scipy.special import logsumexp
 
-    from deabayes.sampling.proposal_fit import fit
+    from deabayes.sampling.proposal import fit
 
     count, size, _ = ensembles.shape
     estimates = []

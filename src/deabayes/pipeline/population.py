@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from deabayes.population.settings import Population
     from deabayes.population.specimens import Shrunken
     from deabayes.prior.joint import Prior
-    from deabayes.sampling.pooling import PooledResult
+    from deabayes.sampling.engine import Sampled
 
 WEIGHING_DRAWS = 1000
 """Of mean and spread, for the weights of a specimen's draws."""
@@ -80,7 +80,7 @@ def prior_of(tree: xr.DataTree, prepared: Path) -> Prior:
 def content_of(
     population: Population,
     model: PopulationModel,
-    pooled: PooledResult,
+    pooled: Sampled,
     trees: Sequence[xr.DataTree],
     rng: np.random.Generator,
 ) -> PopulationContent:

@@ -19,7 +19,7 @@ from deabayes.population.specimens import Shrunken
 from deabayes.posteriors.content import convergence_summary
 from deabayes.posteriors.counted_records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.sampling.diagnostics import summarise
-from deabayes.sampling.pooling import PooledResult
+from deabayes.sampling.engine import Sampled
 
 HANDED_ON = ("study", "specimen", "noise", "experiments", "system", "order")
 """Attributes of the first member's file: a new specimen is predicted as one like it."""
@@ -39,7 +39,7 @@ class PopulationContent:
 
     population: Population
     model: PopulationModel
-    pooled: PooledResult
+    pooled: Sampled
     theta: FloatArray
     log_posterior: FloatArray
     new: FloatArray

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.cloud import systematic
+from deabayes.sampling.tempering import systematic
 
 MOST_COMPONENTS = 4
 SPLIT_GAIN = 6.0

@@ -16,8 +16,10 @@ from deabayes.population.coordinate import OF_LOGARITHM, Coordinate
 from deabayes.population.kernel import log_marginals
 from deabayes.population.member import Member
 from deabayes.prior.joint import Prior
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.pooling import PooledResult, pool
+from deabayes.sampling import engine
+from deabayes.sampling.engine import Sampled
+from deabayes.sampling.problem import Problem
+from deabayes.sampling.progress import Progress
 from deabayes.study import Sampling, Settings
 
 RELATIVE_SPREAD = 0.5
@@ -114,24 +116,16 @@ def sample(
     settings: Sampling,
     seed: np.random.SeedSequence,
     progress: bool = False,
-) -> PooledResult:
-    """Sample mean and spread as a candidate's parameters are: ensembles, pooled, gates."""
-    *streams, pooling = seed.spawn(settings.ensembles + 1)
-    density = model.log_likelihood_of_normal
-    ensembles = [
-        run_ensemble(density, model.dimension, settings, stream, progress=progress)
-        for stream in streams
-    ]
-    return pool(
-        density,
-        ensembles,
-        settings,
-        pooling,
-        progress=progress,
+) -> Sampled:
+    """Sample mean and spread as a candidate's parameters are."""
+    problem = Problem(
+        model.log_likelihood_of_normal,
+        model.dimension,
         quantities=lambda z: dict(
             zip(model.prior.names, model.prior.to_parameters(z).T, strict=True)
         ),
     )
+    return engine.sample(problem, settings, seed, progress=Progress(progress))
 
 
 def _mean_parameter(p: Parameter, logarithmic: bool, mean: float, sd: float) -> Parameter:

@@ -99,18 +99,19 @@ def without(
     Weighting the draws does not do: a specimen that does not belong has widened the population
     for all of them, and those that the others alone would give are not there.
     """
-    from deabayes.sampling.smc import anneal, log_standard_normal
+    from deabayes.sampling.problem import log_standard_normal
+    from deabayes.sampling.tempering import temper
 
     def split(z: FloatArray) -> tuple[FloatArray, FloatArray]:
         return model.split(model.prior.to_parameters(z))
 
-    found = anneal(
-        z,
+    found = temper(
+        z[None],
         lambda z: log_standard_normal(z) + model.log_likelihood_of_normal(z),
         lambda z: -model.log_likelihood(*split(z))[:, index],
-        rng,
+        np.random.SeedSequence(int(rng.integers(2**63))),
     )
-    return split(found.particles)
+    return split(found.particles[0])
 
 
 def tail_probability(phi: FloatArray, centres: FloatArray, spreads: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from deabayes.posteriors.counted_records import CountedRecord
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
-from deabayes.sampling.pooling import PooledResult
+from deabayes.sampling.engine import Sampled
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
@@ -55,17 +55,17 @@ class PosteriorContent:
         study: Study,
         candidate: str,
         target: LogPosterior,
-        pooled: PooledResult,
+        sampled: Sampled,
         seed: np.random.SeedSequence,
         further: Prior | None = None,
         inherited: Inheritance | None = None,
         unexpected: Sequence[str] = (),
     ) -> PosteriorContent:
-        """With at most `STORED_DRAWS` of the pooled draws per ensemble.
+        """With at most `STORED_DRAWS` of the draws per ensemble.
 
         `unexpected` says which records are not what the prior expects.
         """
-        z, log_posterior = pooled.thinned(STORED_DRAWS)
+        z, log_posterior = sampled.thinned(STORED_DRAWS)
         theta = target.prior.to_parameters(z.reshape(-1, z.shape[2]))
         experiments = [record.experiment for record in target.records]
         return cls(
@@ -75,8 +75,8 @@ class PosteriorContent:
             target,
             z,
             log_posterior,
-            pooled.convergence.table,
-            _with_doubts(convergence_summary(pooled), inherited),
+            sampled.convergence.table,
+            _with_doubts(convergence_summary(sampled), inherited),
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
                 *unexpected,
@@ -157,11 +157,12 @@ def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
     ]
 
 
-def convergence_summary(pooled: PooledResult) -> dict[str, object]:
+def convergence_summary(sampled: Sampled) -> dict[str, object]:
     """What a reader needs to know of how the draws were made."""
-    convergence, runs = pooled.convergence, pooled.ensembles
-    table = convergence.table
+    convergence, table = sampled.convergence, sampled.convergence.table
     shares = convergence.mode_shares
+    kept = sampled.steps - sampled.burn_in
+    times = convergence.autocorrelation_times
     return {
         "converged": bool(convergence.converged),
         "reasons": [str(each) for each in convergence.failed],
@@ -169,18 +170,14 @@ def convergence_summary(pooled: PooledResult) -> dict[str, object]:
         "r_hat_max": float(table["r_hat"].max()),
         "ess_bulk_min": float(table["ess_bulk"].min()),
         "ess_tail_min": float(table["ess_tail"].min()),
-        "autocorrelation_times": [float(each) for each in convergence.autocorrelation_times],
-        "autocorrelation_times_min": float(np.min(convergence.autocorrelation_times)),
-        "tau_max": max(float(run.autocorrelation_time) for run in runs),
-        "steps": max(run.steps for run in runs),
-        "walkers": int(pooled.chain.shape[2]),
-        "ensembles": len(runs),
-        "acceptance": float(np.mean([run.acceptance for run in runs])),
-        "refitted": any(run.refitted for run in runs),
-        "replaced_walkers": sum(run.replaced_walkers for run in runs),
-        "failures": {
-            "evaluations": sum(run.evaluations for run in runs),
-            "failed": sum(run.failures for run in runs),
-        },
+        "autocorrelation_times": [float(each) for each in times],
+        "autocorrelation_times_min": float(np.min(times)),
+        "tau_max": float(kept / max(np.min(times), 1e-3)),
+        "steps": sampled.steps,
+        "walkers": int(sampled.chain.shape[2]),
+        "ensembles": len(sampled.chain),
+        "acceptance": sampled.acceptance,
+        "refitted": sampled.rounds > 1,
+        "failures": {"evaluations": sampled.evaluations, "failed": sampled.failures},
         "mode_shares": [] if shares is None else shares.to_numpy().tolist(),
     }

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-from deabayes.sampling.gates import Failed
+from deabayes.sampling.diagnostics import Failed
 
 
 def grouped(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> list[str]:

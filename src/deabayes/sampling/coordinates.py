@@ -1,193 +1,45 @@
-r"""Coordinates in which what data know of a model is straight, so that maps begin there.
+"""Coordinates in which a posterior's ridges are straight, as a chain of maps of z.
 
-**Logarithms and values.** What a record shows of a relaxation unit that is too slow for it is
-its modulus over its time constant; of one that is too fast, its modulus. In logarithms such
-ridges are straight lines and go on as such where no draw has been. In z they bend, as the score
-of a log-uniform or an ordered parameter is no linear function of its logarithm: fitted to the
-draws below the 90th percentile of a slow unit's time constant, a proposal was off by 39 nats at
-the largest draw, in logarithms by 5 (docs/sampler.md).
-The stress of an Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
-
-**Inherited parameters.** Their z is what makes one normal, of another posterior's mean and
-covariance, N(0, I); where that posterior is a mixture they are taken for what they are by their
-default prior.
-
-**Pairs, units and terms.** See `pairs`, `unit_shares` and `terms`.
+The sampler is given them by whoever knows the model: the prior (logarithms in place of scores),
+the noise model and the system. Proposals are fitted, and differences of walkers taken, in u.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from math import lgamma, log, sqrt
-from typing import Self
+from typing import Protocol
 
 import numpy as np
 
-from deabayes.distributions import LogNormal, LogUniform, Uniform
-from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
-from deabayes.prior.blocks import Independent
-from deabayes.prior.from_posterior import PosteriorBlock
-from deabayes.prior.ordered import ROUNDING, Ordered
-from deabayes.sampling.pairs import Pair, gent_pairs, noise_pairs
-from deabayes.sampling.terms import term_shares
-from deabayes.sampling.unit_shares import unit_shares
-
-KINDS = (Uniform, LogUniform, LogNormal)
 
 
-@dataclass(frozen=True)
-class Natural:
-    """Parameters of a block of the prior, or their logarithms, in place of their scores.
+class Part(Protocol):
+    """A map of some columns of u, made in place."""
 
-    Uniform ones are counted from their middle, in their standard deviations; of any other the
-    logarithm is taken. What is uniform then is linear in the block's order statistics, so that
-    no quantile of the normal distribution is computed on the way.
-
-    Attributes
-    ----------
-    block : several in order, or one alone.
-    """
-
-    block: Ordered
-
-    def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
-        z, size = u[:, self._own], len(self._own)
-        log_survivals = self.block.log_survivals(z)
-        log_jacobian = log_normal_density(z).sum(axis=1) - lgamma(size + 1.0)
-        if self._range is not None:
-            lower, width = self._range
-            survivals = np.exp(log_survivals)
-            shares = survivals[:, ::-1] if self.block.from_largest else 1.0 - survivals
-            u[:, self._own] = self._gaps + lower + width * shares
-            return np.asarray(log_jacobian + size * log(width))
-        median, sigma = self._normal
-        scores = self.block.scores(log_survivals)
-        u[:, self._own] = self._gaps + median + sigma * scores
-        return np.asarray(log_jacobian - log_normal_density(scores).sum(axis=1) + size * log(sigma))
+    def straighten(self, u: FloatArray) -> FloatArray | float:
+        """Change columns of u (W, d) and return the log of the Jacobian, (W,) or one for all."""
+        ...
 
     def bend(self, u: FloatArray) -> None:
         """Undo it; NaN outside the support."""
-        values = u[:, self._own] - self._gaps
-        if self._range is not None:
-            lower, width = self._range
-            shares = (values - lower) / width
-            survivals = shares[:, ::-1] if self.block.from_largest else 1.0 - shares
-            log_survivals = np.log(survivals)
-        else:
-            from scipy.special import log_ndtr
-
-            median, sigma = self._normal
-            scores = (values - median) / sigma
-            log_survivals = log_ndtr(scores[:, ::-1] if self.block.from_largest else -scores)
-        u[:, self._own] = self.block.from_log_survivals(log_survivals, ROUNDING)
-
-    @property
-    def logarithmic(self) -> bool:
-        """Whether it is the logarithm that takes the score's place."""
-        return not isinstance(self.block.reduced, Uniform)
-
-    @cached_property
-    def _own(self) -> list[int]:
-        return list(self.block.columns)
-
-    @cached_property
-    def _gaps(self) -> FloatArray:
-        """What the least ratios of successive ones add to the logarithms."""
-        return np.log(self.block.factors)
-
-    @cached_property
-    def _range(self) -> tuple[float, float] | None:
-        """Lower end and width, where uniform."""
-        prior = self.block.reduced
-        if isinstance(prior, Uniform):
-            return -sqrt(3.0), sqrt(12.0)
-        if isinstance(prior, LogUniform):
-            return log(prior.lower), log(prior.upper / prior.lower)
-        return None
-
-    @property
-    def _normal(self) -> tuple[float, float]:
-        """Mean and standard deviation of the logarithm, where that is normal."""
-        prior = self.block.reduced
-        assert isinstance(prior, LogNormal)
-        return log(prior.median), prior.sigma
-
-
-@dataclass(frozen=True)
-class Inherited:
-    """Parameters that have another posterior for a prior, by their default prior's scores.
-
-    Attributes
-    ----------
-    columns : of z, in the block's order.
-    """
-
-    columns: tuple[int, ...]
-    block: PosteriorBlock
-
-    def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
-        own = list(self.columns)
-        z = u[:, own]
-        u[:, own] = self.block.colour(z)
-        return log_normal_density(z).sum(axis=1) - self.block.base.log_density(u[:, own])
-
-    def bend(self, u: FloatArray) -> None:
-        """Undo it."""
-        own = list(self.columns)
-        u[:, own] = self.block.whiten(u[:, own])
+        ...
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The map u = straighten(z) of a prior's z, with its inverse; none at all by default.
+    """The map u = straighten(z) and its inverse; the identity without parts."""
 
-    Attributes
-    ----------
-    natural : parameters of which not the score is taken.
-    pairs : of parameters, see `pairs`, of units, see `unit_shares`, and of terms, see `terms`; they
-        come after.
-    inherited : parameters whose prior is a mixture; they come first.
-    """
-
-    natural: tuple[Natural, ...] = ()
-    pairs: tuple[Pair, ...] = ()
-    inherited: tuple[Inherited, ...] = ()
-
-    @classmethod
-    def of(cls, target: LogPosterior) -> Self:
-        """Those of a log-posterior's parameters; natural ones where priors are their own."""
-        bent, straight = _inherited(target)
-        free = frozenset(range(target.dimension)).difference(straight)
-        natural = tuple(_natural(target, free))
-        logarithms = frozenset(
-            k for part in natural for k in part.block.columns if part.logarithmic
-        )
-        pairs: list[Pair] = [
-            *noise_pairs(target, free),
-            *gent_pairs(target, free),
-            *unit_shares(target, free, logarithms),
-            *term_shares(target, free),
-        ]
-        return cls(natural, tuple(pairs), bent)
-
-    @property
-    def _parts(self) -> list[Inherited | Natural | Pair]:
-        return [*self.inherited, *self.natural, *self.pairs]
+    parts: tuple[Part, ...] = ()
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""
         log_jacobian = np.zeros(len(z))
-        if not self._parts:
+        if not self.parts:
             return z, log_jacobian
         u = z.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
-            for part in self._parts:
+            for part in self.parts:
                 log_jacobian += part.straighten(u)
         lost = ~(np.isfinite(log_jacobian) & np.isfinite(u).all(axis=1))
         u[lost], log_jacobian[lost] = 0.0, -np.inf
@@ -195,35 +47,11 @@ class Coordinates:
 
     def bend(self, u: FloatArray) -> FloatArray:
         """The z (W, d) of u; rows outside the prior's support are NaN."""
-        if not self._parts:
+        if not self.parts:
             return u
         z = u.copy()
-        with np.errstate(over="ignore", invalid="ignore"):
-            for part in reversed(self._parts):
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            for part in reversed(self.parts):
                 part.bend(z)
         z[~np.isfinite(z).all(axis=1)] = np.nan
         return z
-
-
-def _inherited(target: LogPosterior) -> tuple[tuple[Inherited, ...], list[int]]:
-    """Blocks of which z bends, and the columns of the others."""
-    bent, straight = [], list[int]()
-    for block in target.prior.inherited:
-        columns = tuple(target.names.index(name) for name in block.names)
-        if block.mixture.components > 1:
-            bent.append(Inherited(columns, block))
-        else:
-            straight += columns
-    return tuple(bent), straight
-
-
-def _natural(target: LogPosterior, free: frozenset[int]) -> Iterator[Natural]:
-    """Ordered parameters, and others of which the logarithm is uniform."""
-    for block in target.prior.blocks:
-        if isinstance(block, Ordered):
-            if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):
-                yield Natural(block)
-        elif isinstance(block, Independent):
-            for column, distribution in zip(block.columns, block.distributions, strict=True):
-                if isinstance(distribution, LogUniform) and column in free:
-                    yield Natural(Ordered((column,), distribution, np.ones(1)))

@@ -7,27 +7,45 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
-from deabayes.sampling.gates import Failed
-from deabayes.sampling.mode_shares import mode_shares
+from deabayes.sampling.mixture import Mixture, fit
 from deabayes.study import Sampling
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TAU_TOLERANCE = 0.05
-LONG_ENOUGH, LOOSE_TAU_TOLERANCE = 1.5, 0.15
-"""Where every run is half as long again as asked for, tau may change by this much.
-
-A walker that now and then sits still makes tau itself uncertain: of simulated stationary runs
-of 120 tau that hold such walkers, the tolerance of 5 % alone lets 28 % pass, this rule 53 %; of
-runs that are too short (33 and 46 tau) 12 and 45 % pass by either, or 12 and 47 %
-(docs/sampler.md)."""
 BURN_IN_TIMES = 5.0
+"""Autocorrelation times dropped: where walkers started counts e^-5 of what it did."""
 GATE_STEPS = 400
 """Steps per walker that statistics are computed from; more change none of them visibly."""
+
+LONGER = "sample longer"
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A gate that a quantity, a run or a mode did not pass.
+
+    Attributes
+    ----------
+    gate : which one; all of a name are alike and may be said as one.
+    of : the quantity, run or mode.
+    text : what is the matter with it.
+    badness : how far from the gate; of two of a gate the larger is the worse.
+    longer : more steps of the same kind may help.
+    """
+
+    gate: str
+    of: str
+    text: str
+    badness: float
+    longer: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.of}: {self.text}; {LONGER}" if self.longer else f"{self.of}: {self.text}"
 
 
 @dataclass(frozen=True)
@@ -119,7 +137,6 @@ def assess(
     lost = {each.of for each in disagreeing}
     disagreeing += _r_hats(table.drop(index=list(lost)), settings)
     short = _sizes(table, settings) + _lengths(times, settings)
-    short += _changing_times(quantities, times, settings)
     if dropped is not None:
         short += _burn_ins(np.asarray(dropped) * times)
     if log_posterior is not None:
@@ -182,29 +199,6 @@ def _lengths(times: FloatArray, settings: Sampling) -> list[Failed]:
     ]
 
 
-def _changing_times(
-    quantities: Mapping[str, FloatArray], times: FloatArray, settings: Sampling
-) -> list[Failed]:
-    """Compare tau of all runs with tau of their first four fifths."""
-    ample = bool(np.all(times >= LONG_ENOUGH * settings.autocorrelation_times))
-    tolerance = LOOSE_TAU_TOLERANCE if ample else TAU_TOLERANCE
-    # Thinned before it is cut: another stride would be another autocorrelation time.
-    kept = chains.thin_evenly(next(iter(quantities.values())).shape[1], GATE_STEPS)
-    early = kept[: kept.size * 4 // 5]
-    sizes = {name: chains.ess_bulk(values[:, kept]) for name, values in quantities.items()}
-    slowest = min(sizes, key=lambda name: sizes[name])
-    tau = kept.size / sizes[slowest]
-    before = early.size / chains.ess_bulk(quantities[slowest][:, early])
-    change = abs(tau / before - 1)
-    if change <= tolerance:
-        return []
-    text = (
-        f"the autocorrelation time still changes by {change:.0%} over the last fifth "
-        f"of the runs, more than {tolerance:.0%}"
-    )
-    return [Failed("tau", slowest, text, change)]
-
-
 def _burn_ins(times: FloatArray) -> list[Failed]:
     return [
         Failed(
@@ -244,3 +238,70 @@ def _stuck(log_posterior: FloatArray) -> list[Failed]:
         for run, stuck in enumerate(stuck_walkers(log_posterior), start=1)
         if stuck.any()
     ]
+
+
+def mode_shares(
+    draws: FloatArray, components: int = 8, sample: int = 6000
+) -> tuple[pd.DataFrame, list[Failed]]:
+    """Share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
+
+    A mixture is fitted to the pooled draws; components that share more than one per cent
+    of their draws make up one mode. Shares disagree when one is further from the pooled
+    share than four standard errors and half a per cent, or less than a fifth of a pooled
+    share above one per cent: a mode that this run has missed. So may those of the components
+    that make up a mode: of a small one beside a large one, or of runs with one distribution
+    per coordinate and another of all together.
+    """
+    import pandas as pd
+
+    runs, steps, _, dimension = draws.shape
+    flat = draws.reshape(-1, dimension)
+    flat = flat[chains.thin_evenly(len(flat), sample)]
+    mixture = fit(flat, components, np.random.default_rng(0))
+    kept = draws[:, chains.thin_evenly(steps, 200)]
+    cell = mixture.component_log_density(kept.reshape(-1, dimension)).argmax(axis=1)
+    cell, joined = cell.reshape(kept.shape[:3]), _modes(mixture, flat)
+    mode = joined[cell]
+    labels = [f"run {run}" for run in range(1, runs + 1)]
+    inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
+    inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
+    table = pd.DataFrame([each.mean(axis=(1, 2)) for each in inside], columns=labels)
+    table.index = pd.RangeIndex(1, len(table) + 1, name="mode")
+    failed: list[Failed] = []
+    for index, each in enumerate(inside, start=1):
+        failed += _shares(f"mode {index}", each)
+    parts = [part for part in range(len(mixture.weights)) if np.sum(joined == joined[part]) > 1]
+    for part in parts if not failed else ():
+        failed += _shares(f"part {part + 1} of a mode", (cell == part).astype(float))
+    return table, failed
+
+
+def _shares(name: str, inside: FloatArray) -> list[Failed]:
+    pooled, shares = inside.mean(), inside.mean(axis=(1, 2))
+    sizes = [chains.ess_bulk(run[None]) for run in inside if 0 < run.mean() < 1]
+    error = np.sqrt(pooled * (1 - pooled) / np.median(sizes)) if sizes else 0.0
+    missed = (shares < pooled / 5) & (pooled > 0.01)
+    return [
+        Failed(
+            "modes",
+            name,
+            f"it holds {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
+            "the independent runs weigh the modes differently",
+            float(abs(shares[run] - pooled)),
+        )
+        for run in np.flatnonzero((np.abs(shares - pooled) > 4 * error + 0.005) | missed)
+    ]
+
+
+def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> NDArray[np.intp]:
+    """Mode (K,) of every component: joined when they share some of the draws z (N, d)."""
+    terms = mixture.component_log_density(z)
+    member = np.exp(terms - terms.max(axis=1, keepdims=True))
+    member /= member.sum(axis=1, keepdims=True)
+    mode = np.arange(len(mixture.weights))
+    for first in range(len(mode)):
+        for second in range(first):
+            shared = np.minimum(member[:, first], member[:, second]).sum()
+            if shared > overlap * min(member[:, first].sum(), member[:, second].sum()):
+                mode[mode == mode[first]] = mode[second]
+    return np.unique(mode, return_inverse=True)[1]

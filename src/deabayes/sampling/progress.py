@@ -1,21 +1,64 @@
-"""How far a run is, on a terminal as it goes, in a log file now and then."""
+"""How far a run is, in one line: rewritten on a terminal, now and then in a log file."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+import time
 
-if TYPE_CHECKING:
-    from tqdm import tqdm
-
-ON_A_TERMINAL, IN_A_LOG = 0.1, 30.0
-"""Seconds between two updates."""
+IN_A_LOG = 10.0
+"""Seconds between two lines of a log, unless the state changes."""
 
 
-def progress_bar(shown: bool, **options: Any) -> tqdm[Any]:
-    """A bar on stderr, of tqdm's options; silent unless shown."""
-    from tqdm import tqdm
+class Progress:
+    """A line on stderr with state, steps, smallest ESS so far, R-hat and time left."""
 
-    seconds = ON_A_TERMINAL if sys.stderr.isatty() else IN_A_LOG
-    longest = max(10.0, seconds)
-    return tqdm(disable=not shown, mininterval=seconds, maxinterval=longest, **options)
+    def __init__(self, shown: bool = False) -> None:
+        self._shown, self._state, self._last, self._width = shown, "", 0.0, 0
+
+    def say(
+        self,
+        state: str,
+        steps: int | None = None,
+        ess: float | None = None,
+        r_hat: float | None = None,
+        left: float | None = None,
+    ) -> None:
+        """Say it; what is not known yet is left out.
+
+        Parameters
+        ----------
+        left : seconds to go, as far as can be told.
+        """
+        if not self._shown:
+            return
+        parts = [state]
+        if steps is not None:
+            parts.append(f"{steps} steps")
+        if ess is not None:
+            parts.append(f"smallest ESS {ess:.0f}")
+        if r_hat is not None:
+            parts.append(f"R-hat {r_hat:.3f}")
+        if left is not None:
+            parts.append(f"about {duration(left)} left")
+        self._write(", ".join(parts), state)
+
+    def _write(self, line: str, state: str) -> None:
+        now = time.monotonic()
+        if sys.stderr.isatty():
+            sys.stderr.write("\r" + line.ljust(self._width))
+            self._width = len(line)
+        elif state != self._state or now - self._last >= IN_A_LOG:
+            sys.stderr.write(line + "\n")
+            self._last = now
+        self._state = state
+        sys.stderr.flush()
+
+    def end(self) -> None:
+        """Leave the line as it is."""
+        if self._shown and sys.stderr.isatty():
+            sys.stderr.write("\n")
+
+
+def duration(seconds: float) -> str:
+    """`40 s` or `3 min`."""
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"

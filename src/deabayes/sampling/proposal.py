@@ -6,15 +6,23 @@ They are fitted by `proposal_fit`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.mixture import Mixture, RandomSource
-from deabayes.sampling.warp import Warp
+from deabayes.sampling.mixture import Mixture, RandomSource, two_clusters
+from deabayes.sampling.mixture import fit as fit_mixture
+from deabayes.sampling.warp import Warp, fit_warp
 
+STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
+FINE_COVERING = 0.2
+MOST_TRIES, ENOUGH = 16, 2.0
+SPLIT_GAIN = 0.1
+"""Nats per held-out sample by which a split must describe them better."""
+TRIAL_COMPONENTS = 4
+MOST_TRIAL_SAMPLES = 5000
 SPARE = 8
 """Draws made beyond those wanted, as some may fall outside of the prior's support."""
 
@@ -157,3 +165,129 @@ class Proposal:
             mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
             parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
         return cls(tuple(parts), coordinates, int(arrays["proposal_tries"]))
+
+
+def fit(
+    samples: FloatArray,
+    components: int,
+    rng: np.random.Generator,
+    log_density: FloatArray | None = None,
+    may_split: bool = False,
+    fine: bool = False,
+    coordinates: Coordinates | None = None,
+) -> Proposal:
+    """Fit a proposal to samples (n, d) and freeze it.
+
+    Most of it is a mixture in straightened coordinates, where the samples are many enough
+    for that; a plain mixture stands by for where the polynomials do not reach.
+
+    Parameters
+    ----------
+    log_density : of the target at the samples, up to a constant (n,). When given, a tenth
+        of the proposal is fitted to the samples that the rest covers badly, resampled by
+        the root of target over proposal: an independence sampler is slowed most by the few
+        regions where that ratio is large. (By the ratio itself, a handful of samples would
+        take it all.)
+    may_split : samples of two modes, or of a bend too sharp for one map, may be parted,
+        each part with its own, where that describes held-out samples better.
+    coordinates : in which it is fitted.
+    """
+    finite = np.isfinite(samples).all(axis=1)
+    coordinates = coordinates or Coordinates()
+    samples, log_jacobian = coordinates.straighten(samples[finite])
+    kept = np.isfinite(log_jacobian)
+    samples, log_jacobian = samples[kept], log_jacobian[kept]
+    parts = _parts(samples, components, rng, fine=fine)
+    if may_split and _better_split(samples, rng, fine):
+        parts = _split_parts(samples, components, rng, fine)
+    if log_density is not None:
+        excess = (
+            log_density[finite][kept] - log_jacobian - Proposal(tuple(parts)).log_density(samples)
+        )
+        weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
+        chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
+        half = max(components // 2, 1)
+        share = FINE_COVERING if fine else COVERING
+        if fine:
+            missed = _parts(samples[chosen], half, rng, share, fine)
+        else:
+            missed = [Part(share, fit_mixture(samples[chosen], half, rng))]
+        parts = [*(replace(part, weight=(1 - share) * part.weight) for part in parts), *missed]
+        excess = log_density[finite][kept] - log_jacobian
+        excess -= Proposal(tuple(parts)).log_density(samples)
+        return Proposal(tuple(parts), coordinates, enough_tries(excess))
+    return Proposal(tuple(parts), coordinates)
+
+
+def enough_tries(excess: FloatArray) -> int:
+    """How many independence proposals of which `ENOUGH` are accepted on average, from log p/q.
+
+    Draws that the proposal was fitted to make acceptance look better than it is.
+
+    Parameters
+    ----------
+    excess : log of target over proposal at draws of the target (n,), but for a constant; those at
+        which either vanishes tell nothing.
+    """
+    known = excess[np.isfinite(excess)]
+    if len(known) == 0:
+        return 1
+    return int(np.clip(np.ceil(ENOUGH / acceptance(known)), 1, MOST_TRIES))
+
+
+def rarely_accepted(proposal: Proposal) -> bool:
+    """Whether even as many tries as there may be are hardly enough (see `enough_tries`)."""
+    return proposal.tries == MOST_TRIES
+
+
+def acceptance(excess: FloatArray) -> float:
+    r"""Expected share of independence proposals that are accepted, from log p/q at draws of p.
+
+    E_p(x) E_q(y) min(1, w(y) / w(x)) with w = p/q; as q = p / w, both averages are over draws of
+    p: sum_ij min(1/w_i, 1/w_j) / (n sum_j 1/w_j), of which a sort makes a single sum.
+    """
+    inverse = np.sort(np.exp(excess.min() - excess))
+    n = len(inverse)
+    return float(inverse @ (2.0 * np.arange(n, 0, -1) - 1.0) / (n * inverse.sum()))
+
+
+def _parts(
+    samples: FloatArray,
+    components: int,
+    rng: np.random.Generator,
+    weight: float = 1.0,
+    fine: bool = False,
+) -> list[Part]:
+    """Parts of a total weight, fitted to samples (n, d): straightened and plain, or plain only."""
+    plain = fit_mixture(samples, components, rng)
+    warp = fit_warp(samples, fine)
+    if warp is None:
+        return [Part(weight, plain)]
+    straightened = fit_mixture(warp.forward(samples), components, rng)
+    return [Part(weight * STRAIGHTENED, straightened, warp), Part(weight * PLAIN, plain)]
+
+
+def _split_parts(
+    samples: FloatArray, components: int, rng: np.random.Generator, fine: bool
+) -> list[Part]:
+    """Parts of each half of a split by size, or of the whole where there is none."""
+    halves = two_clusters(samples, rng)
+    parts: list[Part] = []
+    for half in halves:
+        share = len(half) / len(samples)
+        own = max(1, round(components * max(share, 0.25)))
+        parts += _parts(half, own, rng, share, fine)
+    return parts
+
+
+def _better_split(samples: FloatArray, rng: np.random.Generator, fine: bool) -> bool:
+    """Whether a split describes a held-out fifth of the samples better than none."""
+    order = rng.permutation(len(samples))
+    order = order[:MOST_TRIAL_SAMPLES]
+    held_out, train = np.split(samples[order], [len(order) // 5])
+    if len(two_clusters(train, rng)) < 2:
+        return False
+    whole = _parts(train, TRIAL_COMPONENTS, rng, fine=fine)
+    split = _split_parts(train, TRIAL_COMPONENTS, rng, fine)
+    scores = [Proposal(tuple(parts)).log_density(held_out).mean() for parts in (whole, split)]
+    return bool(scores[1] > scores[0] + SPLIT_GAIN)

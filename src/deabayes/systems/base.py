@@ -24,8 +24,17 @@ from deabayes.systems.conditions import Conditions, condition_faults
 from deabayes.systems.stretched_spring import StretchedSpring
 
 if TYPE_CHECKING:
+    from deabayes.prior.joint import Prior
     from deabayes.systems.linear_model import LinearModel
+    from deabayes.systems.ridges.film import FilmStress
+    from deabayes.systems.ridges.gent_pair import GentPair
+    from deabayes.systems.ridges.nested_shares import NestedShares
+    from deabayes.systems.ridges.shares import Shares
+    from deabayes.systems.ridges.terms import LogParts
+    from deabayes.systems.ridges.unit_hop import UnitHop
     from deabayes.systems.solid import Solid
+
+    Ridge = FilmStress | GentPair | LogParts | NestedShares | Shares
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]
@@ -115,6 +124,32 @@ class System(ABC):
         """lambda_1 and lambda_3 where records stretch a spring most, if that is known."""
         return None
 
+    def coordinates(
+        self, prior: Prior, experiments: Sequence[Experiment], free: frozenset[int]
+    ) -> list[Ridge]:
+        """Coordinates in which what records show of this system is straight.
+
+        Parameters
+        ----------
+        free : columns of the prior that are not inherited.
+        """
+        from deabayes.systems.ridges.gent_pair import gent_pairs
+        from deabayes.systems.ridges.terms import term_shares
+        from deabayes.systems.ridges.unit_shares import unit_shares
+
+        return [
+            *gent_pairs(prior, self.stretched_springs(experiments), free),
+            *unit_shares(prior, experiments, self.units_add, free),
+            *term_shares(prior, self.largest_stretches(experiments), free),
+        ]
+
+    def hops(self, prior: Prior, experiments: Sequence[Experiment]) -> list[UnitHop]:
+        """Proposals between modes: units or terms numbered in another way."""
+        from deabayes.systems.ridges.unit_hop import UnitHop
+
+        hop = UnitHop.of(prior, self.largest_stretches(experiments))
+        return [] if hop is None else [hop]
+
     @abstractmethod
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare the forward model for one record.
@@ -123,11 +158,6 @@ class System(ABC):
         `coordinate`. A draw that fails numerically gives a row of NaN; no draw
         changes another's row.
         """
-
-    @property
-    def cheap(self) -> bool:
-        """Whether it is solved for many draws in hardly more time than for a few."""
-        return False
 
     @property
     def massless(self) -> bool:

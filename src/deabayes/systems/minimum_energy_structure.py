@@ -204,11 +204,6 @@ class MinimumEnergyStructure(System):
             )
         return voltage_history(excitation, times, self.tolerance, before=held)
 
-    @property
-    def cheap(self) -> bool:
-        """At rest."""
-        return self.model.units == 0
-
     def for_likelihood(self, rough: bool = False) -> System:
         """Itself, less accurately solved, unless built for more or less than the usual accuracy."""
         if self.tolerance != DEFAULT_TOLERANCE:

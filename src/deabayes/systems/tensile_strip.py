@@ -98,11 +98,6 @@ class TensileStrip(System):
         """The spring's law, relaxing as the units do at stretch 1: see `strip_solid`."""
         return solid(self.model, draws)
 
-    @property
-    def cheap(self) -> bool:
-        """Without relaxation units."""
-        return self.model.units == 0
-
     def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
         """Those of the record in which they differ most; None where nothing is stretched."""
         reached = []

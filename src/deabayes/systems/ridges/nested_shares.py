@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.shares import Parts
+from deabayes.systems.ridges.shares import Parts
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from deabayes.distributions import LogNormal, LogUniform
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.posterior import LogPosterior
-from deabayes.sampling.nested_shares import NestedShares
-from deabayes.sampling.pairs import log_normals
-from deabayes.sampling.shares import Shares
-from deabayes.sampling.units import units_of
+from deabayes.prior.coordinates import log_normals
+from deabayes.prior.joint import Prior
+from deabayes.systems.ridges.nested_shares import NestedShares
+from deabayes.systems.ridges.shares import Shares
+from deabayes.systems.ridges.units import units_of
 
 MANY = 4
 """Units of which any two may share what is seen of them while others are resolved."""
@@ -40,7 +42,10 @@ def shown_for(experiment: Experiment) -> float:
 
 
 def unit_shares(
-    target: LogPosterior, free: frozenset[int], logarithms: frozenset[int]
+    prior: Prior,
+    experiments: Sequence[Experiment],
+    units_add: str | None,
+    free: frozenset[int],
 ) -> list[Shares | NestedShares]:
     """One for each group of units that have one log-normal modulus each.
 
@@ -48,19 +53,20 @@ def unit_shares(
 
     Parameters
     ----------
+    units_add : see `System.units_add`.
     free : columns with priors of their own.
-    logarithms : columns of which the logarithm has been taken.
     """
-    durations = [duration for r in target.records if (duration := shown_for(r.experiment))]
-    if target.system.units_add is None or not durations:
+    durations = [duration for each in experiments if (duration := shown_for(each))]
+    if units_add is None or not durations:
         return []
-    sign = 1.0 if target.system.units_add == "moduli" else -1.0
+    sign = 1.0 if units_add == "moduli" else -1.0
     found: list[Shares | NestedShares] = []
-    for units in units_of(target.prior):
+    for units in units_of(prior):
         times, *companions = (tuple(row.tolist()) for row in units.columns)
-        if len(companions) != 1 or not logarithms.issuperset(times):
+        logarithmic = isinstance(prior.parameters[times[0]].prior, LogUniform | LogNormal)
+        if len(companions) != 1 or not logarithmic or not free.issuperset(times):
             continue
-        normals = log_normals(target, companions[0], free)
+        normals = log_normals(prior, companions[0], free)
         if len(normals) == units.count:
             medians, sigmas = np.array([(p.median, p.sigma) for p in normals]).T
             hidden = TooSlow(float(np.log(max(durations))))

@@ -18,8 +18,7 @@ fix that much, its root takes the place of alpha_2 - alpha_1 (`Shares.spread`). 
 film handed on, one term's share from 1 to 60 %, a cubic in ln(v_2 / v_1) leaves 0.025 of the root,
 as a straight line does; of the exponents' difference 0.16, and a straight line 0.23.
 
-Of terms handed on records fix more than that: see `film`, for two that are both seen, and
-`film_moments`.
+Of two terms handed on that are both seen records fix more than that: see `film`.
 """
 
 from __future__ import annotations
@@ -31,16 +30,15 @@ import numpy as np
 from deabayes.distributions import Uniform
 from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
 from deabayes.prior.blocks import Parts
-from deabayes.sampling.film import FilmStress
-from deabayes.sampling.film_moments import FilmMoments
-from deabayes.sampling.pairs import log_normals
-from deabayes.sampling.shares import Shares
-from deabayes.sampling.units import units_of
+from deabayes.systems.ridges.film import FilmStress
+from deabayes.prior.coordinates import log_normals
+from deabayes.prior.joint import Prior
+from deabayes.systems.ridges.shares import Shares
+from deabayes.systems.ridges.units import units_of
 from deabayes.springs.ogden import stress_of_one
 
-Stresses = Shares | FilmStress | FilmMoments
+Stresses = Shares | FilmStress
 
 NEARLY_ZERO = 1e-9
 """Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
@@ -92,7 +90,9 @@ class LogParts:
         u[:, own] = self.block.to_normal(np.exp(u[:, own]))
 
 
-def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | Stresses]:
+def term_shares(
+    joint: Prior, largest_stretches: tuple[float, float] | None, free: frozenset[int]
+) -> list[LogParts | Stresses]:
     """Those of a spring's terms, of which the exponents are uniform.
 
     Where the prior is of all terms' stress at a stretch, of parts of it. Where each term has a
@@ -100,17 +100,18 @@ def term_shares(target: LogPosterior, free: frozenset[int]) -> list[LogParts | S
 
     Parameters
     ----------
+    largest_stretches : see `System.largest_stretches`.
     free : columns with priors of their own.
     """
     found: list[LogParts | Stresses] = []
-    for terms in units_of(target.prior):
+    for terms in units_of(joint):
         exponents, *companions = (tuple(row.tolist()) for row in terms.columns)
-        prior = target.prior.parameters[exponents[0]].prior
+        prior = joint.parameters[exponents[0]].prior
         if len(companions) != 1 or not isinstance(prior, Uniform) or not free.issuperset(exponents):
             continue
-        if parts := _parts(target, companions[0], free):
-            found += [LogParts(parts), _of_stresses(target, exponents, companions[0])]
-        elif shares := _shares(target, exponents, companions[0], free):
+        if parts := _parts(joint, companions[0], free):
+            found += [LogParts(parts), _of_stresses(joint, exponents, companions[0])]
+        elif shares := _shares(joint, largest_stretches, exponents, companions[0], free):
             found.append(shares)
     return found
 
@@ -121,39 +122,37 @@ def shown(scores: FloatArray) -> FloatArray:
 
 
 def _of_stresses(
-    target: LogPosterior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
+    joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
 ) -> Stresses:
     """Of terms' stresses at one stretch; of the film's at several, where it was handed on."""
-    prior = target.prior.parameters[exponents[0]].prior
-    stretches = target.prior.parameters[coefficients[0]].reference_stretches
+    prior = joint.parameters[exponents[0]].prior
+    stretches = joint.parameters[coefficients[0]].reference_stretches
     assert isinstance(prior, Uniform) and stretches is not None
     columns, logarithms = (exponents, coefficients), np.log(stretches)
     height = (logarithms[0] - logarithms[1]) / 2.0
-    if prior.lower >= 0.0 and _handed_on(target, *columns):
-        if len(exponents) > 2:
-            return FilmMoments(*columns, *_moments(prior), height)
-        if _both_seen(target, *columns, logarithms):
+    if prior.lower >= 0.0 and _handed_on(joint, *columns):
+        if len(exponents) == 2 and _both_seen(joint, *columns, logarithms):
             return FilmStress(*columns, *_moments(prior), height * np.array(HEIGHTS))
     ones = np.ones(len(exponents))
     return Shares(exponents, coefficients, 0.0 * ones, ones, shown, spread=True)
 
 
 def _handed_on(
-    target: LogPosterior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
+    joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
 ) -> bool:
     """Whether a posterior handed on is of a film with a ridge."""
-    names = {target.names[column] for column in (*exponents, *coefficients)}
-    return any(b.learned is not None and names <= set(b.names) for b in target.prior.inherited)
+    names = {joint.names[column] for column in (*exponents, *coefficients)}
+    return any(b.learned is not None and names <= set(b.names) for b in joint.inherited)
 
 
 def _both_seen(
-    target: LogPosterior,
+    joint: Prior,
     exponents: tuple[int, ...],
     coefficients: tuple[int, ...],
     logarithms: FloatArray,
 ) -> bool:
     """Whether none of the terms handed on vanishes."""
-    theta = target.prior.sample(np.random.default_rng(0), LOOKED_AT)
+    theta = joint.sample(np.random.default_rng(0), LOOKED_AT)
     stresses = theta[:, coefficients] * stress_of_one(theta[:, exponents], *logarithms)
     shares = stresses.min(axis=1) / stresses.sum(axis=1)
     return bool(np.quantile(shares, RARELY) > LEAST_SHARE)
@@ -165,30 +164,30 @@ def _moments(prior: Uniform) -> tuple[float, float]:
 
 
 def _parts(
-    target: LogPosterior, coefficients: tuple[int, ...], free: frozenset[int]
+    joint: Prior, coefficients: tuple[int, ...], free: frozenset[int]
 ) -> Parts | None:
     """The block of coefficients that are parts of one stress at given stretches."""
-    parameters = [target.prior.parameters[column] for column in coefficients]
+    parameters = [joint.parameters[column] for column in coefficients]
     if not all(p.half_product_with and p.reference_stretches for p in parameters):
         return None
-    for block in target.prior.blocks:
+    for block in joint.blocks:
         if isinstance(block, Parts) and block.columns == coefficients:
             return block if free.issuperset(coefficients) else None
     return None
 
 
 def _shares(
-    target: LogPosterior,
+    joint: Prior,
+    stretches: tuple[float, float] | None,
     exponents: tuple[int, ...],
     coefficients: tuple[int, ...],
     free: frozenset[int],
 ) -> Shares | None:
     """Those of terms with log-normal shares of the shear modulus."""
-    stretches = target.system.largest_stretches([r.experiment for r in target.records])
-    parameters = [target.prior.parameters[column] for column in coefficients]
+    parameters = [joint.parameters[column] for column in coefficients]
     halves = all(p.half_product_with and not p.reference_stretches for p in parameters)
-    normals = log_normals(target, coefficients, free)
-    prior = target.prior.parameters[exponents[0]].prior
+    normals = log_normals(joint, coefficients, free)
+    prior = joint.parameters[exponents[0]].prior
     if stretches is None or not halves or len(normals) < len(coefficients):
         return None
     assert isinstance(prior, Uniform)

@@ -1,0 +1,168 @@
+r"""Coordinates of a prior in which what data know of a model is straight, so that maps begin there.
+
+**Logarithms and values.** What a record shows of a relaxation unit that is too slow for it is
+its modulus over its time constant; of one that is too fast, its modulus. In logarithms such
+ridges are straight lines and go on as such where no draw has been. In z they bend, as the score
+of a log-uniform or an ordered parameter is no linear function of its logarithm. The stress of an
+Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
+
+**Inherited parameters.** Their z is what makes one normal, of another posterior's mean and
+covariance, N(0, I); where that posterior is a mixture they are taken for what they are by their
+default prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import lgamma, log, sqrt
+
+import numpy as np
+
+from deabayes.distributions import LogNormal, LogUniform, Uniform
+from deabayes.distributions.scores import log_normal_density
+from deabayes.experiment import FloatArray
+from deabayes.prior.blocks import Independent
+from deabayes.prior.from_posterior import PosteriorBlock
+from deabayes.prior.joint import Prior
+from deabayes.prior.ordered import ROUNDING, Ordered
+
+KINDS = (Uniform, LogUniform, LogNormal)
+
+
+@dataclass(frozen=True)
+class Natural:
+    """Parameters of a block of the prior, or their logarithms, in place of their scores.
+
+    Uniform ones are counted from their middle, in their standard deviations; of any other the
+    logarithm is taken. What is uniform then is linear in the block's order statistics, so that
+    no quantile of the normal distribution is computed on the way.
+
+    Attributes
+    ----------
+    block : several in order, or one alone.
+    """
+
+    block: Ordered
+
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        z, size = u[:, self._own], len(self._own)
+        log_survivals = self.block.log_survivals(z)
+        log_jacobian = log_normal_density(z).sum(axis=1) - lgamma(size + 1.0)
+        if self._range is not None:
+            lower, width = self._range
+            survivals = np.exp(log_survivals)
+            shares = survivals[:, ::-1] if self.block.from_largest else 1.0 - survivals
+            u[:, self._own] = self._gaps + lower + width * shares
+            return np.asarray(log_jacobian + size * log(width))
+        median, sigma = self._normal
+        scores = self.block.scores(log_survivals)
+        u[:, self._own] = self._gaps + median + sigma * scores
+        return np.asarray(log_jacobian - log_normal_density(scores).sum(axis=1) + size * log(sigma))
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it; NaN outside the support."""
+        values = u[:, self._own] - self._gaps
+        if self._range is not None:
+            lower, width = self._range
+            shares = (values - lower) / width
+            survivals = shares[:, ::-1] if self.block.from_largest else 1.0 - shares
+            log_survivals = np.log(survivals)
+        else:
+            from scipy.special import log_ndtr
+
+            median, sigma = self._normal
+            scores = (values - median) / sigma
+            log_survivals = log_ndtr(scores[:, ::-1] if self.block.from_largest else -scores)
+        u[:, self._own] = self.block.from_log_survivals(log_survivals, ROUNDING)
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is the logarithm that takes the score's place."""
+        return not isinstance(self.block.reduced, Uniform)
+
+    @cached_property
+    def _own(self) -> list[int]:
+        return list(self.block.columns)
+
+    @cached_property
+    def _gaps(self) -> FloatArray:
+        """What the least ratios of successive ones add to the logarithms."""
+        return np.log(self.block.factors)
+
+    @cached_property
+    def _range(self) -> tuple[float, float] | None:
+        """Lower end and width, where uniform."""
+        prior = self.block.reduced
+        if isinstance(prior, Uniform):
+            return -sqrt(3.0), sqrt(12.0)
+        if isinstance(prior, LogUniform):
+            return log(prior.lower), log(prior.upper / prior.lower)
+        return None
+
+    @property
+    def _normal(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm, where that is normal."""
+        prior = self.block.reduced
+        assert isinstance(prior, LogNormal)
+        return log(prior.median), prior.sigma
+
+
+@dataclass(frozen=True)
+class Inherited:
+    """Parameters that have another posterior for a prior, by their default prior's scores.
+
+    Attributes
+    ----------
+    columns : of z, in the block's order.
+    """
+
+    columns: tuple[int, ...]
+    block: PosteriorBlock
+
+    def straighten(self, u: FloatArray) -> FloatArray:
+        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        own = list(self.columns)
+        z = u[:, own]
+        u[:, own] = self.block.colour(z)
+        return log_normal_density(z).sum(axis=1) - self.block.base.log_density(u[:, own])
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it."""
+        own = list(self.columns)
+        u[:, own] = self.block.whiten(u[:, own])
+
+
+def prior_coordinates(prior: Prior) -> tuple[list[Natural | Inherited], frozenset[int]]:
+    """Maps of a prior's own columns, and which columns have a prior of their own."""
+    bent, straight = list[Natural | Inherited](), list[int]()
+    for block in prior.inherited:
+        columns = tuple(prior.names.index(name) for name in block.names)
+        if block.mixture.components > 1:
+            bent.append(Inherited(columns, block))
+        else:
+            straight += columns
+    free = frozenset(range(len(prior.names))).difference(straight)
+    return [*bent, *_natural(prior, free)], free
+
+
+def log_normals(prior: Prior, columns: Sequence[int], free: frozenset[int]) -> list[LogNormal]:
+    """The priors of columns that are log-normal and the columns' own."""
+    priors = [prior.parameters[column].prior for column in columns]
+    return [
+        p for p, k in zip(priors, columns, strict=True) if isinstance(p, LogNormal) and k in free
+    ]
+
+
+def _natural(prior: Prior, free: frozenset[int]) -> Iterator[Natural]:
+    """Ordered parameters, and others of which the logarithm is uniform."""
+    for block in prior.blocks:
+        if isinstance(block, Ordered):
+            if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):
+                yield Natural(block)
+        elif isinstance(block, Independent):
+            for column, distribution in zip(block.columns, block.distributions, strict=True):
+                if isinstance(distribution, LogUniform) and column in free:
+                    yield Natural(Ordered((column,), distribution, np.ones(1)))

@@ -1,0 +1,378 @@
+"""One candidate from its prior to its posterior: a state machine over all ensembles.
+
+warm-up -> fitted -> sampling -> judged -> (longer: sampling | refitted: fitted) -> ... -> done.
+
+Each state is a function that goes from checkpoint to checkpoint and names the next one. What it
+does depends on nothing but seed, settings and stored checkpoints, so that a run killed at any
+moment goes on to the same bytes.
+
+A round of sampling has one frozen proposal; what a later round replaces is dropped. Proposals are
+fitted to the draws of all ensembles: given the proposal, ensembles are independent.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.sampling import chains
+from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
+from deabayes.sampling.diagnostics import Convergence, assess
+from deabayes.sampling.peaks import peaks
+from deabayes.sampling.problem import Problem, Target
+from deabayes.sampling.progress import Progress
+from deabayes.sampling.proposal import Proposal, fit
+from deabayes.sampling.tempering import Schedule, temper
+from deabayes.study import Sampling
+
+WARM_UP, FIT, SAMPLING = range(3)
+"""Random streams."""
+WARM_UP_SCHEDULE = Schedule(rounds=(2, 3), final_rounds=(5, 20), final_forgotten=0.3)
+"""What the warm-up leaves undone at beta = 1, the rounds do."""
+FIRST_ROUND, GROWTH = 200, 1.5
+"""Steps of the first round, and of a round over those of the one before."""
+DROPPED = 1 / 3
+"""Of a round: with 10 autocorrelation times kept, 5 are dropped."""
+PATIENCE = 2.5
+"""A round goes on where it needs at most so many times the steps it has; else it is refitted."""
+MOST_REFITS = 6
+MARGIN = 1.05
+CHUNK = 100
+"""Stored steps between two checkpoints."""
+MOST_STORED_STEPS = 5000
+PARTICLES_UNTIL = 2
+"""Refits that see the warm-up's particles, which are nearly independent."""
+GATE_STEPS = 250
+"""Steps per walker that a running sampler is judged by."""
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """The draws of a candidate in z, and the verdict on them.
+
+    Attributes
+    ----------
+    chain : (E, S, W, d), in time order; `log_posterior` (E, S, W).
+    convergence : the verdict.
+    steps : all steps of each ensemble after the warm-up; the first `burn_in` are dropped, `thin`
+        is the spacing of those kept.
+    rounds : of sampling, each with a proposal of its own.
+    acceptance : share of proposals accepted in the last round.
+    evaluations, failures : likelihood evaluations, and how many gave no finite value.
+    """
+
+    chain: FloatArray
+    log_posterior: FloatArray
+    convergence: Convergence
+    steps: int
+    burn_in: int
+    thin: int
+    rounds: int
+    acceptance: float
+    evaluations: int
+    failures: int
+
+    def thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
+        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble.
+
+        They are spread evenly over time and by chance over the walkers: at even distances, where
+        steps are about as many as picks, they would be of a few walkers.
+        """
+        _, steps, walkers, _ = self.chain.shape
+        picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers), dtype=np.intp)
+        step = picked // walkers
+        shifts = np.random.default_rng(0).integers(walkers, size=(steps,))
+        walker = (picked + shifts[step]) % walkers
+        return self.chain[:, step, walker], self.log_posterior[:, step, walker]
+
+
+def sample(
+    problem: Problem,
+    settings: Sampling,
+    seed: np.random.SeedSequence,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+) -> Sampled:
+    """Sample a posterior until every gate passes or the budget of steps ends; the verdict says which.
+
+    Parameters
+    ----------
+    folder : checkpoints, to be keyed by data, settings and code by the caller; None for none.
+
+    Raises
+    ------
+    EveryDrawFailed : no draw of the prior has a finite likelihood.
+    """
+    settings = replace(settings, walkers=max(settings.walkers, 2 * problem.dimension))
+    run = _Run(problem, settings, seed, Store(folder), progress or Progress())
+    state: State | None = _warm_up
+    while state is not None:
+        state = state(run)
+    run.progress.end()
+    return run.result()
+
+
+@dataclass
+class _Run:
+    """What the states share: all of it follows from seed, settings and checkpoints."""
+
+    problem: Problem
+    settings: Sampling
+    seed: np.random.SeedSequence
+    store: Store
+    progress: Progress
+    warm: Arrays = field(default_factory=dict)
+    refits: int = 0
+    steps_before: int = 0
+    goal: int = 0
+    proposal: Proposal | None = None
+    round: Store = field(default_factory=lambda: Store(None))
+    chunks: list[Arrays] = field(default_factory=list)
+    last: Arrays | None = None
+    earlier: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+    convergence: Convergence | None = None
+    counts: FloatArray = field(default_factory=lambda: np.zeros(2))
+    seconds: float = 0.0
+
+    @property
+    def thin(self) -> int:
+        return -(-self.settings.max_steps // MOST_STORED_STEPS)
+
+    @property
+    def steps(self) -> int:
+        """Of this round."""
+        return self.thin * sum(len(chunk["chain"]) for chunk in self.chunks)
+
+    @property
+    def left(self) -> int:
+        """Steps that the budget leaves, in whole spacings."""
+        return (self.settings.max_steps - self.steps_before - self.steps) // self.thin * self.thin
+
+    def stream(self, *stage: int) -> np.random.SeedSequence:
+        """The random stream of a stage: depends on nothing but the seed and the stage."""
+        return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *stage))
+
+    def draws(self, share: float) -> tuple[FloatArray, FloatArray]:
+        """The last share of this round: (E, S, W, d) and (E, S, W)."""
+        shape = self.settings.ensembles, self.settings.walkers
+        chain = np.concatenate([chunk["chain"] for chunk in self.chunks])
+        log_posterior = np.concatenate([chunk["log_posterior"] for chunk in self.chunks])
+        first = len(chain) - int(share * len(chain))
+        chain, log_posterior = chain[first:], log_posterior[first:]
+        return (
+            np.moveaxis(chain.reshape(len(chain), *shape, -1), 0, 1),
+            np.moveaxis(log_posterior.reshape(len(chain), *shape), 0, 1),
+        )
+
+    def result(self) -> Sampled:
+        chain, log_posterior = self.draws(1.0 - DROPPED)
+        assert self.convergence is not None
+        stored = sum(len(chunk["chain"]) for chunk in self.chunks)
+        total = self.steps_before + self.steps
+        return Sampled(
+            chain,
+            log_posterior,
+            self.convergence,
+            steps=total,
+            burn_in=total - chain.shape[1] * self.thin,
+            thin=self.thin,
+            rounds=self.refits + 1,
+            acceptance=float(sum(chunk["accepted"] for chunk in self.chunks) / stored),
+            evaluations=int(self.counts[0]),
+            failures=int(self.counts[1]),
+        )
+
+
+State = Callable[[_Run], Any]
+
+
+def _warm_up(run: _Run) -> State:
+    """Climb to the peaks, then temper from Laplace approximations there to the posterior."""
+    run.warm = run.store.once("warm_up", lambda: _populations(run))
+    run.counts = run.counts + run.warm["counts"]
+    return _fitted
+
+
+def _populations(run: _Run) -> Arrays:
+    problem, settings = run.problem, run.settings
+    target = Target(problem.rough or problem.log_likelihood)
+    first, second = run.stream(WARM_UP).spawn(2)
+    rng = np.random.default_rng(first)
+    run.progress.say("warm-up: climbing to peaks")
+    laplace = peaks(target, problem.dimension, rng)
+    shape = settings.ensembles, max(settings.particles, settings.walkers), problem.dimension
+    found = temper(
+        laplace.sample(rng, shape[0] * shape[1]).reshape(shape),
+        laplace.log_density,
+        lambda z: target(z) - laplace.log_density(z),
+        second,
+        WARM_UP_SCHEDULE,
+        problem.coordinates,
+        report=lambda beta, rounds: run.progress.say(f"warm-up: {100 * beta:.0f} %"),
+    )
+    return {
+        "particles": found.particles,
+        "broad": found.broad,
+        "log_posterior": found.log_density,
+        "counts": target.counts,
+    }
+
+
+def _fitted(run: _Run) -> State:
+    """Fit the round's proposal to all draws so far that are worth it."""
+    run.round = run.store.sub(f"round_{run.refits}")
+    arrays = run.round.once("proposal", lambda: _proposal(run).arrays())
+    run.proposal = Proposal.from_arrays(arrays, run.problem.coordinates)
+    run.chunks = run.round.chunks()
+    run.counts = run.counts + sum((chunk["counts"] for chunk in run.chunks), np.zeros(2))
+    run.goal = int(FIRST_ROUND * GROWTH**run.refits)
+    return _sampling
+
+
+def _proposal(run: _Run) -> Proposal:
+    dimension = run.problem.dimension
+    draws = list(run.earlier[-2:])
+    if run.refits <= PARTICLES_UNTIL:
+        warm = run.warm["particles"].reshape(-1, dimension), run.warm["log_posterior"].ravel()
+        draws.insert(0, warm)
+    z, log_posterior = (np.concatenate(parts) for parts in zip(*draws, strict=True))
+    rng = np.random.default_rng(run.stream(FIT, run.refits))
+    return fit(
+        z, COMPONENTS, rng, log_posterior, fine=run.refits > 0, coordinates=run.problem.coordinates
+    )
+
+
+COMPONENTS = 8
+
+
+def _sampling(run: _Run) -> State:
+    """Sample to the round's goal, or to the end of the budget, chunk by chunk."""
+    goal = min(run.goal, run.steps + run.left)
+    if run.steps >= goal:
+        return _judged
+    assert run.proposal is not None
+    from emcee import EnsembleSampler
+
+    from deabayes.sampling.moves import recipe
+
+    settings, target = run.settings, Target(run.problem.log_likelihood)
+    moves = recipe((run.proposal,), run.problem.hops, settings.ensembles)
+    shape = settings.ensembles * settings.walkers, run.problem.dimension
+    sampler = EnsembleSampler(*shape, target, moves=moves, vectorize=True)
+    began, first = time.monotonic(), run.steps
+    while run.steps < goal:
+        before = target.counts
+        length = min(CHUNK, -(-(goal - run.steps) // run.thin))
+        chunk = _chunk(run, target, sampler, length)
+        chunk["counts"] = target.counts - before
+        run.counts = run.counts + chunk["counts"]
+        run.round.append(chunk)
+        run.seconds = (time.monotonic() - began) / (run.steps - first)
+        _say(run, "sampling")
+    return _judged
+
+
+def _chunk(run: _Run, target: Target, sampler: Any, length: int) -> Arrays:
+    sampler.reset()
+    steps = sampler.sample(
+        _last_state(run, target), iterations=length, thin_by=run.thin, skip_initial_state_check=True
+    )
+    for state in steps:
+        after = state
+    return {
+        "chain": sampler.get_chain().copy(),
+        "log_posterior": sampler.get_log_prob().copy(),
+        "accepted": np.asarray(sampler.backend.accepted.mean()),
+        **random_state_arrays(after.random_state),
+    }
+
+
+def _last_state(run: _Run, target: Target) -> Any:
+    """Where the round is, or where it starts: at the round before's last step, or the warm-up's."""
+    from emcee.state import State as Walkers
+
+    if run.chunks:
+        last = run.chunks[-1]
+        state = Walkers(last["chain"][-1], log_prob=last["log_posterior"][-1], copy=True)
+        state.random_state = random_state_from(last)
+        return state
+    if run.last is not None:
+        z, log_posterior = run.last["chain"][-1], run.last["log_posterior"][-1]
+    else:
+        z = _first_walkers(run, target)
+        log_posterior = target(z)
+    random = np.random.RandomState(np.random.MT19937(run.stream(SAMPLING, run.refits)))
+    return Walkers(z, log_prob=log_posterior, random_state=random.get_state(), copy=True)
+
+
+def _first_walkers(run: _Run, target: Target) -> FloatArray:
+    """Walkers (E W, d) from the particles, half of them over-dispersed."""
+    walkers = run.warm["particles"][:, : run.settings.walkers].copy()
+    half = run.settings.walkers // 2
+    walkers[:, :half] = run.warm["broad"][:, :half]
+    z = walkers.reshape(-1, run.problem.dimension)
+    lost = ~np.isfinite(target(z))
+    z[lost] = run.warm["particles"][:, : run.settings.walkers].reshape(z.shape)[lost]
+    return z
+
+
+def _judged(run: _Run) -> State | None:
+    """Apply the gates; sample on, fit a new proposal, or end."""
+    run.convergence = _verdict(run)
+    _say(run, "judged")
+    if run.convergence.converged or run.left <= 0:
+        return None
+    times = max(float(np.min(run.convergence.autocorrelation_times)), 0.1)
+    needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
+    needed = max(needed, 1.25 * run.steps)
+    if needed > PATIENCE * run.steps and run.refits < MOST_REFITS:
+        return _refitted
+    run.goal = int(min(needed, PATIENCE * run.steps))
+    return _sampling
+
+
+def _refitted(run: _Run) -> State:
+    """Begin another round; the draws of this one serve for its proposal only."""
+    z, log_posterior = run.draws(0.5)
+    run.earlier.append((z.reshape(-1, z.shape[3]), log_posterior.ravel()))
+    run.last = run.chunks[-1]
+    run.steps_before += run.steps
+    run.refits += 1
+    return _fitted
+
+
+def _verdict(run: _Run) -> Convergence:
+    """By the coordinates of z alone until these pass, then by every quantity."""
+    draws, log_posterior = run.draws(1.0 - DROPPED)
+    kept = chains.thin_evenly(draws.shape[1], GATE_STEPS)
+    draws, log_posterior = draws[:, kept], log_posterior[:, kept]
+    flat, dropped = draws.reshape(-1, draws.shape[3]), DROPPED / (1.0 - DROPPED)
+    ratio = np.full(len(draws), dropped)
+    alone = {str(k): draws[..., k] for k in range(draws.shape[3])}
+    found = assess(alone, run.settings, dropped=ratio)
+    if not found.converged and run.left > 0:
+        return found
+    named = run.problem.quantities(flat)
+    return assess(
+        {name: np.asarray(values).reshape(draws.shape[:3]) for name, values in named.items()},
+        run.settings,
+        dropped=ratio,
+        log_posterior=log_posterior,
+        draws=draws,
+    )
+
+
+def _say(run: _Run, state: str) -> None:
+    ess = r_hat = left = None
+    if run.convergence is not None:
+        table = run.convergence.table
+        ess, r_hat = float(table[["ess_bulk", "ess_tail"]].min().min()), float(table["r_hat"].max())
+    if run.seconds:
+        left = max(run.goal - run.steps, 0) * run.seconds
+    run.progress.say(state, run.steps_before + run.steps, ess, r_hat, left)

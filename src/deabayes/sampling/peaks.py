@@ -1,0 +1,204 @@
+"""The peaks of a posterior, climbed to from draws of the prior, many at once.
+
+Records with little noise make a posterior a thin curved sheet in which tempered particles get
+lost, tens of nats below the bulk. Climbs are quick. Each is made in coordinates whitened by the
+curvature at its start, and again at where it has led.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.problem import LogDensity
+from deabayes.sampling.tempering import EveryDrawFailed
+
+STARTS, FINISHED, TURNS = 64, 16, 2
+"""Draws of the prior that are climbed from; how many of these climbs are finished, the highest;
+and how often their coordinates are made anew."""
+SHORT, LONG = 20, 40
+"""Iterations of a climb from the prior, and of one in each turn."""
+NEAR = 10.0
+"""Nats below the highest peak that draws start from. Climbs along a ridge end a few apart."""
+DIFFERENCE = 1e-2
+"""Of the gradient, in standard deviations of the start's coordinates."""
+LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
+"""Of a step, tried side by side."""
+LONGEST = 10.0
+GAIN, QUIET = 1e-3, 3
+"""Nats that an iteration gains at least; after so many that do not the climb has ended."""
+CURVATURE_STEP = 0.03
+WIDER = 1.5
+"""Times the Laplace widths, for draws that tempering narrows: it widens badly."""
+
+
+def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Mixture:
+    """Laplace approximations at the highest peaks found, with equal weights and wider.
+
+    Raises
+    ------
+    EveryDrawFailed : the density is zero at every start.
+    """
+    factors = np.tile(np.eye(dimension), (STARTS, 1, 1))
+    z, value = climb(target, rng.standard_normal((STARTS, dimension)), factors, SHORT)
+    for _ in range(TURNS):
+        best = np.argsort(-value)[:FINISHED]
+        z, value = z[best][np.isfinite(value[best])], value[best][np.isfinite(value[best])]
+        if not value.size:
+            raise EveryDrawFailed("no draw of the prior has a finite likelihood")
+        factors = np.stack([laplace_factor(target, each, np.eye(dimension)) for each in z])
+        z, value = climb(target, z, factors, LONG)
+    near = np.flatnonzero(value > value.max() - NEAR)
+    factors = np.stack([laplace_factor(target, z[k], factors[k]) for k in near])
+    return Mixture(np.full(near.size, 1.0 / near.size), z[near], WIDER * factors)
+
+
+def climb(
+    target: LogDensity, starts: FloatArray, factors: FloatArray, iterations: int
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise by the rule of Broyden, Fletcher, Goldfarb and Shanno, all climbs in lockstep.
+
+    An iteration is two calls: steps of several lengths for all climbs, and their gradients.
+
+    Parameters
+    ----------
+    starts : (K, d).
+    factors : (K, d, d), steps are taken in u with z = start + factor u.
+
+    Returns
+    -------
+    z (K, d), and the log density there (K,).
+    """
+    climbs = _Climbs(target, starts, factors)
+    for _ in range(iterations):
+        if not climbs.live.size:
+            break
+        climbs.advance()
+    return climbs.place(np.arange(len(starts)), climbs.u[:, None])[:, 0], climbs.value
+
+
+@dataclass
+class _Climbs:
+    """Where K climbs are, with gradients and inverse Hessians of minus the log density in u."""
+
+    target: LogDensity
+    starts: FloatArray
+    factors: FloatArray
+
+    def __post_init__(self) -> None:
+        count, d = self.starts.shape
+        self.shifts = DIFFERENCE * np.concatenate([np.eye(d), -np.eye(d)])
+        self.u = np.zeros((count, d))
+        self.inverse = np.tile(np.eye(d), (count, 1, 1))
+        self.quiet = np.zeros(count, dtype=int)
+        every = np.arange(count)
+        self.value = self._at(every, self.u[:, None])[:, 0]
+        self.live = np.flatnonzero(np.isfinite(self.value))
+        self.slope = np.zeros((count, d))
+        self.slope[self.live] = self._gradient(self.live)
+
+    def place(self, which: FloatArray, u: FloatArray) -> FloatArray:
+        """z (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
+        steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
+        return np.asarray(self.starts[which][:, None] + steps)
+
+    def _at(self, which: FloatArray, u: FloatArray) -> FloatArray:
+        """Log densities (K, M)."""
+        values = self.target(self.place(which, u).reshape(-1, u.shape[2]))
+        return np.where(np.isfinite(values), values, -np.inf).reshape(u.shape[:2])
+
+    def _gradient(self, which: FloatArray) -> FloatArray:
+        """By central differences; where one side fails, by the other."""
+        d, here = self.u.shape[1], self.value[which][:, None]
+        values = self._at(which, self.u[which][:, None] + self.shifts)
+        up, down = values[:, :d], values[:, d:]
+        with np.errstate(invalid="ignore"):
+            both = (up - down) / (2.0 * DIFFERENCE)
+            one = np.where(np.isfinite(up), up - here, here - down) / DIFFERENCE
+        slope = np.where(np.isfinite(both), both, one)
+        return np.where(np.isfinite(slope), slope, 0.0)
+
+    def advance(self) -> None:
+        """One iteration of the climbs that have not ended."""
+        live = self.live
+        way = np.einsum("kij,kj->ki", self.inverse[live], self.slope[live])
+        size = np.linalg.norm(way, axis=1, keepdims=True)
+        way *= np.minimum(1.0, LONGEST / np.maximum(size, 1e-300))
+        trial = self.u[live][:, None] + LENGTHS[:, None] * way[:, None]
+        found = self._at(live, trial)
+        rows, best = np.arange(live.size), found.argmax(axis=1)
+        gain = found[rows, best] - self.value[live]
+        self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
+        better = gain > 0.0
+        self.inverse[live[~better]] = np.eye(self.u.shape[1])  # this way led nowhere: begin anew
+        step, rising = (trial[rows, best] - self.u[live])[better], live[better]
+        self.u[rising] += step
+        self.value[rising] = found[rows, best][better]
+        if rising.size:
+            before = self.slope[rising].copy()
+            self.slope[rising] = self._gradient(rising)
+            self._update(rising, step, before - self.slope[rising])
+        self.live = live[self.quiet[live] < QUIET]
+
+    def _update(self, which: FloatArray, step: FloatArray, change: FloatArray) -> None:
+        """The rule's inverse Hessians after steps (K, d) that changed the slope by so much."""
+        curvature = np.einsum("ki,ki->k", step, change)
+        norms = np.linalg.norm(step, axis=1) * np.linalg.norm(change, axis=1)
+        usable = curvature > 1e-10 * norms
+        k, s, y, r = which[usable], step[usable], change[usable], 1.0 / curvature[usable]
+        hy = np.einsum("kij,kj->ki", self.inverse[k], y)
+        square = r * (1.0 + r * np.einsum("ki,ki->k", y, hy))
+        self.inverse[k] += square[:, None, None] * s[:, :, None] * s[:, None]
+        both = hy[:, :, None] * s[:, None] + s[:, :, None] * hy[:, None]
+        self.inverse[k] -= r[:, None, None] * both
+
+
+def laplace_factor(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
+    """Cholesky factor of the inverse of minus the Hessian at a peak, made positive.
+
+    In z the prior alone has the curvature 1: a direction of less is one the differences did
+    not resolve.
+    """
+    dimension = peak.size
+    scale = _unit_drop_scales(target, peak, factor)
+    steps = factor * scale
+    pairs = [(i, j) for i in range(dimension) for j in range(i)]
+    axes = np.eye(dimension)
+    shifts = [np.zeros(dimension), *axes, *-axes]
+    shifts += [axes[i] + axes[j] for i, j in pairs] + [-axes[i] - axes[j] for i, j in pairs]
+    values = target(peak + np.array(shifts) @ steps.T)
+    values = np.where(np.isfinite(values), values, np.nanmin(values[np.isfinite(values)]))
+    plus, minus = values[1 : dimension + 1], values[dimension + 1 : 2 * dimension + 1]
+    both = values[2 * dimension + 1 :].reshape(2, len(pairs)).sum(axis=0)
+    hessian = np.diag(plus + minus - 2 * values[0])
+    for (i, j), value in zip(pairs, both, strict=True):
+        mixed = (value + 2 * values[0] - plus[i] - minus[i] - plus[j] - minus[j]) / 2
+        hessian[i, j] = hessian[j, i] = mixed
+    inverse = np.linalg.inv(steps)
+    curvature = -inverse.T @ hessian @ inverse
+    eigenvalues, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+    return _triangular(vectors / np.sqrt(np.maximum(eigenvalues, 1.0)))
+
+
+def _triangular(root: FloatArray) -> FloatArray:
+    """The Cholesky factor of root root', also where that product loses a thin direction."""
+    upper = np.linalg.qr(root.T, mode="r")
+    signs = np.where(np.diag(upper) < 0.0, -1.0, 1.0)
+    return np.asarray((signs[:, None] * upper).T, dtype=np.float64)
+
+
+def _unit_drop_scales(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
+    """How far along each column of `factor` the log density falls by about a half, (d,)."""
+    scale = np.full(peak.size, CURVATURE_STEP)
+    for _ in range(12):
+        moves = factor * scale
+        values = target(np.concatenate([peak[None], peak + moves.T, peak - moves.T]))
+        drop = values[0] - 0.5 * (values[1 : peak.size + 1] + values[peak.size + 1 :])
+        drop = np.where(np.isfinite(drop), drop, np.inf)
+        if np.all((drop > 0.1) & (drop < 2.0)):
+            break
+        scale = scale * np.clip(np.sqrt(0.5 / np.maximum(drop, 1e-3)), 0.1, 5.0)
+    return scale

@@ -1,0 +1,74 @@
+"""What is sampled: a likelihood of z, where the prior is N(0, I), and what is known of its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import log, pi
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.mixture import RandomSource
+
+LogDensity = Callable[[FloatArray], FloatArray]
+Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
+"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
+
+
+def _coordinates_of(z: FloatArray) -> dict[str, FloatArray]:
+    return {f"z_{index + 1}": column for index, column in enumerate(z.T)}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A posterior over z, and what helps to sample it. Only the likelihood decides what is sampled.
+
+    Attributes
+    ----------
+    log_likelihood : z (W, d) -> (W,); NaN or -inf where the model fails.
+    dimension : d.
+    coordinates : in which ridges are straight.
+    hops : proposals between modes, such as another numbering of units.
+    rough : a cheaper log_likelihood, nearly the same, for draws that are dropped.
+    quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and derived ones.
+    """
+
+    log_likelihood: LogDensity
+    dimension: int
+    coordinates: Coordinates = field(default_factory=Coordinates)
+    hops: tuple[Hop, ...] = ()
+    rough: LogDensity | None = None
+    quantities: Quantities = _coordinates_of
+
+
+def log_standard_normal(z: FloatArray) -> FloatArray:
+    """Log density of N(0, I) at z (W, d): the prior of every model in its z coordinates."""
+    return -0.5 * np.einsum("wd,wd->w", z, z) - 0.5 * z.shape[1] * log(2 * pi)
+
+
+@dataclass
+class Target:
+    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value."""
+
+    likelihood: LogDensity
+    evaluations: int = 0
+    failures: int = 0
+
+    def log_likelihood(self, z: FloatArray) -> FloatArray:
+        """log L, (W,); -inf where it fails."""
+        values = np.asarray(self.likelihood(z), dtype=float)
+        usable = np.isfinite(values)
+        self.evaluations += len(values)
+        self.failures += int((~usable).sum())
+        return np.where(usable, values, -np.inf)
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        return self.log_likelihood(z) + log_standard_normal(z)
+
+    @property
+    def counts(self) -> FloatArray:
+        """Evaluations and failures so far."""
+        return np.array([self.evaluations, self.failures], dtype=float)

@@ -1,0 +1,1 @@
+"""Coordinates in which ridges of relaxation units, springs and terms are straight, and hops."""
