@@ -142,6 +142,16 @@ class LogPosterior:
         self.failures.failed += int(total.size - finite.sum())
         return np.where(finite, total, -np.inf)
 
+    def log_density_beside_records(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """What the log-posterior holds beside the records and N(z; 0, I), (W,).
+
+        The data on the specimen itself, and the correction of an inherited prior.
+        """
+        total = self.prior.log_correction(theta, z)
+        if not self.quantities_counted:
+            total = total + self.system.log_likelihood_of_quantities(self.draws(theta))
+        return np.asarray(total)
+
     def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
         """log [L(theta) p(theta) / q(theta)], (W,), for z (W, d) in the standard-normal coordinate.
 

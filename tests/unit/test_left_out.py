@@ -12,15 +12,15 @@ from scipy.stats import multivariate_normal, norm
 from deabayes.comparison.blocks import leave_one_block_out
 from deabayes.comparison.left_out import (
     ON_THE_WAY,
-    leave_block_out,
+    leave_blocks_out,
     leave_one_experiment_out,
-    left_out_log_density,
-    log_ratio_without,
+    left_out_log_densities,
 )
-from deabayes.sampling.guide import NO_GUIDE, Guide
-from deabayes.sampling.smc import anneal
+from deabayes.sampling.problem import Problem
+from deabayes.sampling.tempering import temper
 
 POINTS, BLOCKS, SIGMA = 24, 8, 0.5
+ALONE = Problem(lambda z: z, 2)
 
 
 def line(outlier=0.0):
@@ -82,20 +82,25 @@ def test_a_block_that_the_others_do_not_expect_is_said_to_be_unreliable_and_is_s
     assert found.k_hat[last] > 0.7
     assert found.terms[last] > wanted + 0.5, "weights would do"
 
-    def log_left(z):
-        return log_densities(design, data, z)[:, of_block(last)].sum(axis=1)
+    found = every_block(design, data, z[:512])
+    exact_terms = [exact(design, data, of_block(block)) for block in range(BLOCKS)]
+    np.testing.assert_allclose(found, exact_terms, atol=0.3)
 
-    def log_whole(z):
-        return log_densities(design, data, z).sum(axis=1) - 0.5 * np.sum(z**2, axis=1)
 
-    out = [log_ratio_without(log_whole, log_left, z[at::4], rng) for at in range(4)]
-    assert -np.mean([ratio for ratio, _ in out]) == pytest.approx(wanted, abs=0.3)
-    without = np.concatenate([particles for _, particles in out])
-    mean, _ = posterior(design[:-3], data[:-3])
-    np.testing.assert_allclose(without.mean(axis=0), mean, atol=0.1)
-    assert left_out_log_density(
-        lambda z: log_whole(z) - log_left(z), log_left, z[:256], rng
-    ) == pytest.approx(wanted, abs=0.3)
+def every_block(design, data, z):
+    """All blocks left out, each one alone, in lockstep."""
+
+    def densities(z, piece):
+        terms = blocks_of(log_densities(design, data, z))
+        left = terms[np.arange(len(z)), piece]
+        return terms.sum(axis=1) - left - 0.5 * np.sum(z**2, axis=1), left
+
+    return left_out_log_densities(densities, BLOCKS, z, np.random.SeedSequence(3))
+
+
+def one(log_rest, log_left):
+    """Densities where a single piece is left out."""
+    return lambda z, piece: (log_rest(z), log_left(z))
 
 
 def test_draws_that_cannot_have_what_is_left_out_count():
@@ -103,12 +108,10 @@ def test_draws_that_cannot_have_what_is_left_out_count():
     rng = np.random.default_rng(4)
     z = rng.normal(size=(4000, 1))
     z = z[z[:, 0] > 0.5][:512]
-    found = left_out_log_density(
-        lambda z: -0.5 * z[:, 0] ** 2,
-        lambda z: np.where(z[:, 0] > 0.5, 0.0, np.nan),
-        z,
-        rng,
+    densities = one(
+        lambda z: -0.5 * z[:, 0] ** 2, lambda z: np.where(z[:, 0] > 0.5, 0.0, np.nan)
     )
+    found = left_out_log_densities(densities, 1, z, np.random.SeedSequence(4))
     assert found == pytest.approx(norm.logsf(0.5), abs=0.2)
 
 
@@ -118,22 +121,21 @@ def mirrored(z, random):
 
 
 @pytest.mark.parametrize(
-    ("guide", "off"), [(Guide(hops=(mirrored,)), 0.0), (NO_GUIDE, np.log(2.0))], ids=["hop", "none"]
+    ("hops", "off"), [((mirrored,), 0.0), ((), np.log(2.0))], ids=["hop", "none"]
 )
-def test_draws_get_by_a_hop_to_where_only_what_is_left_out_said_no(guide, off):
+def test_draws_get_by_a_hop_to_where_only_what_is_left_out_said_no(hops, off):
     """The rest tells |z| = 3 within 0.2, what is left out z within 0.2 of 3: half the mass."""
-    found = left_out_log_density(
+    densities = one(
         lambda z: norm(3.0, 0.2).logpdf(np.abs(z[:, 0])),
         lambda z: norm(3.0, 0.2).logpdf(z[:, 0]),
-        3.0 + 0.2 / np.sqrt(2.0) * np.random.default_rng(6).standard_normal((1024, 1)),
-        np.random.default_rng(7),
-        guide,
     )
+    z = 3.0 + 0.2 / np.sqrt(2.0) * np.random.default_rng(6).standard_normal((1024, 1))
+    found = left_out_log_densities(densities, 1, z, np.random.SeedSequence(7), hops=hops)
     exact = norm(0.0, 0.2 * np.sqrt(2.0)).logpdf(0.0) - np.log(2.0)
     assert found - exact == pytest.approx(off, abs=0.15)
 
 
-def test_a_posterior_s_guide_leads_its_records_and_blocks():
+def test_a_posterior_s_hops_lead_its_records_and_blocks():
     target, z = three_records()
     seen = []
 
@@ -141,12 +143,11 @@ def test_a_posterior_s_guide_leads_its_records_and_blocks():
         seen.append(len(z))
         return z, np.zeros(len(z))
 
-    leave_one_experiment_out(target, z, np.random.SeedSequence(1), Guide(hops=(stay,)))
-    assert set(seen) == {600}
-    leave_block_out(
-        target, "b", slice(6, 12), z[:256], np.random.default_rng(1), Guide(hops=(stay,))
-    )
-    assert set(seen) == {600, 256}
+    problem = Problem(lambda z: z, 2, hops=(stay,))
+    leave_one_experiment_out(target, problem, z, np.random.SeedSequence(1))
+    assert set(seen) == {1200}
+    leave_blocks_out(target, problem, [("b", slice(6, 12))], z[:256], np.random.SeedSequence(1))
+    assert set(seen) == {1200, 256}
 
 
 def test_half_of_the_data_on_many_parameters_are_left_out_without_bias():
@@ -163,12 +164,10 @@ def test_half_of_the_data_on_many_parameters_are_left_out_without_bias():
         return norm(z @ design[part].T, SIGMA).logpdf(data[part]).sum(axis=1)
 
     z = rng.multivariate_normal(*posterior(design, data), size=512)
-    found = left_out_log_density(
-        lambda z: log_of(kept, z) - 0.5 * np.sum(z**2, axis=1),
-        lambda z: log_of(~kept, z),
-        z,
-        rng,
+    densities = one(
+        lambda z: log_of(kept, z) - 0.5 * np.sum(z**2, axis=1), lambda z: log_of(~kept, z)
     )
+    found = left_out_log_densities(densities, 1, z, np.random.SeedSequence(1))
     assert found == pytest.approx(wanted, abs=0.4)
 
 
@@ -178,15 +177,15 @@ def test_what_many_parameters_are_told_by_alone_is_left_out_without_bias():
     for seed in range(4):
         rng = np.random.default_rng(seed)
         data = rng.standard_normal(6) * np.sqrt(1.0 + 1e-4)
-        found = anneal(
-            rng.standard_normal((256, 8)),
+        found = temper(
+            rng.standard_normal((2, 128, 8)),
             lambda z: -0.5 * np.sum(z**2, axis=1),
             lambda z, data=data: norm(data, 1e-2).logpdf(z[:, :6]).sum(axis=1),
-            rng,
+            np.random.SeedSequence(seed),
             ON_THE_WAY,
         )
         exact = norm(0.0, np.sqrt(1.0 + 1e-4)).logpdf(data).sum()
-        errors.append(found.log_evidence - exact)
+        errors.append(np.mean(found.log_evidence) - exact)
     assert np.mean(errors) == pytest.approx(0.0, abs=0.4)
 
 
@@ -197,18 +196,12 @@ class Line:
     records: tuple[SimpleNamespace, ...]
     prior = SimpleNamespace(to_parameters=lambda z: z)
 
-    def log_likelihood(self, theta, names):
-        points = self.pointwise_log_likelihood(theta, names)
-        return sum(points[name].sum(axis=1) for name in names)
-
-    def pointwise_log_likelihood(self, theta, names):
+    def pointwise_log_likelihood(self, theta):
         whole = log_densities(*line(), theta)
-        return {r.experiment.name: whole[:, r.part] for r in self.records
-                if r.experiment.name in names}  # fmt: skip
+        return {r.experiment.name: whole[:, r.part] for r in self.records}
 
-    def __call__(self, z):
-        names = [r.experiment.name for r in self.records]
-        return self.log_likelihood(z, names) - 0.5 * np.sum(z**2, axis=1)
+    def log_density_beside_records(self, theta, z):
+        return np.zeros(len(z))
 
 
 def three_records():
@@ -223,18 +216,20 @@ def three_records():
 
 def test_every_record_is_left_out_as_a_whole():
     target, z = three_records()
-    found = leave_one_experiment_out(target, z, np.random.SeedSequence(1), NO_GUIDE)
+    found = leave_one_experiment_out(target, ALONE, z, np.random.SeedSequence(1))
     assert found == pytest.approx(
         {"a": exact(*line(), slice(0, 12)), "b": exact(*line(), slice(12, 24))}, abs=0.3
     )
     alone = Line(target.records[:2])
-    assert leave_one_experiment_out(alone, z, np.random.SeedSequence(1), NO_GUIDE) == {}
+    assert leave_one_experiment_out(alone, ALONE, z, np.random.SeedSequence(1)) == {}
 
 
 def test_a_block_of_a_record_is_left_out():
     target, z = three_records()
-    found = leave_block_out(target, "b", slice(6, 12), z, np.random.default_rng(1), NO_GUIDE)
-    assert found == pytest.approx(exact(*line(), slice(18, 24)), abs=0.1)
+    blocks = [("b", slice(6, 12)), ("a", slice(0, 3))]
+    found = leave_blocks_out(target, ALONE, blocks, z, np.random.SeedSequence(1))
+    wanted = [exact(*line(), slice(18, 24)), exact(*line(), slice(0, 3))]
+    np.testing.assert_allclose(found, wanted, atol=0.1)
 
 
 def test_a_block_that_alone_tells_some_parameters_is_left_out_without_bias():
@@ -248,18 +243,17 @@ def test_a_block_that_alone_tells_some_parameters_is_left_out_without_bias():
     class Whole:
         prior = SimpleNamespace(to_parameters=lambda z: z)
 
-        def __call__(self, z):
-            return log_densities(design, data, z).sum(axis=1) - 0.5 * np.sum(z**2, axis=1)
+        def pointwise_log_likelihood(self, theta):
+            return {"creep": log_densities(design, data, theta)}
 
-        def pointwise_log_likelihood(self, theta, names):
-            return {name: log_densities(design, data, theta) for name in names}
+        def log_density_beside_records(self, theta, z):
+            return np.zeros(len(z))
 
     found = [
-        leave_block_out(
-            Whole(), "creep", slice(0, 3),
+        leave_blocks_out(
+            Whole(), Problem(None, 5), [("creep", slice(0, 3))],
             np.random.default_rng(seed).multivariate_normal(mean, covariance, size=256),
-            np.random.default_rng(seed),
-            NO_GUIDE,
+            np.random.SeedSequence(seed),
         )
         for seed in (1, 2)
     ]  # fmt: skip

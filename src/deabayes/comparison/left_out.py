@@ -1,157 +1,170 @@
-"""log p(left out | all else), by sampling from the posterior without it."""
+"""log p(left out | all else), by sampling from the posterior without it.
+
+All blocks or records of a candidate that are left out, each one alone, are sampled in lockstep:
+each has populations of its own, and one call of the forward model serves all.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
-from deabayes.sampling.cloud import LogDensity, Schedule
-from deabayes.sampling.guide import NO_GUIDE, Guide
-from deabayes.sampling.smc import anneal, settle
+from deabayes.posterior import LogPosterior, log_standard_normal
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.problem import Hop, Problem
+from deabayes.sampling.tempering import Populations, Schedule, temper
 
-AT_THE_TURN = Schedule(crossed=True)
+Densities = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]
+"""z (N, d) and the piece (N,) that each row is without -> log density without it, log-likelihood
+of it given the rest, (N,) each; NaN or -inf where there is no response."""
+
+AT_THE_TURN = Schedule(final_rounds=(15, 60), crossed=True)
 """Where draws settle without what is left out."""
-ON_THE_WAY = Schedule(final_rounds=(0, 0), crossed=True)
+ON_THE_WAY = Schedule(rounds=(2, 60), final_rounds=(0, 0), crossed=True)
 """For a ratio of normalising constants: no draw at the end of the way counts."""
+PAIR = 2
+"""Populations of each piece, moved by proposals that are fitted to each other."""
 
 
-class _Whole:
-    """The density of all data and what is left out of it, at the same draws evaluated once."""
+class _Pieces:
+    """Densities of rows that come population by population, each evaluated once."""
 
-    def __init__(self, log_rest: LogDensity, log_left: LogDensity) -> None:
-        self._log_rest, self._log_left = log_rest, log_left
-        self._at, self._left = np.empty(0), np.empty(0)
+    def __init__(self, densities: Densities, pieces: int) -> None:
+        self._densities, self._pieces = densities, pieces
+        self._at: FloatArray | None = None
+        self._rest, self._left = np.empty(0), np.empty(0)
 
-    def __call__(self, z: FloatArray) -> FloatArray:
-        self._at, self._left = z, np.asarray(self._log_left(z))
-        return np.asarray(self._log_rest(z)) + self._left
+    def _evaluate(self, z: FloatArray) -> None:
+        if self._at is not z:
+            piece = np.repeat(np.arange(self._pieces), len(z) // self._pieces)
+            self._rest, self._left = self._densities(z, piece)
+            self._at = z
+
+    def rest(self, z: FloatArray) -> FloatArray:
+        self._evaluate(z)
+        return self._rest
 
     def left(self, z: FloatArray) -> FloatArray:
-        return self._left if z is self._at else np.asarray(self._log_left(z))
+        self._evaluate(z)
+        return self._left
+
+    def whole(self, z: FloatArray) -> FloatArray:
+        self._evaluate(z)
+        return self._rest + self._left
 
 
-def log_ratio_without(
-    log_whole: LogDensity,
-    log_left: LogDensity,
+def left_out_log_densities(
+    densities: Densities,
+    pieces: int,
     z: FloatArray,
-    rng: np.random.Generator,
-    guide: Guide = NO_GUIDE,
-) -> tuple[float, FloatArray]:
-    r"""log of the normalising constant of p(theta | y) / L_left(theta) where L_left > 0.
+    seed: np.random.SeedSequence,
+    coordinates: Coordinates | None = None,
+    hops: Sequence[Hop] = (),
+) -> FloatArray:
+    r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest] of every piece, (B,).
 
-    Draws of the posterior of all data are annealed to that without y_left,
-    p(theta | y) L_left^(-beta), beta 0 -> 1; it is 1 / p(y_left | y_rest) where no draw fails.
+    There and back: on the way out, p(theta | y) L_left^(-beta), particles lag behind and the
+    ratio of normalising constants comes out too good (by 0.8 in a linear model of 12 parameters),
+    so that it only brings the draws to the posterior without y_left. From there they narrow
+    again, with the ratio of that way. Draws without a response to what is left out are on
+    neither: at the turn the draws go on without y_left, and the share of those that have a
+    response is a factor.
 
     Parameters
     ----------
-    log_whole : z (W, d) -> (W,), of the posterior of all data, unnormalised.
-    log_left : z (W, d) -> (W,), log-likelihood of what is left out given the rest.
+    pieces : how many are left out, each one alone.
     z : (S, d) draws of the posterior of all data.
-    guide : what is known of that posterior's shape.
-
-    Returns
-    -------
-    the logarithm, and the draws at the end of the way, (S, d).
+    coordinates, hops : of that posterior.
     """
-    found = anneal(z, log_whole, lambda z: -log_left(z), rng, ON_THE_WAY, guide=guide)
-    return found.log_evidence, found.particles
+    terms = _Pieces(densities, pieces)
+    half = len(z) // PAIR
+    start = np.tile(np.stack([z[:half], z[half : 2 * half]]), (pieces, 1, 1))
+    ways = iter(seed.spawn(3))
 
+    def along(
+        start: FloatArray, base: Callable[..., FloatArray], increment: Callable[..., FloatArray],
+        schedule: Schedule,
+    ) -> Populations:  # fmt: skip
+        return temper(start, base, increment, next(ways), schedule, coordinates, hops)
 
-def left_out_log_density(
-    log_rest: LogDensity,
-    log_left: LogDensity,
-    z: FloatArray,
-    rng: np.random.Generator,
-    guide: Guide = NO_GUIDE,
-) -> float:
-    r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest].
-
-    There and back: the way of `log_ratio_without` widens, on which particles lag behind and the
-    ratio comes out too good (by 0.8 in a linear model of 12 parameters), so that it only brings
-    the draws to the posterior without y_left. From there they narrow again, with the ratio of
-    that way. Draws without a response to what is left out are on neither: at the turn the
-    draws go on without y_left, and the share of those that have a response is a factor.
-
-    Parameters
-    ----------
-    log_rest : z (W, d) -> (W,), of the posterior without what is left out, unnormalised.
-    log_left : as of `log_ratio_without`; NaN or -inf where there is no response.
-    z : (S, d) draws of the posterior of all data.
-    guide : as of `log_ratio_without`.
-    """
-    whole = _Whole(log_rest, log_left)
-    _, responding = log_ratio_without(whole, whole.left, z, rng, guide)
-    without = settle(responding, log_rest, rng, AT_THE_TURN, guide).particles
-    responds = np.isfinite(log_left(without))
-    share = max(float(np.mean(responds)), 0.5 / len(without))
-    start = np.where(responds[:, None], without, responding)
-    back = anneal(start, log_rest, log_left, rng, ON_THE_WAY, guide=guide)
-    return float(np.log(share)) + back.log_evidence
+    out = along(start, terms.whole, lambda z: -terms.left(z), ON_THE_WAY).particles
+    without = along(out, terms.rest, lambda z: np.zeros(len(z)), AT_THE_TURN).particles
+    responds = np.isfinite(terms.left(without.reshape(-1, z.shape[1]))).reshape(without.shape[:2])
+    start = np.where(responds[..., None], without, out)
+    back = along(start, terms.rest, terms.left, ON_THE_WAY)
+    share = responds.reshape(pieces, -1).mean(axis=1)
+    share = np.maximum(share, 0.5 / (PAIR * half))
+    both = back.log_evidence.reshape(pieces, PAIR)
+    return np.asarray(np.log(share) + np.logaddexp.reduce(both, axis=1) - np.log(PAIR))
 
 
 def leave_one_experiment_out(
-    target: LogPosterior,
-    z: FloatArray,
-    seed: np.random.SeedSequence,
-    guide: Guide,
+    target: LogPosterior, problem: Problem, z: FloatArray, seed: np.random.SeedSequence
 ) -> dict[str, float]:
     """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
 
-    Empty for a single experiment. z (S, d) are draws of the posterior; guide: what is known of it.
+    Empty for a single experiment. z (S, d) are draws of the posterior.
     """
-    rows: dict[str, list[str]] = {}
-    for record in target.records:
-        rows.setdefault(record.experiment.row, []).append(record.experiment.name)
+    rows = list(dict.fromkeys(record.experiment.row for record in target.records))
     if len(rows) < 2:
         return {}
-    return {
-        name: left_out_log_density(
-            *_without(target, members), z, np.random.default_rng(stream), guide
-        )
-        for (name, members), stream in zip(rows.items(), seed.spawn(len(rows)), strict=True)
-    }
+    member = np.array([rows.index(record.experiment.row) for record in target.records])
+
+    def densities(
+        z: FloatArray, piece: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        by_record, rest = _terms(target, z)
+        sums = np.stack([points.sum(axis=1) for points in by_record.values()], axis=1)
+        left = member == piece[:, None]
+        return rest + np.where(left, 0.0, sums).sum(axis=1), np.where(left, sums, 0.0).sum(axis=1)
+
+    found = left_out_log_densities(
+        densities, len(rows), z, seed, problem.coordinates, problem.hops
+    )
+    return dict(zip(rows, found.tolist(), strict=True))
 
 
-def _without(target: LogPosterior, members: list[str]) -> tuple[LogDensity, LogDensity]:
-    """The posterior without some records, and their log-likelihood."""
-    kept = tuple(r for r in target.records if r.experiment.name not in members)
-
-    def log_left(z: FloatArray) -> FloatArray:
-        return target.log_likelihood(target.prior.to_parameters(z), members)
-
-    return replace(target, records=kept), log_left
-
-
-def leave_block_out(
+def leave_blocks_out(
     target: LogPosterior,
-    experiment: str,
-    block: slice,
+    problem: Problem,
+    blocks: Sequence[tuple[str, slice]],
     z: FloatArray,
-    rng: np.random.Generator,
-    guide: Guide,
-) -> float:
-    """log p(block | points before it, parameters as all other terms have them) of a record.
+    seed: np.random.SeedSequence,
+) -> FloatArray:
+    """log p(block | points before it, parameters as all other terms have them) of blocks, (B,).
 
     The density is a product of terms log p(y_k | y_1..k-1, theta). Those of the block are left
     out of the posterior; its points remain what later terms are conditional on.
 
     Parameters
     ----------
+    blocks : name of the record and points.
     z : (S, d) draws of the posterior.
-    guide : what is known of its shape.
     """
 
-    def log_left(z: FloatArray) -> FloatArray:
+    def densities(
+        z: FloatArray, piece: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        by_record, rest = _terms(target, z)
+        rest = rest + sum(points.sum(axis=1) for points in by_record.values())
+        left = np.empty(len(z))
+        for index, (name, block) in enumerate(blocks):
+            rows = piece == index
+            left[rows] = by_record[name][rows, block].sum(axis=1)
+        return rest - left, left
+
+    return left_out_log_densities(
+        densities, len(blocks), z, seed, problem.coordinates, problem.hops
+    )
+
+
+def _terms(target: LogPosterior, z: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Log densities of all points, (N, points), by record, and what else the posterior holds."""
+    with np.errstate(all="ignore"):
         theta = target.prior.to_parameters(z)
-        points = target.pointwise_log_likelihood(theta, (experiment,))[experiment]
-        return np.asarray(points[:, block].sum(axis=1))
-
-    def log_rest(z: FloatArray) -> FloatArray:
-        left = log_left(z)
-        with np.errstate(invalid="ignore"):
-            return np.where(np.isfinite(left), target(z) - left, -np.inf)
-
-    return left_out_log_density(log_rest, log_left, z, rng, guide)
+        by_record = target.pointwise_log_likelihood(theta)
+        rest = target.log_density_beside_records(theta, z) + log_standard_normal(z)
+    return by_record, rest

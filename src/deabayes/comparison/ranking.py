@@ -20,12 +20,12 @@ from deabayes.comparison.decision import (
     elpd_difference,
     evidence_conflict,
 )
-from deabayes.comparison.left_out import leave_block_out
+from deabayes.comparison.left_out import leave_blocks_out
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.posterior import LogPosterior
+from deabayes.posteriors.problem import problem_of
 from deabayes.posteriors.storage import stacked
 from deabayes.quantities import with_unit
-from deabayes.sampling.guide import Guide
 
 LOO_DRAWS = 4000
 DRAWS_AT_ONCE = 1000
@@ -104,10 +104,11 @@ def block_loo(
     ]
     names = block_names({r.experiment.name: r.experiment for r in target.records}, places)
     loo = leave_one_block_out(terms, names)
-    z, guide = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS)), Guide.of(target)
-    for block in np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT)):
-        rng = np.random.default_rng([*seed.generate_state(4), block])
-        loo.terms[block] = leave_block_out(target, *places[block], z, rng, guide)
+    doubtful = np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT))
+    if doubtful.size:
+        z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
+        blocks = [places[block] for block in doubtful]
+        loo.terms[doubtful] = leave_blocks_out(target, problem_of(target), blocks, z, seed)
     return loo
 
 

@@ -22,8 +22,8 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
     from deabayes.comparison import scoring
     from deabayes.comparison.left_out import leave_one_experiment_out
+    from deabayes.posteriors.problem import problem_of
     from deabayes.posteriors.storage import read_tree
-    from deabayes.sampling.guide import Guide
 
     tree = read_tree(posterior)
     study, target = stored_target(tree, prepared)
@@ -39,7 +39,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     points = sum(r.experiment.coordinate.size for r in target.records)
     thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
     stream = seed_of(study, candidate, "leave one experiment out")
-    left_out = leave_one_experiment_out(target, thinned, stream, Guide.of(target))
+    left_out = leave_one_experiment_out(target, problem_of(target), thinned, stream)
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,

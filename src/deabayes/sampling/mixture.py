@@ -14,7 +14,6 @@ from deabayes.experiment import FloatArray
 RandomSource = np.random.Generator | np.random.RandomState
 
 DEGREES_OF_FREEDOM = 7.0
-SMALLEST_PART = 0.02
 MOST_SAMPLES = 10000
 MOST_ITERATIONS = 20
 """A proposal need not be at the optimum: fits took most of the time of cheap models."""
@@ -123,18 +122,6 @@ def fit(
     weights, means, covariances = _gaussian_mixture(white, components, rng)
     factors = np.stack([factor @ covariance_factor(covariance) for covariance in covariances])
     return Mixture(weights, centre + means @ factor.T, factors, degrees_of_freedom)
-
-
-def two_clusters(samples: FloatArray, rng: np.random.Generator) -> list[FloatArray]:
-    """The samples (n, d) parted in two by a Gaussian mixture, or whole if one part is small."""
-    mixture = fit(samples, 2, rng)
-    if len(mixture.weights) < 2:
-        return [samples]
-    label = np.argmax(mixture.component_log_density(samples), axis=1)
-    parts = [samples[label == index] for index in (0, 1)]
-    if min(map(len, parts)) < SMALLEST_PART * len(samples):
-        return [samples]
-    return parts
 
 
 def covariance_factor(covariance: FloatArray) -> FloatArray:

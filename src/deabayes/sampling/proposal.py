@@ -1,7 +1,4 @@
-"""Frozen proposals: mixtures in straightened coordinates, beside a plain mixture.
-
-They are fitted by `proposal_fit`.
-"""
+"""Frozen proposals: mixtures in straightened coordinates, beside a plain mixture."""
 
 from __future__ import annotations
 
@@ -12,17 +9,13 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.mixture import Mixture, RandomSource, two_clusters
+from deabayes.sampling.mixture import Mixture, RandomSource
 from deabayes.sampling.mixture import fit as fit_mixture
 from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
-MOST_TRIES, ENOUGH = 16, 2.0
-SPLIT_GAIN = 0.1
-"""Nats per held-out sample by which a split must describe them better."""
-TRIAL_COMPONENTS = 4
-MOST_TRIAL_SAMPLES = 5000
+"""Shares of a proposal: in straightened coordinates, plain, and what covers what these miss."""
 SPARE = 8
 """Draws made beyond those wanted, as some may fall outside of the prior's support."""
 
@@ -87,16 +80,10 @@ class Proposal:
 
     It is normalised where the prior's support has no bounds in u; otherwise `sample` draws from
     what is inside, of which the density is `log_density` but for a constant.
-
-    Attributes
-    ----------
-    tries : independence proposals that a walker is made in one step, see
-        `proposal_fit.enough_tries`.
     """
 
     parts: tuple[Part, ...]
     coordinates: Coordinates = field(default_factory=Coordinates)
-    tries: int = 1
 
     @property
     def dimension(self) -> int:
@@ -137,10 +124,7 @@ class Proposal:
 
     def arrays(self) -> dict[str, FloatArray]:
         """Everything needed to rebuild it with `from_arrays`, under flat names."""
-        result = {
-            "proposal_weights": np.array([part.weight for part in self.parts]),
-            "proposal_tries": np.asarray(self.tries),
-        }
+        result = {"proposal_weights": np.array([part.weight for part in self.parts])}
         for index, part in enumerate(self.parts):
             warp = {} if part.warp is None else part.warp.arrays()
             for kind, arrays in (("mixture", part.mixture.arrays()), ("warp", warp)):
@@ -164,7 +148,7 @@ class Proposal:
             warp = under(f"proposal_{index}_warp_")
             mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
             parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
-        return cls(tuple(parts), coordinates, int(arrays["proposal_tries"]))
+        return cls(tuple(parts), coordinates)
 
 
 def fit(
@@ -172,7 +156,6 @@ def fit(
     components: int,
     rng: np.random.Generator,
     log_density: FloatArray | None = None,
-    may_split: bool = False,
     fine: bool = False,
     coordinates: Coordinates | None = None,
 ) -> Proposal:
@@ -183,111 +166,47 @@ def fit(
 
     Parameters
     ----------
-    log_density : of the target at the samples, up to a constant (n,). When given, a tenth
-        of the proposal is fitted to the samples that the rest covers badly, resampled by
-        the root of target over proposal: an independence sampler is slowed most by the few
-        regions where that ratio is large. (By the ratio itself, a handful of samples would
-        take it all.)
-    may_split : samples of two modes, or of a bend too sharp for one map, may be parted,
-        each part with its own, where that describes held-out samples better.
+    log_density : of the target at the samples, up to a constant (n,). When given, a part of the
+        proposal is fitted to the samples that the rest covers badly, resampled by the root of
+        target over proposal: an independence sampler is slowed most by the few regions where that
+        ratio is large. (By the ratio itself, a handful of samples would take it all.)
+    fine : maps with splines, for the many draws of a round; see `fit_warp`.
     coordinates : in which it is fitted.
     """
-    finite = np.isfinite(samples).all(axis=1)
     coordinates = coordinates or Coordinates()
-    samples, log_jacobian = coordinates.straighten(samples[finite])
-    kept = np.isfinite(log_jacobian)
-    samples, log_jacobian = samples[kept], log_jacobian[kept]
-    parts = _parts(samples, components, rng, fine=fine)
-    if may_split and _better_split(samples, rng, fine):
-        parts = _split_parts(samples, components, rng, fine)
+    usable = np.isfinite(samples).all(axis=1)
     if log_density is not None:
-        excess = (
-            log_density[finite][kept] - log_jacobian - Proposal(tuple(parts)).log_density(samples)
-        )
-        weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
-        chosen = rng.choice(len(samples), size=len(samples), p=weights / weights.sum())
-        half = max(components // 2, 1)
-        share = FINE_COVERING if fine else COVERING
-        if fine:
-            missed = _parts(samples[chosen], half, rng, share, fine)
-        else:
-            missed = [Part(share, fit_mixture(samples[chosen], half, rng))]
-        parts = [*(replace(part, weight=(1 - share) * part.weight) for part in parts), *missed]
-        excess = log_density[finite][kept] - log_jacobian
-        excess -= Proposal(tuple(parts)).log_density(samples)
-        return Proposal(tuple(parts), coordinates, enough_tries(excess))
-    return Proposal(tuple(parts), coordinates)
-
-
-def enough_tries(excess: FloatArray) -> int:
-    """How many independence proposals of which `ENOUGH` are accepted on average, from log p/q.
-
-    Draws that the proposal was fitted to make acceptance look better than it is.
-
-    Parameters
-    ----------
-    excess : log of target over proposal at draws of the target (n,), but for a constant; those at
-        which either vanishes tell nothing.
-    """
-    known = excess[np.isfinite(excess)]
-    if len(known) == 0:
-        return 1
-    return int(np.clip(np.ceil(ENOUGH / acceptance(known)), 1, MOST_TRIES))
-
-
-def rarely_accepted(proposal: Proposal) -> bool:
-    """Whether even as many tries as there may be are hardly enough (see `enough_tries`)."""
-    return proposal.tries == MOST_TRIES
-
-
-def acceptance(excess: FloatArray) -> float:
-    r"""Expected share of independence proposals that are accepted, from log p/q at draws of p.
-
-    E_p(x) E_q(y) min(1, w(y) / w(x)) with w = p/q; as q = p / w, both averages are over draws of
-    p: sum_ij min(1/w_i, 1/w_j) / (n sum_j 1/w_j), of which a sort makes a single sum.
-    """
-    inverse = np.sort(np.exp(excess.min() - excess))
-    n = len(inverse)
-    return float(inverse @ (2.0 * np.arange(n, 0, -1) - 1.0) / (n * inverse.sum()))
+        usable &= np.isfinite(log_density)
+    u, log_jacobian = coordinates.straighten(samples[usable])
+    kept = np.isfinite(log_jacobian)
+    u = u[kept]
+    parts = _parts(u, components, rng, fine=fine)
+    if log_density is None:
+        return Proposal(tuple(parts), coordinates)
+    excess = (log_density[usable] - log_jacobian)[kept] - Proposal(tuple(parts)).log_density(u)
+    weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
+    missed = u[rng.choice(len(u), size=len(u), p=weights / weights.sum())]
+    share, half = FINE_COVERING if fine else COVERING, max(components // 2, 1)
+    covering = (
+        _parts(missed, half, rng, share, fine)
+        if fine
+        else [Part(share, fit_mixture(missed, half, rng))]
+    )
+    parts = [replace(part, weight=(1.0 - share) * part.weight) for part in parts]
+    return Proposal((*parts, *covering), coordinates)
 
 
 def _parts(
-    samples: FloatArray,
+    u: FloatArray,
     components: int,
     rng: np.random.Generator,
     weight: float = 1.0,
     fine: bool = False,
 ) -> list[Part]:
-    """Parts of a total weight, fitted to samples (n, d): straightened and plain, or plain only."""
-    plain = fit_mixture(samples, components, rng)
-    warp = fit_warp(samples, fine)
+    """Parts of a total weight, fitted to u (n, d): straightened and plain, or plain only."""
+    plain = fit_mixture(u, components, rng)
+    warp = fit_warp(u, fine)
     if warp is None:
         return [Part(weight, plain)]
-    straightened = fit_mixture(warp.forward(samples), components, rng)
+    straightened = fit_mixture(warp.forward(u), components, rng)
     return [Part(weight * STRAIGHTENED, straightened, warp), Part(weight * PLAIN, plain)]
-
-
-def _split_parts(
-    samples: FloatArray, components: int, rng: np.random.Generator, fine: bool
-) -> list[Part]:
-    """Parts of each half of a split by size, or of the whole where there is none."""
-    halves = two_clusters(samples, rng)
-    parts: list[Part] = []
-    for half in halves:
-        share = len(half) / len(samples)
-        own = max(1, round(components * max(share, 0.25)))
-        parts += _parts(half, own, rng, share, fine)
-    return parts
-
-
-def _better_split(samples: FloatArray, rng: np.random.Generator, fine: bool) -> bool:
-    """Whether a split describes a held-out fifth of the samples better than none."""
-    order = rng.permutation(len(samples))
-    order = order[:MOST_TRIAL_SAMPLES]
-    held_out, train = np.split(samples[order], [len(order) // 5])
-    if len(two_clusters(train, rng)) < 2:
-        return False
-    whole = _parts(train, TRIAL_COMPONENTS, rng, fine=fine)
-    split = _split_parts(train, TRIAL_COMPONENTS, rng, fine)
-    scores = [Proposal(tuple(parts)).log_density(held_out).mean() for parts in (whole, split)]
-    return bool(scores[1] > scores[0] + SPLIT_GAIN)

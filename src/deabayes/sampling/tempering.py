@@ -177,7 +177,7 @@ class _Cloud:
             return (fit(self.state.coords, COMPONENTS, self._rng, coordinates=self._coordinates),)
         populations = self.particles
         return tuple(
-            fit(populations[e ^ 1], COMPONENTS, self._rng, coordinates=self._coordinates)
+            fit(populations[e ^ 1], 1, self._rng, coordinates=self._coordinates)
             for e in range(len(populations))
         )
 
