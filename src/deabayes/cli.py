@@ -34,7 +34,6 @@ for command in (
     fitting.prepare,
     fitting.compile_kernels,
     fitting.fit,
-    fitting.pool,
     judging.score,
     judging.nested,
     judging.compare,

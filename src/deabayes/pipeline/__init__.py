@@ -6,7 +6,7 @@ the layers below and writes files, nothing else.
 
 from deabayes.pipeline.analyse import analyse_study
 from deabayes.pipeline.design import entries_of, further_experiments
-from deabayes.pipeline.identify import build_target, fit_ensemble, pool_candidate, seed_of
+from deabayes.pipeline.identify import build_target, fit_candidate, seed_of
 from deabayes.pipeline.judge import (
     check_evidence,
     compare_candidates,
@@ -27,11 +27,10 @@ __all__ = [
     "draw_figures",
     "entries_of",
     "export_posterior",
-    "fit_ensemble",
+    "fit_candidate",
     "fit_made_of",
     "fit_population",
     "further_experiments",
-    "pool_candidate",
     "predict_candidate",
     "prepare_study",
     "read_experiments",

@@ -1,4 +1,4 @@
-"""From prepared records to a posterior: ensembles, each its own job, then all together."""
+"""From prepared records to a posterior, one candidate at a time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,31 +36,70 @@ def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.rand
     return np.random.SeedSequence([study.sampling.seed, *words, index])
 
 
-def fit_ensemble(
-    study: Study, candidate: str, prepared: Path, ensemble: int, output: Path, progress: bool
+def fit_candidate(
+    study: Study, candidate: str, prepared: Path, output: Path, summary: Path, progress: bool
 ) -> None:
-    """Run one independent ensemble of a candidate, resuming where a killed run stopped."""
-    from deabayes.sampling.first_pass import run_ensemble
-    from deabayes.sampling.guide import Guide
+    """Sample the posterior of a candidate whole, and write posterior.nc and summary.csv.
+
+    The same call after an interruption goes on from its checkpoints beside `output`. They are
+    removed once both files are written.
+
+    Raises
+    ------
+    UserError : no draw of the prior has a response to the records.
+    """
+    from deabayes.files import write_atomically
+    from deabayes.posteriors.file import posterior_tree
+    from deabayes.posteriors.storage import write_tree
     from deabayes.sampling.smc import EveryDrawFailed
 
     target = build_target(study, candidate, prepared)
-    folder = chain_folder(study, candidate, prepared, output.parent.parent)
+    folder = chain_folder(study, candidate, prepared, output.parent)
     try:
-        result = run_ensemble(
-            target.log_likelihood_of_normal,
-            target.dimension,
-            study.sampling,
-            seed_of(study, candidate, "ensemble", ensemble),
-            folder / f"ensemble_{ensemble}",
-            progress,
-            Guide.of(target),
-            target.rough().log_likelihood_of_normal,
-        )
+        pooled = _sampled(study, candidate, target, folder, progress)
     except EveryDrawFailed:
         raise UserError(f"study {study.name}, {candidate}: {_without_response(target)}; are the "
                         "units of records, specimen and priors right?") from None  # fmt: skip
-    result.write(output)
+    tree = posterior_tree(_content(study, candidate, target, pooled))
+    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
+    write_tree(tree, output)
+    write_atomically(lambda path: table.to_csv(path), summary)
+    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
+
+
+def _sampled(
+    study: Study, candidate: str, target: LogPosterior, folder: Path, progress: bool
+) -> PooledResult:
+    """Draws of a candidate's posterior, judged by the gates; checkpoints are kept in `folder`."""
+    from deabayes.posteriors.summary import quantities
+    from deabayes.sampling.first_pass import run_ensemble
+    from deabayes.sampling.guide import Guide
+    from deabayes.sampling.pooling import pool
+
+    guide = Guide.of(target)
+    ensembles = [
+        run_ensemble(
+            target.log_likelihood_of_normal,
+            target.dimension,
+            study.sampling,
+            seed_of(study, candidate, "ensemble", number),
+            folder / f"ensemble_{number}",
+            progress,
+            guide,
+            target.rough().log_likelihood_of_normal,
+        )
+        for number in range(1, study.sampling.ensembles + 1)
+    ]
+    return pool(
+        target.log_likelihood_of_normal,
+        ensembles,
+        study.sampling,
+        seed_of(study, candidate, "pool"),
+        folder / "pool",
+        progress,
+        quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
+        guide=guide,
+    )
 
 
 def _without_response(target: LogPosterior) -> str:
@@ -69,63 +108,6 @@ def _without_response(target: LogPosterior) -> str:
     names = [record.experiment.name for record in target.records]
     lost = [name for name in names if not np.isfinite(target.log_likelihood(theta, [name])).any()]
     return f"no draw of the prior has a response to {', '.join(lost) or 'all records at once'}"
-
-
-def pool_candidate(
-    study: Study,
-    candidate: str,
-    prepared: Path,
-    ensembles: Sequence[Path],
-    output: Path,
-    summary: Path,
-    progress: bool,
-    processes: int = 1,
-) -> None:
-    """Judge the ensembles together and sample on if a gate fails: posterior.nc, summary.csv.
-
-    The checkpoints are removed once both files are written.
-    """
-    from deabayes.files import write_atomically
-    from deabayes.posteriors.file import posterior_tree
-    from deabayes.posteriors.storage import write_tree
-
-    target = build_target(study, candidate, prepared)
-    folder = chain_folder(study, candidate, prepared, output.parent)
-    pooled = _pooled(study, candidate, target, ensembles, folder, progress, processes)
-    tree = posterior_tree(_content(study, candidate, target, pooled))
-    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
-    write_tree(tree, output)
-    write_atomically(lambda path: table.to_csv(path), summary)
-    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
-
-
-def _pooled(
-    study: Study,
-    candidate: str,
-    target: LogPosterior,
-    ensembles: Sequence[Path],
-    folder: Path,
-    progress: bool,
-    processes: int,
-) -> PooledResult:
-    from deabayes.pipeline.ensembles import key_of, read_ensembles
-    from deabayes.posteriors.summary import quantities
-    from deabayes.sampling.guide import Guide
-    from deabayes.sampling.pooling import pool
-
-    guide = Guide.of(target)
-    given = read_ensembles(target, ensembles, guide.coordinates)
-    return pool(
-        target.log_likelihood_of_normal,
-        given,
-        study.sampling,
-        seed_of(study, candidate, "pool"),
-        folder / key_of(given),
-        progress,
-        quantities=lambda z: quantities(target, target.prior.to_parameters(z)),
-        guide=guide,
-        processes=processes,
-    )
 
 
 def _content(
