@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -22,17 +21,17 @@ def prepare(study: str, config: Path, output: Path) -> None:
 
 
 @click.command(name="compile")
-@click.argument("studies", nargs=-1, required=True)
+@click.argument("study")
 @CONFIG
-def compile_kernels(studies: Sequence[str], config: Path) -> None:
-    """Compile what the prepared STUDIES need, once, into numba's cache on disk.
+def compile_kernels(study: str, config: Path) -> None:
+    """Compile what STUDY needs, once, into numba's cache on disk.
 
-    The prepared records are expected beside each study's settings file.
+    STUDY is a settings file with the prepared records beside it. Another study of the same
+    system waits until this one is compiled.
     """
     from deabayes.commands.compiling import compile_study
 
-    for study in studies:
-        compile_study(study, config)
+    compile_study(study, config)
 
 
 @click.command()
