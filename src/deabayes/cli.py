@@ -42,6 +42,7 @@ for command in (
     showing.analyse,
     showing.figures,
     showing.report,
+    showing.finish,
     using.simulate,
     using.export,
     studies.data,
