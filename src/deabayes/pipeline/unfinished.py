@@ -27,11 +27,11 @@ def finish(state: Path, output: Path, tables: Path) -> None:
 
     Parameters
     ----------
-    state : JSON that the Snakefile writes: `failed` jobs (`stage`, `study`, `candidate`,
+    state : JSON that the workflow writes: `failed` jobs (`stage`, `study`, `candidate`,
         `population`, `log`), the files `made` and up to date by results folder, `left_out` studies.
         Candidates that are complete are compared and drawn in a folder beside it.
-    output, tables : the report's page and folder of tables. The page is dated 1970: Snakemake makes
-        it again as soon as it can.
+    output, tables : the report's page and folder of tables. The page is dated 1970, so that
+        a later run makes it again.
     """
     content = json.loads(state.read_text(encoding="utf-8"))
     failed = [_notice(**job) for job in content["failed"]]
