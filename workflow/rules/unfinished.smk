@@ -1,6 +1,7 @@
 """A run that ends without what it was asked for: how it ends, and what it shows."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -59,7 +60,23 @@ def results_folders():
 def job_failed(job):
     """What a reader must know of a failed job."""
     names = {"study": "", "candidate": "", "population": ""} | job.wildcards_dict
-    return {"stage": job.rule.name, "log": job.log[0], **names}
+    return {"stage": job.rule.name, **names, "log": job.log[0]}
+
+
+def build_report_in_part():
+    """Build the report from what is there, as a file that is older than all it is made from.
+
+    Snakemake is also made to forget what an earlier report was made from. So the next run makes
+    the report again, and what is missing for it.
+    """
+    (report,) = (job for job in workflow.dag.jobs if job.rule.name == "report")
+    page, tables = report.output
+    command = ["deabayes", "finish", UNFINISHED, "-o", page, "--tables", tables]
+    subprocess.run(command, check=False)
+    for file in report.output:
+        workflow.persistence.cleanup_metadata(file)
+    if Path(page).exists():
+        os.utime(page, (1, 1))
 
 
 onsuccess:
@@ -73,16 +90,11 @@ onsuccess:
 
 
 onerror:
+    for job in map(job_failed, workflow.scheduler.failed):
+        print("Failed:", *filter(None, job.values()), file=sys.stderr)
     state = left_by_failures()
     if state is not None:
         UNFINISHED.parent.mkdir(parents=True, exist_ok=True)
         UNFINISHED.write_text(json.dumps(state, indent=1))
-        print(
-            "Jobs failed; a report is built from what is there, and names them.",
-            file=sys.stderr,
-        )
-        report = UNFINISHED.parents[1] / "report"
-        page, tables = report / "index.html", report / "tables"
-        subprocess.run(
-            ["deabayes", "finish", UNFINISHED, "-o", page, "--tables", tables]
-        )
+        print("The report is built from what is there.", file=sys.stderr)
+        build_report_in_part()

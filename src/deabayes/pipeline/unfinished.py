@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -30,8 +29,7 @@ def finish(state: Path, output: Path, tables: Path) -> None:
     state : JSON that the workflow writes: `failed` jobs (`stage`, `study`, `candidate`,
         `population`, `log`), the files `made` and up to date by results folder, `left_out` studies.
         Candidates that are complete are compared and drawn in a folder beside it.
-    output, tables : the report's page and folder of tables. The page is dated 1970, so that
-        a later run makes it again.
+    output, tables : the report's page and folder of tables.
     """
     content = json.loads(state.read_text(encoding="utf-8"))
     failed = [_notice(**job) for job in content["failed"]]
@@ -46,7 +44,6 @@ def finish(state: Path, output: Path, tables: Path) -> None:
         known = {notice.study for notice in failed}
         failed += missing if Path(folder).name in known or shown else _not_run(Path(folder))
     build_report(folders, output, tables, content["left_out"], failed)
-    os.utime(output, (0, 0))
 
 
 def _notice(stage: str, study: str, candidate: str, population: str, log: str) -> Notice:
