@@ -109,27 +109,24 @@ def test_nothing_is_taken_for_complete(failed: tuple[Path, CompletedProcess]) ->
     assert planned(place, "--configfile", str(place / "less.yaml")) >= missing
 
 
-def test_after_an_interruption_no_report_is_built(
-    failed: tuple[Path, CompletedProcess], tmp_path: Path
-) -> None:
+def test_after_an_interruption_no_report_is_built(failed: tuple[Path, CompletedProcess]) -> None:
     """Also where a job had failed before; the others were still to be run."""
-    place = tmp_path / "interrupted"
+    place = failed[0].with_name("interrupted0")
     shutil.copytree(failed[0], place, symlinks=True)
     (place / "fail").unlink()
     replace_in(place / "config.yaml", "max_steps: 60", "max_steps: 60000")
     with started(place, "--cores", "2") as run:
         said = iter(run.stderr.readline, "")
         assert any("FAILED  prepare broken" in line for line in said)
+        time.sleep(2.0)  # until Snakemake has taken note of it
         os.killpg(run.pid, signal.SIGINT)
         rest = run.stderr.read()
     assert run.returncode == 1 and "Failed: prepare broken" in rest
     assert "The report is built" not in rest
 
 
-def test_a_later_run_builds_the_whole_report(
-    failed: tuple[Path, CompletedProcess], tmp_path: Path
-) -> None:
-    place = tmp_path / "mended"
+def test_a_later_run_builds_the_whole_report(failed: tuple[Path, CompletedProcess]) -> None:
+    place = failed[0].with_name("mended0")  # as deep as the other: paths to src/ stay the same
     shutil.copytree(failed[0], place, symlinks=True)
     (place / "fail").unlink()
     replace_in(place / RECORD, "nothing [m]", "displacement [m]")

@@ -136,19 +136,30 @@ def test_a_job_has_one_thread(fitted: Path, tmp_path: Path) -> None:
     assert "threads: 1\n" in (place / "results/stack/lag_0/logs/fit.log").read_text()
 
 
-def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path, tmp_path: Path) -> None:
-    """What one study holds out is edited, and another's posterior is asked for."""
-    place, other = tmp_path / "stack", "results/other/lag_0/ensembles/1.nc"
+def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path) -> None:
+    """What one study holds out is edited; asked for is a study that has its prior from there."""
+    place, other = fitted.with_name("other0"), "results/other/lag_0/posterior.nc"
     shutil.copytree(fitted, place)
     config = yaml.safe_load((place / "config.yaml").read_text())
     study = config["studies"]["stack"]
-    for edit, targets in [({}, ("results/logs/compiled",)), ({"validate": []}, (other,))]:
-        studies = {"stack": study | edit, "other": study}
-        (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
-        run = snakemake(place, "--cores", "1", *targets)
+    edited, after = study | {"validate": []}, {"calibrate": ["creep_1500V"], "validate": []}
+    studies = {"stack": edited, "other": study | after | {"prior_from": ONE}}
+    (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
+    run = snakemake(place, "--cores", "1", other)
     assert run.returncode != 0 and f"{other}: not made" in run.stderr + run.stdout
     run = snakemake(place, "--cores", "1", other)
     assert run.returncode == 0 and (place / other).exists(), run.stderr
+
+
+def test_a_fit_that_an_interruption_left_is_made(fitted: Path) -> None:
+    """The run after an edit of the model was ended before `compile`, which comes before the fit."""
+    place = fitted.with_name("left0")
+    shutil.copytree(fitted, place)
+    replace_in(place / "models" / "stack.py", '"wide"', '"vast"')
+    assert snakemake(place, "--cores", "1", "results/stack/logs/code").returncode == 0
+    assert planned(place, ONE) == {"compile": 1, "fit": 1}
+    replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
+    assert planned(place, ONE).keys() >= {"prepare", "compile", "fit"}
 
 
 def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:

@@ -1,3 +1,4 @@
+CODE = "<results>/{study}/logs/code"
 COMPILED = "<results>/{study}/logs/compiled"
 FITTED = [
     "<results>/{study}/{candidate}/posterior.nc",
@@ -35,12 +36,30 @@ FITTING = modules(
 )
 
 
+# What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
+# other candidates and held-out records: where there is a posterior of this code, they and
+# `compiled` are ancient to it. An edit must reach it through the output of a job: in a run that
+# makes one of these again, Snakemake looks at nothing else of it.
+rule code:
+    input:
+        modules=PREPARATION + MODEL + FITTING,
+        own=own_model,
+        prior=posterior_from_outside,
+    output:
+        CODE,
+    log:
+        "<results>/{study}/logs/code.log",
+    params:
+        made_of=made_of,
+    shell:
+        "{{ echo {params.made_of:q}; cksum {input:q}; }} > {output:q} 2> {log:q}"
+
+
 rule compile:
     input:
         study=until_there("<results>/{study}/study.yaml", COMPILED),
         prepared=until_there("<results>/{study}/prepared", COMPILED),
-        modules=MODEL,
-        own=own_model,
+        code=CODE,
     output:
         touch(COMPILED),
     log:
@@ -50,32 +69,13 @@ rule compile:
         "logged {log:q} deabayes compile {input.study:q}"
 
 
-# What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
-# other candidates and held-out records: once there is a posterior, they and `compiled` are ancient
-# to it. An edit must reach it through the output of a job: in a run that makes one of these
-# again, Snakemake looks at nothing else of it.
-rule code:
-    input:
-        modules=PREPARATION + MODEL + FITTING,
-        own=own_model,
-        prior=posterior_from_outside,
-    output:
-        "<results>/{study}/logs/code",
-    log:
-        "<results>/{study}/logs/code.log",
-    params:
-        made_of=made_of,
-    shell:
-        "{{ echo {params.made_of:q}; cksum {input:q}; }} > {output:q} 2> {log:q}"
-
-
 rule fit:
     input:
         study=until_there("<results>/{study}/study.yaml", *FITTED),
         prepared=until_there("<results>/{study}/prepared", *FITTED),
         prior=inherited_posterior,
         compiled=until_there(COMPILED, *FITTED),
-        code="<results>/{study}/logs/code",
+        code=CODE,
     output:
         posterior=FITTED[0],
         summary=FITTED[1],

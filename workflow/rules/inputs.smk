@@ -84,19 +84,25 @@ def posterior_from_outside(wildcards):
 
 
 def until_there(needed, *made):
-    """An input that is waited for, and that makes no job run again whose outputs are there.
+    """An input that is waited for, and that makes no job run again whose outputs are up to date.
 
-    `ancient` alone would also leave out an output that is missing, in a run that makes the input
-    again: Snakemake then looks at nothing else of the jobs after it.
+    `ancient` alone would also leave out an output that is missing or older than what it is made
+    of, in a run that makes the input again: Snakemake looks at nothing else of the jobs after it.
     """
 
     def found(wildcards):
-        values = dict(wildcards.items())
-        (path,) = expand(needed, **values)
-        outputs = (workflow.pathvars.apply(file) for file in expand(made, **values))
-        return ancient(path) if all(Path(file).exists() for file in outputs) else path
+        names = (needed, CODE, *made)
+        paths = (workflow.pathvars.apply(name) for name in names)
+        path, code, *outputs = expand(list(paths), **dict(wildcards.items()))
+        oldest = min(changed(output) for output in outputs)
+        return ancient(path) if oldest > changed(code) else path
 
     return found
+
+
+def changed(path):
+    """When a file was changed, in seconds; 0 if it is not there."""
+    return Path(path).stat().st_mtime if Path(path).exists() else 0
 
 
 def posteriors_of(wildcards):
