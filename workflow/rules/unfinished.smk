@@ -33,17 +33,12 @@ def left_by_failures():
     rules = {job.rule.name for job in left} - {job.rule.name for job in failed}
     if "report" not in rules or not left <= set(dag.bfs(dag.depending, *failed)):
         return None
-    made = {
-        str(folder): [
-            file for job in dag.jobs if job not in left for file in job.output
-        ]
-        for folder in results_folders()
-    }
+    made = [file for job in dag.jobs if job not in left for file in job.output]
     return {
         "failed": [job_failed(job) for job in failed],
         "made": {
-            folder: [file for file in files if Path(file).is_relative_to(folder)]
-            for folder, files in made.items()
+            str(folder): [file for file in made if Path(file).is_relative_to(folder)]
+            for folder in results_folders()
         },
         "left_out": LEFT_OUT,
     }
