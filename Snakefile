@@ -20,6 +20,7 @@ if "studies" not in config:
     configfile: "config.yaml"
 
 
+include: "workflow/rules/running.smk"
 include: "workflow/rules/common.smk"
 include: "workflow/rules/inputs.smk"
 include: "workflow/rules/prepare.smk"

@@ -5,13 +5,19 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numba
 
 from deabayes.faults import UserError
+
+try:
+    import fcntl
+except ImportError:  # of an operating system without file locks
+    fcntl = None  # type: ignore[assignment]
 
 
 def njit(**options: Any) -> Callable[[Any], Any]:
@@ -31,6 +37,30 @@ def njit(**options: Any) -> Callable[[Any], Any]:
             return numba.njit(**options)(function)
 
     return compiled
+
+
+@contextmanager
+def one_at_a_time(name: str) -> Iterator[None]:
+    """Wait until no other process of this machine is inside, so that none compiles the same code.
+
+    The lock is a file beside compiled code. Where no file can be locked, nothing is waited for:
+    the same code may then be compiled twice.
+    """
+    with ExitStack() as held:
+        for folder in (_package_cache, temporary_cache) if fcntl else ():
+            try:
+                file = held.enter_context((Path(folder()) / f"{name}.lock").open("w"))
+                fcntl.flock(file, fcntl.LOCK_EX)
+                break
+            except (OSError, UserError):
+                continue
+        yield
+
+
+def _package_cache() -> Path:
+    folder = Path(numba.config.CACHE_DIR or Path(__file__).with_name("__pycache__"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def temporary_cache() -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import tempfile
 from pathlib import Path
 
@@ -54,3 +56,44 @@ def test_no_place_at_all_is_said(nowhere: Path, monkeypatch: pytest.MonkeyPatch)
 def test_every_kernel_is_compiled_so() -> None:
     sources = Path(deabayes.__file__).parent.rglob("*.py")
     assert not [path for path in sources if "from numba import" in path.read_text("utf-8")]
+
+
+def locked(folder: Path) -> bool:
+    """Is a process inside `one_at_a_time("test")`, as seen from the lock's file?"""
+    with (folder / "test.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def test_one_compiles_and_the_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    with compiled.one_at_a_time("test"):
+        assert locked(tmp_path / "cache")
+    assert not locked(tmp_path / "cache")
+
+
+def test_a_package_that_cannot_be_written_is_locked_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with compiled.one_at_a_time("test"):
+        assert locked(Path(compiled.temporary_cache()))
+    assert not locked(Path(compiled.temporary_cache()))
+
+
+def test_where_nothing_can_be_locked_the_work_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(os.strerror(37))
+
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with compiled.one_at_a_time("test"):
+        assert (tmp_path / "test.lock").exists()

@@ -64,6 +64,9 @@ def test_a_zero_that_was_never_set_is_said(offset: float, said: bool) -> None:
     assert all("strain begins at" in text and "`baseline`" in text for text in found)
 
 
+OUTPUTS = Path("posterior.nc"), Path("summary.csv")
+
+
 @pytest.mark.parametrize("lost", ["creep", "all records at once"])
 def test_a_fit_that_cannot_begin_names_study_candidate_and_records(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, lost: str
@@ -82,4 +85,4 @@ def test_a_fit_that_cannot_begin_names_study_candidate_and_records(
     monkeypatch.setattr("deabayes.sampling.guide.Guide.of", lambda _: None)
     said = f"study creep, voigt_kelvin_2: no draw of the prior has a response to {lost}; are the"
     with pytest.raises(UserError, match=said):
-        identify.fit_ensemble(STUDY, "voigt_kelvin_2", tmp_path, 1, tmp_path / "1.nc", False)
+        identify.fit_candidate(STUDY, "voigt_kelvin_2", tmp_path, *OUTPUTS, False)

@@ -31,21 +31,29 @@ def snakemake(
     folder: Path, *arguments: str | Path, data: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run in `folder`, without a terminal, with public data only where `data` says."""
+    with started(folder, *arguments, data=data) as run:
+        out, err = run.communicate(timeout=540)
+    return subprocess.CompletedProcess(run.args, run.returncode, out, err)
+
+
+def started(
+    folder: Path, *arguments: str | Path, data: Path | None = None
+) -> subprocess.Popen[str]:
+    """The same run while it goes on, in a group of processes of its own."""
     binaries = Path(sys.executable).parent
-    empty_cache = folder / "no_cache"
-    return subprocess.run(
+    return subprocess.Popen(
         [binaries / "snakemake", "--snakefile", ROOT / "Snakefile", "--directory", folder]
         + [str(each) for each in arguments],
         cwd=ROOT,
         stdin=subprocess.DEVNULL,
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=540,
+        start_new_session=True,
         env={
             **os.environ,
             "PATH": f"{binaries}{os.pathsep}{os.environ['PATH']}",
             "DEABAYES_DATA": "" if data is None else str(data),
-            "XDG_CACHE_HOME": str(empty_cache),
+            "XDG_CACHE_HOME": str(folder / "no_cache"),
         },
-        check=False,
     )

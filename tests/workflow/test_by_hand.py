@@ -63,7 +63,7 @@ def test_a_fit_by_hand_writes_the_settings_that_analyse_reads(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace_in(place / "config.yaml", "pathvars: {results: elsewhere}\n", "")
-    for stage in ("prepare_study", "fit_ensemble", "pool_candidate"):
+    for stage in ("prepare_study", "fit_candidate"):
         monkeypatch.setattr(pipeline, stage, lambda *_, **__: None)
     monkeypatch.setattr(api, "open_posterior", lambda _: SimpleNamespace(converged=True))
     fit_by_name("vhb", "kv_gm_1", Path("config.yaml"), Path("results"))

@@ -25,7 +25,7 @@ FULL = "voigt_kelvin_2_inertia_circuit"
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Prepared, fitted and pooled."""
+    """Prepared and fitted."""
     folder = tmp_path_factory.mktemp("results") / "tubular_circuit"
     settings = Sampling(ensembles=2, walkers=32, particles=128, max_steps=600, seed=1)
     study = replace(load_study(ROOT / "config.yaml", "tubular_circuit"), sampling=settings)
@@ -33,11 +33,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_study(study, folder / "study.yaml")
     pipeline.prepare_study(study, folder / "prepared")
     own = folder / "circuit"
-    runs = [own / "ensembles" / f"{e}.nc" for e in range(2)]
-    for e, path in enumerate(runs):
-        pipeline.fit_ensemble(study, "circuit", folder / "prepared", e, path, False)
     files = own / "posterior.nc", own / "summary.csv"
-    pipeline.pool_candidate(study, "circuit", folder / "prepared", runs, *files, False)
+    pipeline.fit_candidate(study, "circuit", folder / "prepared", *files, False)
     return folder
 
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from deabayes import compiled, pipeline
+from deabayes.commands.compiling import compile_study
 from deabayes.pipeline import prepare_study
 from deabayes.studies import load_study, write_study
 
@@ -68,3 +74,26 @@ def test_later_stages_find_everything_compiled(tmp_path: Path) -> None:
     compiled = run("-m", "deabayes.cli", "compile", str(settings))
     assert any("log_prob" in path.name for path in compiled)
     assert run("-c", LATER, str(settings), str(tmp_path / "prepared")) == compiled
+
+
+def test_studies_of_one_system_are_compiled_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside: list[str] = []
+
+    @contextmanager
+    def lock(name: str) -> Iterator[None]:
+        inside.append(name)
+        yield
+        inside.clear()
+
+    def build_target(*_: object) -> None:
+        assert inside == ["compile_tubular"]
+        raise KeyboardInterrupt
+
+    write_study(load_study(ROOT / "config.yaml", "tubular"), tmp_path / "study.yaml")
+    monkeypatch.setattr(compiled, "one_at_a_time", lock)
+    monkeypatch.setattr(pipeline, "build_target", build_target)
+    monkeypatch.setattr(pipeline, "read_experiments", lambda _: [])
+    with pytest.raises(KeyboardInterrupt):
+        compile_study(str(tmp_path / "study.yaml"), tmp_path / "none.yaml")

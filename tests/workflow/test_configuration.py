@@ -19,6 +19,8 @@ studies:
     candidates: [kv_gm_2]
 sampling: {ensembles: 3.0, ess: 1e3, walkers: 24}
 """
+PLAN = ("--cores", "1", "--dry-run", "--printshellcmds")
+"""The settings of a study are in the command that writes its study.yaml."""
 
 
 def said(folder: Path, *arguments: str) -> str:
@@ -36,12 +38,11 @@ def test_numbers_and_merge_keys_are_read_as_the_library_reads_them(
     make_folder(tmp_path)
     (tmp_path / name).write_text(SOUND)
     given = () if name == "config.yaml" else ("--configfile", tmp_path / name)
-    arguments = ("--cores", "1", "--dry-run", "--config", "data_root=elsewhere")
-    run = snakemake(tmp_path, *arguments, *given)
+    run = snakemake(tmp_path, *PLAN, "--config", "data_root=elsewhere", *given)
     assert run.returncode == 0, run.stderr
-    for file in ("a/kv_gm_1/ensembles/3.nc", "b/kv_gm_2/ensembles/3.nc"):
+    for file in ("a/kv_gm_1/posterior.nc", "b/kv_gm_2/posterior.nc"):
         assert f"results/{file}" in run.stdout
-    assert "ensembles/4.nc" not in run.stdout
+    assert run.stdout.count("  ensembles: 3\n") == run.stdout.count("  ess: 1000.0\n") == 2
 
 
 def test_two_studies_of_one_name_are_a_mistake(tmp_path: Path) -> None:
@@ -74,10 +75,9 @@ def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
     make_folder(tmp_path)
     (tmp_path / "config.yaml").write_text(SOUND)
     (tmp_path / "fewer.yaml").write_text("sampling: {ensembles: 2}")
-    arguments = ("--cores", "1", "--dry-run", "--configfile", tmp_path / "fewer.yaml")
-    run = snakemake(tmp_path, *arguments)
+    run = snakemake(tmp_path, *PLAN, "--configfile", tmp_path / "fewer.yaml")
     assert run.returncode == 0, run.stderr
-    assert "a/kv_gm_1/ensembles/2.nc" in run.stdout and "ensembles/3.nc" not in run.stdout
+    assert "  ensembles: 2\n" in run.stdout and "  ensembles: 3\n" not in run.stdout
     laid_over = "fewer.yaml: without studies of its own; every study of config.yaml is run"
     assert run.stderr.count(laid_over) == 1
     wrong = said(tmp_path, "--config", "data_rot=elsewhere")
@@ -90,9 +90,8 @@ def test_results_are_elsewhere_by_one_key_only(tmp_path: Path) -> None:
     error = said(tmp_path)
     assert "pathvars: unknown key 'result'; did you mean 'results'?" in error
     (tmp_path / "mine.yaml").write_text(f"pathvars: {{results: out}}\n{SOUND}")
-    arguments = ("--cores", "1", "--dry-run", "--configfile", tmp_path / "mine.yaml")
-    run = snakemake(tmp_path, *arguments)
-    assert run.returncode == 0 and "out/a/kv_gm_1/ensembles/3.nc" in run.stdout
+    run = snakemake(tmp_path, *PLAN, "--configfile", tmp_path / "mine.yaml")
+    assert run.returncode == 0 and "out/a/kv_gm_1/posterior.nc" in run.stdout
     assert "without studies" not in run.stderr
 
 

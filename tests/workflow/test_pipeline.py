@@ -57,13 +57,8 @@ def results(tmp_path_factory):
     pipeline.prepare_study(study, prepared)
     for candidate in CANDIDATES:
         own = folder / candidate
-        runs = [own / "ensembles" / f"{e}.nc" for e in range(settings.ensembles)]
-        for e, path in enumerate(runs):
-            pipeline.fit_ensemble(study, candidate, prepared, e, path, False)
         posterior = own / "posterior.nc"
-        pipeline.pool_candidate(
-            study, candidate, prepared, runs, posterior, own / "summary.csv", False
-        )
+        pipeline.fit_candidate(study, candidate, prepared, posterior, own / "summary.csv", False)
         pipeline.score_candidate(posterior, prepared, own / "scores.json")
         pipeline.predict_candidate(posterior, prepared, own / "predictions", own / "errors.csv")
     posteriors = [folder / candidate / "posterior.nc" for candidate in CANDIDATES]

@@ -49,10 +49,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_study(study, results / name / "study.yaml")
         pipeline.prepare_study(study, results / name / "prepared")
         args = study, "voigt_kelvin_1", results / name / "prepared"
-        pipeline.fit_ensemble(*args, 1, own / "ensembles" / "1.nc", False)
-        pipeline.pool_candidate(
-            *args, [own / "ensembles" / "1.nc"], own / "posterior.nc", own / "summary.csv", False
-        )
+        pipeline.fit_candidate(*args, own / "posterior.nc", own / "summary.csv", False)
     write_population(TUBES, results / "populations" / "tubes" / SETTINGS)
     said = pipeline.fit_population(TUBES, results, results / "populations" / "tubes", False)
     (results / "said.txt").write_text(said)

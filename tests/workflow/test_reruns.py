@@ -19,7 +19,6 @@ BUDGET = "sampling: {ensembles: 2, walkers: 24, max_steps: 60, particles: 64, se
 ONE = "results/stack/lag_0/posterior.nc"
 BOTH = (ONE, "results/stack/lag_1/posterior.nc")
 RECORDS = Path("data/stack/records")
-SAMPLING = {"fit", "pool"}
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +61,7 @@ def test_without_an_edit_nothing_runs(place: Path) -> None:
 def test_a_new_candidate_is_fitted_alone(place: Path) -> None:
     replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
     jobs = planned(place, *BOTH)
-    assert (jobs["fit"], jobs["pool"]) == (2, 1)
+    assert jobs["fit"] == 1
     assert "prepare" in jobs and "code" not in jobs
 
 
@@ -84,7 +83,7 @@ def test_held_out_records_fit_nothing_again(place: Path, file: str, old: str, ne
     assert old in text
     (place / file).write_text(text.replace(old, new, 1))
     jobs = planned(place, ONE, "results/stack/prepared")
-    assert "prepare" in jobs and not SAMPLING & set(jobs)
+    assert "prepare" in jobs and "fit" not in jobs
 
 
 @pytest.mark.parametrize(
@@ -104,15 +103,15 @@ def test_what_a_fit_is_made_of_is_fitted_again(place: Path, file: str, old: str,
     assert old in text
     (place / file).write_text(text.replace(old, new, 1))
     try:
-        assert set(planned(place, ONE)) >= SAMPLING
+        assert planned(place, ONE)["fit"] == 1
         replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
-        assert planned(place, *BOTH)["fit"] == 4
+        assert planned(place, *BOTH)["fit"] == 2
     finally:
         (place / file).write_text(text)
 
 
 def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
-    """The run that made study.yaml again was ended before it came to `compile` and to the pool."""
+    """The run that made study.yaml again was ended before it came to `compile` and to the fit."""
     before = (place / "config.yaml").read_text()
     replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
     summary = place / "results/stack/lag_0/summary.csv"
@@ -120,37 +119,47 @@ def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
     assert snakemake(place, "--cores", "1", "results/stack/prepared").returncode == 0
     summary.unlink()
     try:
-        assert planned(place, str(summary.relative_to(place))) == {"pool": 1}
+        assert planned(place, str(summary.relative_to(place))) == {"fit": 1}
     finally:
         summary.write_bytes(kept)
         (place / "config.yaml").write_text(before)
         snakemake(place, "--cores", "1", "results/stack/prepared")
 
 
-def test_processes_of_a_pool_have_one_thread_each(fitted: Path, tmp_path: Path) -> None:
-    """Snakemake sets as many for libraries of linear algebra as the job has."""
+def test_a_job_has_one_thread(fitted: Path, tmp_path: Path) -> None:
     place = tmp_path / "stack"
     shutil.copytree(fitted, place)
     with (place / "models" / "stack.py").open("a") as model:
         model.write("\nimport os\nprint('threads:', os.environ['OMP_NUM_THREADS'])\n")
     run = snakemake(place, "--cores", "4", ONE)
     assert run.returncode == 0, run.stderr
-    assert "threads: 1\n" in (place / "results/stack/lag_0/logs/pool.log").read_text()
+    assert "threads: 1\n" in (place / "results/stack/lag_0/logs/fit.log").read_text()
 
 
-def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path, tmp_path: Path) -> None:
-    """What one study holds out is edited, and another's posterior is asked for."""
-    place, other = tmp_path / "stack", "results/other/lag_0/ensembles/1.nc"
+def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path) -> None:
+    """What one study holds out is edited; asked for is a study that has its prior from there."""
+    place, other = fitted.with_name("other0"), "results/other/lag_0/posterior.nc"
     shutil.copytree(fitted, place)
     config = yaml.safe_load((place / "config.yaml").read_text())
     study = config["studies"]["stack"]
-    for edit, targets in [({}, ("results/logs/compiled",)), ({"validate": []}, (other,))]:
-        studies = {"stack": study | edit, "other": study}
-        (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
-        run = snakemake(place, "--cores", "1", *targets)
+    edited, after = study | {"validate": []}, {"calibrate": ["creep_1500V"], "validate": []}
+    studies = {"stack": edited, "other": study | after | {"prior_from": ONE}}
+    (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
+    run = snakemake(place, "--cores", "1", other)
     assert run.returncode != 0 and f"{other}: not made" in run.stderr + run.stdout
     run = snakemake(place, "--cores", "1", other)
     assert run.returncode == 0 and (place / other).exists(), run.stderr
+
+
+def test_a_fit_that_an_interruption_left_is_made(fitted: Path) -> None:
+    """The run after an edit of the model was ended before `compile`, which comes before the fit."""
+    place = fitted.with_name("left0")
+    shutil.copytree(fitted, place)
+    replace_in(place / "models" / "stack.py", '"wide"', '"vast"')
+    assert snakemake(place, "--cores", "1", "results/stack/logs/code").returncode == 0
+    assert planned(place, ONE) == {"compile": 1, "fit": 1}
+    replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
+    assert planned(place, ONE).keys() >= {"prepare", "compile", "fit"}
 
 
 def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
@@ -159,13 +168,13 @@ def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
     replace_in(record, record.read_text().splitlines()[-1], "0.9,1000,0.0001")
     os.utime(record, (changed, changed))
     jobs = planned(place, ONE)
-    assert {"prepare", "fit", "pool"} <= set(jobs)
+    assert {"prepare", "fit"} <= set(jobs)
 
 
 def test_what_a_power_cut_left_is_made_again_as_the_page_says(place: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "how-to" / "resume.md").read_text()
     assert "`snakemake --unlock`" in page and "--rerun-incomplete" in page
-    held = place / "results" / "stack" / "lag_0" / "ensembles" / "1.nc"
+    held = place / ONE
     (place / ".snakemake" / "incomplete").mkdir(exist_ok=True)
     marker = b64encode(str(held.relative_to(place)).encode()).decode()
     (place / ".snakemake" / "incomplete" / marker).touch()
@@ -173,4 +182,4 @@ def test_what_a_power_cut_left_is_made_again_as_the_page_says(place: Path) -> No
     assert run.returncode != 0 and "--rerun-incomplete" in run.stderr + run.stdout
     run = snakemake(place, "--cores", "1", "--dry-run", "--rerun-incomplete", ONE)
     (place / ".snakemake" / "incomplete" / marker).unlink()
-    assert run.returncode == 0 and "ensembles/1.nc" in run.stdout
+    assert run.returncode == 0 and ONE in run.stdout

@@ -21,8 +21,14 @@ FILES = {
 }
 STARTS = {
     "prepare": ("preparation.prepare", "preparation.prepared", "reading.folder"),
-    "fit": ("sampling.first_pass", "posterior", "posteriors.inheritance"),
-    "pool": ("sampling.pooling", "posteriors.file", "checks.prior_scale"),
+    "fit": (
+        "sampling.first_pass",
+        "sampling.pooling",
+        "posterior",
+        "posteriors.inheritance",
+        "posteriors.file",
+        "checks.prior_scale",
+    ),
     "score": ("comparison.scoring", "comparison.left_out"),
     "predict": ("fitted", "prediction.bands", "prediction.errors_table"),
     "compare": ("comparison.ranking",),

@@ -56,8 +56,7 @@ def test_help_loads_nothing_heavy() -> None:
     [
         ("fitt",),
         ("fit",),
-        ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "0"),
-        ("fit", "tubular", "voigt_kelvin_1", "--ensemble", "1"),
+        ("fit", "tubular", "voigt_kelvin_1", "--prepared", "nowhere"),
         ("export", "no_such_file.nc", "--to", "csv", "-o", "x.csv"),
         ("check",),
     ],

@@ -3,39 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from snakemake.exceptions import WorkflowError
 from tests.workflow.snakemake_runs import ROOT, TINY, snakemake
 
 PUBLIC = ("vhb4910", "treloar", "silicones")
-
-
-class Remote:
-    """A workflow under a remote executor that was told no number of cores."""
-
-    @property
-    def cores(self) -> int:
-        raise WorkflowError("Workflow requires a total number of cores to be defined")
-
-
-def test_pooling_needs_no_number_of_cores() -> None:
-    text = (ROOT / "workflow" / "rules" / "inputs.smk").read_text()
-    (function,) = re.findall(r"^def pooling_threads.*?(?=^def )", text, re.DOTALL | re.MULTILINE)
-    of_four = SimpleNamespace(ensembles=["1.nc", "2.nc", "3.nc", "4.nc"])
-    for workflow, expected in (
-        (Remote(), 4),
-        (SimpleNamespace(cores=None), 4),
-        (SimpleNamespace(cores=2), 1),
-        (SimpleNamespace(cores=6), 3),
-    ):
-        names = {"workflow": workflow, "WorkflowError": WorkflowError}
-        exec(function, names)
-        assert names["pooling_threads"](None, of_four) == expected
 
 
 @pytest.fixture
@@ -55,15 +29,8 @@ def test_shipped_studies_without_public_data(shipped: Path) -> None:
         assert all("left out" in line and "make data" in line for line in lines)
         assert all("DEABAYES_DATA" in line for line in lines)
         assert f"results/{study}" not in run.stdout
-    assert "results/tubular/voigt_kelvin_3/ensembles/4.nc" in run.stdout
+    assert "results/tubular/voigt_kelvin_3/posterior.nc" in run.stdout
     assert not (shipped / "results").exists()
-
-
-@pytest.mark.parametrize(("cores", "processes"), [(1, 1), (2, 1), (4, 2), (8, 4), (16, 4)])
-def test_pooling_takes_half_of_the_cores(shipped: Path, cores: int, processes: int) -> None:
-    target = "results/tubular_circuit/circuit/posterior.nc"
-    run = snakemake(shipped, "--cores", str(cores), "--dry-run", "--printshellcmds", target)
-    assert re.findall(r"--processes (\d+)", run.stdout) == [str(processes)], run.stderr
 
 
 def test_public_data_at_hand_are_planned(shipped: Path) -> None:

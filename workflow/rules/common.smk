@@ -17,8 +17,7 @@ from deabayes.checks.study import check_names
 PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
 CONFIG_FILES = ", ".join(config_files())
 
-# Threads of a job are processes of ours: with as many more of BLAS in each, which Snakemake sets,
-# two runs that are sampled side by side go a quarter as fast.
+# One thread per job, also in libraries of linear algebra: parallelism is over jobs.
 # `logged LOG COMMAND`: what the command says is in its log and, where it failed, also shown.
 shell.prefix(
     "set -euo pipefail; "
@@ -88,10 +87,6 @@ if workflow.is_main_process:
     for line in LEFT_OUT:
         print(line, file=sys.stderr)
 
-ENSEMBLES = range(
-    1, max((study.sampling.ensembles for study in STUDIES.values()), default=0) + 1
-)
-
 
 def any_of(names):
     """A pattern that matches these names and nothing else."""
@@ -102,7 +97,6 @@ wildcard_constraints:
     study=any_of(STUDIES),
     population=any_of(POPULATIONS),
     candidate=any_of({name for study in STUDIES.values() for name in study.candidates}),
-    ensemble=r"\d+",
 
 
 def modules(*patterns):

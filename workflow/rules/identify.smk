@@ -1,5 +1,9 @@
-ENSEMBLE = "<results>/{study}/{candidate}/ensembles/{ensemble}.nc"
-POSTERIOR = "<results>/{study}/{candidate}/posterior.nc"
+CODE = "<results>/{study}/logs/code"
+COMPILED = "<results>/{study}/logs/compiled"
+FITTED = [
+    "<results>/{study}/{candidate}/posterior.nc",
+    "<results>/{study}/{candidate}/summary.csv",
+]
 MODEL = modules(
     "experiment.py",
     "parameter.py",
@@ -21,9 +25,8 @@ MODEL = modules(
     "own_models/*.py",
     "noise/*.py",
 )
-POOLED = modules("sampling/pooling.py", "sampling/extension.py", "sampling/refit.py")
-SAMPLING = [path for path in modules("sampling/*.py") if path not in POOLED]
-POOLING = POOLED + modules(
+FITTING = modules(
+    "sampling/*.py",
     "checks/overruled.py",
     "checks/prior_scale.py",
     "prediction/noise_origin.py",
@@ -33,32 +36,17 @@ POOLING = POOLED + modules(
 )
 
 
-rule compile:
-    input:
-        studies=until_compiled("<results>/{study}/study.yaml"),
-        prepared=until_compiled("<results>/{study}/prepared"),
-        modules=MODEL,
-        own=own_models(),
-    output:
-        touch("<results>/logs/compiled"),
-    log:
-        "<results>/logs/compile.log",
-    threads: 1
-    shell:
-        "logged {log:q} deabayes compile {input.studies:q}"
-
-
 # What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
-# other candidates and held-out records: once there is an ensemble, they and `compiled` are ancient
-# to it. An edit must reach it through the output of a job: in a run that makes one of these
-# again, Snakemake looks at nothing else of it.
+# other candidates and held-out records: where there is a posterior of this code, they and
+# `compiled` are ancient to it. An edit must reach it through the output of a job: in a run that
+# makes one of these again, Snakemake looks at nothing else of it.
 rule code:
     input:
-        modules=PREPARATION + MODEL + SAMPLING,
+        modules=PREPARATION + MODEL + FITTING,
         own=own_model,
         prior=posterior_from_outside,
     output:
-        "<results>/{study}/logs/code",
+        CODE,
     log:
         "<results>/{study}/logs/code.log",
     params:
@@ -67,36 +55,33 @@ rule code:
         "{{ echo {params.made_of:q}; cksum {input:q}; }} > {output:q} 2> {log:q}"
 
 
+rule compile:
+    input:
+        study=until_there("<results>/{study}/study.yaml", COMPILED),
+        prepared=until_there("<results>/{study}/prepared", COMPILED),
+        code=CODE,
+    output:
+        touch(COMPILED),
+    log:
+        "<results>/{study}/logs/compile.log",
+    threads: 1
+    shell:
+        "logged {log:q} deabayes compile {input.study:q}"
+
+
 rule fit:
     input:
-        study=until_there("<results>/{study}/study.yaml", ENSEMBLE),
-        prepared=until_there("<results>/{study}/prepared", ENSEMBLE),
+        study=until_there("<results>/{study}/study.yaml", *FITTED),
+        prepared=until_there("<results>/{study}/prepared", *FITTED),
         prior=inherited_posterior,
-        compiled=until_there("<results>/logs/compiled", ENSEMBLE),
-        code="<results>/{study}/logs/code",
+        compiled=until_there(COMPILED, *FITTED),
+        code=CODE,
     output:
-        ENSEMBLE,
+        posterior=FITTED[0],
+        summary=FITTED[1],
     log:
-        "<results>/{study}/{candidate}/logs/ensemble_{ensemble}.log",
+        "<results>/{study}/{candidate}/logs/fit.log",
     threads: 1
     shell:
         "logged {log:q} deabayes fit {input.study:q} {wildcards.candidate:q} --prepared {input.prepared:q}"
-        " --ensemble {wildcards.ensemble} -o {output:q}"
-
-
-rule pool:
-    input:
-        study=until_there("<results>/{study}/study.yaml", POSTERIOR),
-        prepared=until_there("<results>/{study}/prepared", POSTERIOR),
-        ensembles=ensembles_of,
-        modules=POOLING,
-    output:
-        posterior=POSTERIOR,
-        summary="<results>/{study}/{candidate}/summary.csv",
-    log:
-        "<results>/{study}/{candidate}/logs/pool.log",
-    threads: pooling_threads
-    shell:
-        "logged {log:q} deabayes pool {input.study:q} {wildcards.candidate:q} {input.ensembles:q}"
-        " --prepared {input.prepared:q} -o {output.posterior:q} --summary {output.summary:q}"
-        " --processes {threads}"
+        " -o {output.posterior:q} --summary {output.summary:q}"

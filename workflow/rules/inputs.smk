@@ -70,12 +70,6 @@ def own_model(wildcards):
     return [] if model is None else [str(model)]
 
 
-def own_models():
-    """The files that define systems of the studies."""
-    files = [study.model for study in STUDIES.values() if study.model is not None]
-    return sorted({str(file) for file in files})
-
-
 def inherited_posterior(wildcards):
     """The posterior named by `prior_from`."""
     source = STUDIES[wildcards.study].prior_from
@@ -89,57 +83,26 @@ def posterior_from_outside(wildcards):
     return [path for path in found if not Path(path).is_relative_to(results)]
 
 
-def until_there(needed, made):
-    """An input that is waited for, and that makes no job run again whose output is there.
+def until_there(needed, *made):
+    """An input that is waited for, and that makes no job run again whose outputs are up to date.
 
-    `ancient` alone would also leave out an output that is missing, in a run that makes the input
-    again: Snakemake then looks at nothing else of the jobs after it.
+    `ancient` alone would also leave out an output that is missing or older than what it is made
+    of, in a run that makes the input again: Snakemake looks at nothing else of the jobs after it.
     """
 
     def found(wildcards):
-        values = dict(wildcards.items())
-        (path,), (output,) = expand(needed, **values), expand(made, **values)
-        there = Path(workflow.pathvars.apply(output)).exists()
-        return ancient(path) if there else path
+        names = (needed, CODE, *made)
+        paths = (workflow.pathvars.apply(name) for name in names)
+        path, code, *outputs = expand(list(paths), **dict(wildcards.items()))
+        oldest = min(changed(output) for output in outputs)
+        return ancient(path) if oldest > changed(code) else path
 
     return found
 
 
-def until_compiled(needed):
-    """The same for a file of every study and `compiled`.
-
-    A run may end after an edit has reached study.yaml and before `compile` has its turn: were the
-    next to make `compiled` again, it would look at nothing after it, and end with success.
-    """
-
-    def found(wildcards):
-        paths = expand(needed, study=STUDIES)
-        return [
-            until_there(path, "<results>/logs/compiled")(wildcards) for path in paths
-        ]
-
-    return found
-
-
-def pooling_threads(wildcards, input):
-    """Half of the cores, one ensemble each: a pool does not sample all the time it runs."""
-    most = len(input.ensembles)
-    try:
-        cores = workflow.cores
-    except WorkflowError:  # of a remote executor, which may be told of none
-        cores = None
-    return max(1, min(cores // 2, most)) if cores else most
-
-
-def ensembles_of(wildcards):
-    """One file per ensemble of a candidate."""
-    count = STUDIES[wildcards.study].sampling.ensembles
-    return expand(
-        "<results>/{study}/{candidate}/ensembles/{ensemble}.nc",
-        study=wildcards.study,
-        candidate=wildcards.candidate,
-        ensemble=range(1, count + 1),
-    )
+def changed(path):
+    """When a file was changed, in seconds; 0 if it is not there."""
+    return Path(path).stat().st_mtime if Path(path).exists() else 0
 
 
 def posteriors_of(wildcards):

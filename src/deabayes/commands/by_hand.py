@@ -41,59 +41,37 @@ def prepare_by_name(study: str, config: Path, output: Path) -> None:
     prepare_study(found, output)
 
 
-def fit_one(
-    study: str, candidate: str, config: Path, prepared: Path, ensemble: int, output: Path
-) -> None:
-    """Run one ensemble of a candidate."""
-    from deabayes.pipeline import fit_ensemble
-
-    found = find_study(study, config)
-    keep_inputs(output, Path(study), config, prepared)
-    fit_ensemble(found, _known(found, candidate), prepared, ensemble, output, progress=True)
-
-
-def pool_by_name(
+def fit_by_name(
     study: str,
     candidate: str,
     config: Path,
-    prepared: Path,
-    ensembles: Sequence[Path],
-    output: Path,
-    summary: Path,
-    processes: int,
-) -> None:
-    """Pool the ensembles of a candidate."""
-    from deabayes.pipeline import pool_candidate
+    results: Path,
+    prepared: Path | None = None,
+    output: Path | None = None,
+    summary: Path | None = None,
+) -> str:
+    """Sample the posterior of a candidate; a sentence on convergence.
 
-    found = find_study(study, config)
-    keep_inputs(output, Path(study), config, *ensembles)
-    keep_inputs(summary, Path(study), config, *ensembles, option="--summary")
-    pool_candidate(found, candidate, prepared, ensembles, output, summary, True, processes)
-
-
-def fit_by_name(study: str, candidate: str, config: Path, results: Path) -> str:
-    """Prepare, run every ensemble in turn and pool; a sentence on convergence.
-
-    The study's settings are written beside, for `deabayes analyse`.
+    Without `prepared` the records are prepared first, and the study's settings are written beside
+    them, for `deabayes analyse`.
     """
     from deabayes.api import open_posterior
-    from deabayes.pipeline import fit_ensemble, pool_candidate, prepare_study
+    from deabayes.pipeline import fit_candidate, prepare_study
 
     found = find_study(study, config)
     _known(found, candidate)
-    checked(found)
-    prepared, folder = results / found.name / "prepared", results / found.name / candidate
-    _keep_settings(found, results / found.name / "study.yaml")
-    prepare_study(found, prepared)
-    count = found.sampling.ensembles
-    outputs = [folder / "ensembles" / f"{index}.nc" for index in range(1, count + 1)]
-    for index, output in enumerate(outputs, start=1):
-        fit_ensemble(found, candidate, prepared, index, output, progress=True)
-    posterior = folder / "posterior.nc"
-    summary = folder / "summary.csv"
-    pool_candidate(found, candidate, prepared, outputs, posterior, summary, progress=True)
-    verdict = "converged" if open_posterior(posterior).converged else "NOT converged"
-    return f"{posterior}: {verdict}; parameters in {summary}"
+    output = output or results / found.name / candidate / "posterior.nc"
+    summary = summary or output.with_name("summary.csv")
+    keep_inputs(output, Path(study), config, prepared)
+    keep_inputs(summary, Path(study), config, prepared, option="--summary")
+    if prepared is None:
+        checked(found)
+        prepared = results / found.name / "prepared"
+        _keep_settings(found, results / found.name / "study.yaml")
+        prepare_study(found, prepared)
+    fit_candidate(found, candidate, prepared, output, summary, progress=True)
+    verdict = "converged" if open_posterior(output).converged else "NOT converged"
+    return f"{output}: {verdict}; parameters in {summary}"
 
 
 def compare_posteriors(

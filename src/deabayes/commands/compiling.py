@@ -22,18 +22,22 @@ TRIAL_WALKERS = 2
 def compile_study(study: str, config: Path) -> None:
     """Do once, for each candidate, all that later stages do with kernels: numba keeps them.
 
+    Studies of one system are compiled one after the other: the second finds what the first left.
     A posterior that `prior_from` names may be still to come.
     """
+    from deabayes.compiled import one_at_a_time
     from deabayes.pipeline import build_target, read_experiments
+    from deabayes.reading.specimen import read_specimen
 
     found = replace(find_study(study, config), prior_from=None)
     prepared = Path(study).parent / "prepared"
     experiments = read_experiments(prepared)
-    for candidate in found.candidates:
-        target = build_target(found, candidate, prepared)
-        _use_every_kernel(target, experiments)
-        _use_wider_systems(found, target, experiments)
-    _use_the_proposal()
+    with one_at_a_time(f"compile_{read_specimen(found.specimen).system}"):
+        for candidate in found.candidates:
+            target = build_target(found, candidate, prepared)
+            _use_every_kernel(target, experiments)
+            _use_wider_systems(found, target, experiments)
+        _use_the_proposal()
 
 
 def _use_the_proposal() -> None:

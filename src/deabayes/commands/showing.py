@@ -105,6 +105,21 @@ def report(
     click.echo(f"Report: {output.resolve()}")
 
 
+@click.command()
+@click.argument("state", type=EXISTING)
+@click.option("-o", "--output", type=TARGET, required=True, help="The page.")
+@click.option("--tables", type=TARGET, help="Folder; default: tables/ beside the page.")
+def finish(state: Path, output: Path, tables: Path | None) -> None:
+    """Build the report of a run in which jobs failed; it names them and shows what is there.
+
+    STATE is what Snakemake knew at the end of the run (results/logs/unfinished.json).
+    """
+    from deabayes.pipeline.unfinished import finish as finish_run
+
+    finish_run(state, output, tables or output.parent / "tables")
+    click.echo(f"Report: {output.resolve()}")
+
+
 def _go_together(
     own_drive: bool, with_drive: Mapping[str, object], with_records: Mapping[str, object]
 ) -> None:

@@ -1,4 +1,4 @@
-"""From prepared records to a posterior: one candidate whole."""
+"""From prepared records to a posterior, one candidate at a time."""
 
 from __future__ import annotations
 
@@ -39,9 +39,14 @@ def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.rand
 def fit_candidate(
     study: Study, candidate: str, prepared: Path, output: Path, summary: Path, progress: bool
 ) -> None:
-    """Sample a candidate whole: posterior.nc, summary.csv. Goes on where a killed run stopped.
+    """Sample the posterior of a candidate whole, and write posterior.nc and summary.csv.
 
-    The checkpoints are removed once both files are written.
+    The same call after an interruption goes on from its checkpoints beside `output`. They are
+    removed once both files are written.
+
+    Raises
+    ------
+    UserError : no draw of the prior has a response to the records.
     """
     from deabayes.files import write_atomically
     from deabayes.posteriors.file import posterior_tree

@@ -5,8 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from deabayes.pipeline.as_fitted import check_as_fitted
+
+if TYPE_CHECKING:
+    from deabayes.report.notices import Notice
 
 
 def draw_figures(results: Path, output: Path) -> None:
@@ -18,14 +22,18 @@ def draw_figures(results: Path, output: Path) -> None:
 
 
 def build_report(
-    folders: Sequence[Path], output: Path, tables: Path, left_out: Sequence[str]
+    folders: Sequence[Path],
+    output: Path,
+    tables: Path,
+    left_out: Sequence[str],
+    failed: Sequence[Notice] = (),
 ) -> None:
-    """Build the report page and its tables."""
+    """Build the report page and its tables; `failed` is what a run could not make."""
     from deabayes.report import build
 
     for folder in folders:
         check_as_fitted(folder)
-    build(folders, output, tables, left_out)
+    build(folders, output, tables, left_out, failed)
 
 
 def export_posterior(

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from deabayes.figures import SavedFigure
     from deabayes.figures.population_results import PopulationResults
     from deabayes.figures.results import StudyResults
+    from deabayes.report.notices import Notice
 
 LARGEST_PAGE = 14_000_000
 """Bytes; mail servers commonly refuse more than 20 MB after their own encoding."""
@@ -22,6 +23,7 @@ def build(
     output: str | Path,
     tables_folder: str | Path,
     left_out: Sequence[str] = (),
+    failed: Sequence[Notice] = (),
 ) -> Path:
     """Write the report page and its tables.
 
@@ -34,6 +36,7 @@ def build(
     output : the page, one HTML file that refers to nothing outside itself.
     tables_folder : where `{study}_{errors,summary,comparison}.csv` and analyses' tables go.
     left_out : one sentence per study that was not run, and how to get its data.
+    failed : what a run could not make, by study and candidate, and where the log is.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def build(
     write_csv(studies, Path(tables_folder))
     report_of_populations.write_csv(populations, Path(tables_folder))
     for quality in QUALITIES:
-        page = render(studies, figures, left_out, quality, populations, Path(tables_folder))
+        page = render(studies, figures, left_out, quality, populations, Path(tables_folder), failed)
         if len(page.encode()) <= LARGEST_PAGE:
             break
     output = Path(output)

@@ -37,8 +37,9 @@ def render(
     quality: Quality,
     populations_: Sequence[PopulationResults] = (),
     tables_folder: Path = Path("tables"),
+    failed: Sequence[notices.Notice] = (),
 ) -> str:
-    """The page as HTML; `figures` are those of every results folder."""
+    """The page as HTML; `figures` are those of every results folder, `failed` what is missing."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -48,6 +49,7 @@ def render(
     template = environment.from_string((folder / "template.html").read_text(encoding="utf-8"))
     found = [notice for study in studies for notice in notices.of_study(study)]
     found += [notice for each in populations_ for notice in populations.notices(each)]
+    shown = {s.name for s in studies} | {each.name for each in populations_}
     return template.render(
         css=(folder / "style.css").read_text(encoding="utf-8"),
         studies=[_study(s, figures[s.folder], quality) for s in studies],
@@ -59,6 +61,8 @@ def render(
         serious=[n for n in found if n.serious],
         notes=[n for n in found if not n.serious],
         left_out=list(left_out),
+        failed=failed,
+        without_results=sorted({n.study for n in failed} - shown - {""}),
         tables_folder=tables_folder.as_posix(),
         figure_folders=figure_folders(studies, populations_),
         versions=_versions(studies),
