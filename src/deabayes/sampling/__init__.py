@@ -1,5 +1,5 @@
-"""Sampling a posterior with ensembles of walkers: from tempered particles to pooled draws.
+"""Sampling a posterior: `engine.sample` takes a `problem.Problem` to draws and a verdict on them.
 
-`first_pass.run_ensemble` samples one ensemble, `pooling.pool` judges several together and
-samples them on. All in z, where the prior is N(0, I); nothing here knows a model.
+All is in z, where the prior is N(0, I). Nothing here knows a model: coordinates that straighten
+ridges, and hops between modes, come with the problem.
 """
