@@ -21,12 +21,12 @@ class Sampling:
     """How hard to sample, and what counts as converged (inference.md, Sampling)."""
 
     ensembles: int = 4
-    walkers: int = 128
+    walkers: int = 32
     max_steps: int = 20000
     ess: float = 400.0
     r_hat: float = 1.01
-    autocorrelation_times: float = 50.0
-    particles: int = 1024
+    autocorrelation_times: float = 10.0
+    particles: int = 256
     seed: int = 1
 
     def __post_init__(self) -> None:

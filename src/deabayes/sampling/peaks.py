@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.mixture import Mixture
@@ -100,17 +101,17 @@ class _Climbs:
         self.slope = np.zeros((count, d))
         self.slope[self.live] = self._gradient(self.live)
 
-    def place(self, which: FloatArray, u: FloatArray) -> FloatArray:
+    def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
         """z (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
         steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
         return np.asarray(self.starts[which][:, None] + steps)
 
-    def _at(self, which: FloatArray, u: FloatArray) -> FloatArray:
+    def _at(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
         """Log densities (K, M)."""
         values = self.target(self.place(which, u).reshape(-1, u.shape[2]))
         return np.where(np.isfinite(values), values, -np.inf).reshape(u.shape[:2])
 
-    def _gradient(self, which: FloatArray) -> FloatArray:
+    def _gradient(self, which: NDArray[np.intp]) -> FloatArray:
         """By central differences; where one side fails, by the other."""
         d, here = self.u.shape[1], self.value[which][:, None]
         values = self._at(which, self.u[which][:, None] + self.shifts)
@@ -143,7 +144,7 @@ class _Climbs:
             self._update(rising, step, before - self.slope[rising])
         self.live = live[self.quiet[live] < QUIET]
 
-    def _update(self, which: FloatArray, step: FloatArray, change: FloatArray) -> None:
+    def _update(self, which: NDArray[np.intp], step: FloatArray, change: FloatArray) -> None:
         """The rule's inverse Hessians after steps (K, d) that changed the slope by so much."""
         curvature = np.einsum("ki,ki->k", step, change)
         norms = np.linalg.norm(step, axis=1) * np.linalg.norm(change, axis=1)
