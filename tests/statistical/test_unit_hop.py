@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
+from deabayes.sampling.unit_hop import UnitHop
 from scipy import stats
 
 from deabayes.distributions import LogNormal, LogUniform
 from deabayes.parameter import Parameter
 from deabayes.prior.joint import Prior
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.guide import Guide
-from deabayes.sampling.unit_hop import UnitHop
 from deabayes.springs.ogden import Ogden
 from deabayes.study import Sampling
 
