@@ -6,6 +6,7 @@ import emcee
 import numpy as np
 import pytest
 from emcee.state import State
+from scipy.special import ndtr
 
 from deabayes.sampling import moves
 from deabayes.sampling.checkpoint import read_arrays, write_arrays
@@ -187,6 +188,41 @@ def test_one_shifted_ensemble_fails_the_gates():
     chain = result.chain.copy()
     chain[0] += 0.5
     assert not assess({"mu": chain[..., 0], "tau": chain[..., 1]}, Sampling()).converged
+
+
+TIMES = np.linspace(0.0, 320.0, 33)
+RATES = np.array([0.5, 1.5, -1.0, 0.01, 0.02])
+
+
+def two_rates(b):
+    """b_1 + b_2 exp(-b_4 x) + b_3 exp(-b_5 x) for b (W, 5): (W, N)."""
+    with np.errstate(over="ignore"):
+        first, second = (b[:, k : k + 1] * np.exp(-TIMES * b[:, k + 2 : k + 3]) for k in (1, 2))
+    return b[:, :1] + first + second
+
+
+def test_the_bulk_is_reached_where_the_noise_is_unknown():
+    """The noise's sd may be anything from 1e-7 to 10: tempered draws settle for a large one, where
+    two rates are not told apart. Climbs find the bulk, which is a thousand times thinner.
+    """
+    truth = np.array([[0.375, 1.936, -1.465, 0.0129, 0.0221]])
+    records = two_rates(truth) + 1e-3 * np.random.default_rng(1).standard_normal(TIMES.size)
+
+    def log_likelihood(z):
+        u = ndtr(z)
+        b = RATES + 3 * (2 * u[:, :5] - 1) * np.abs(RATES)
+        log_sigma = np.log(1e-7) + u[:, 5] * np.log(1e8)
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = ((two_rates(b) - records) ** 2).sum(axis=1)
+            values = -0.5 * squares * np.exp(-2 * log_sigma) - TIMES.size * log_sigma
+        return np.where(b[:, 3] < b[:, 4], values, -np.inf)
+
+    found = sampled(log_likelihood, 6, max_steps=100)
+    residual = records - two_rates(truth)
+    at_truth = -TIMES.size * (0.5 + 0.5 * np.log(np.mean(residual**2)))
+    values = log_likelihood(found.chain.reshape(-1, 6)).reshape(found.chain.shape[:3])
+    below = at_truth - np.median(values, axis=(1, 2))
+    assert (np.abs(below) < 3.0).all()
 
 
 SHORT = {"max_steps": 300, "ensembles": 3, "autocorrelation_times": 1e6}
