@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
-from deabayes.sampling.unit_hop import UnitHop
 from scipy import stats
 
 from deabayes.distributions import LogNormal, LogUniform
@@ -14,6 +13,7 @@ from deabayes.parameter import Parameter
 from deabayes.prior.joint import Prior
 from deabayes.springs.ogden import Ogden
 from deabayes.study import Sampling
+from deabayes.systems.ridges.unit_hop import UnitHop
 
 
 def chain_prior(units, own_prior=False):

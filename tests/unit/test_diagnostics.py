@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from deabayes.sampling import chains
-from deabayes.sampling.diagnostics import GATE_STEPS, assess, stuck_walkers, summarise
-from deabayes.sampling.mode_shares import mode_shares
+from deabayes.sampling.diagnostics import GATE_STEPS, assess, mode_shares, stuck_walkers, summarise
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(walkers=16)

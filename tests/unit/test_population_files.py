@@ -21,8 +21,7 @@ from deabayes.population.files import (
 from deabayes.population.settings import Population
 from deabayes.population.specimens import Shrunken
 from deabayes.prior.joint import Prior
-from deabayes.sampling.diagnostics import summarise
-from deabayes.sampling.gates import Failed
+from deabayes.sampling.diagnostics import Failed, summarise
 
 PARAMETERS = (
     parameter("mu", LogNormal(1e4, 1.0)),

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from deabayes.sampling.pooling import PooledResult
 from scipy.special import ndtri
 
 from deabayes.distributions import LogNormal, LogUniform
@@ -15,8 +16,7 @@ from deabayes.parameter import Parameter
 from deabayes.posteriors.content import convergence_summary, slower_than_records
 from deabayes.posteriors.summary import contraction, contractions
 from deabayes.prior.joint import Prior
-from deabayes.sampling.gates import Failed
-from deabayes.sampling.pooling import PooledResult
+from deabayes.sampling.diagnostics import Failed
 
 SHORT = Failed("length", "run 1", "too short", -9.0)
 

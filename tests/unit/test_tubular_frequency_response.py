@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from deabayes.sampling.guide import Guide
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import QUANTITIES, STAND_INS
 
@@ -18,7 +19,6 @@ from deabayes.posterior import build
 from deabayes.preparation import measured_rows, prepare
 from deabayes.preparation.opening import continuous_phase
 from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.sampling.guide import Guide
 from deabayes.study import Study
 from deabayes.systems.tubular import Tubular
 from deabayes.units import to_si

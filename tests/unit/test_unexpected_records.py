@@ -9,6 +9,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from deabayes.sampling.smc import EveryDrawFailed
 from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep
 
 from deabayes.checks.prior_scale import unexpected
@@ -17,7 +18,6 @@ from deabayes.faults import UserError
 from deabayes.pipeline import identify
 from deabayes.posterior import build
 from deabayes.posteriors import content
-from deabayes.sampling.smc import EveryDrawFailed
 
 
 @pytest.mark.parametrize(

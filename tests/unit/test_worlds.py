@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deabayes.sampling.guide import Guide
 from tests.validation.cases import case
 from tests.validation.membrane_worlds import doubling_grid, membrane
 from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular
 from tests.validation.worlds import given, responded, simulate, smooth_in_log_time
-
-from deabayes.sampling.guide import Guide
 
 
 def test_grid_is_that_of_the_joint_fit():
