@@ -168,20 +168,6 @@ def test_there_are_twice_as_many_walkers_as_parameters(given, used):
     assert found.chain.shape[2] == used
 
 
-def test_thinned_draws_are_of_all_times_and_walkers():
-    found = sampled(lambda z: -0.5 * (z**2).sum(1), 2, max_steps=300, ensembles=2, walkers=20)
-    z, log_posterior = found.thinned(400)
-    assert z.shape == (2, 400, 2)
-    np.testing.assert_allclose(log_posterior, Target(lambda z: -0.5 * (z**2).sum(1))(
-        z.reshape(-1, 2)).reshape(2, 400))  # fmt: skip
-    walker = np.array([np.argwhere(found.chain[0] == each)[0][1] for each in z[0]])
-    assert np.bincount(walker, minlength=20).min() > 5
-    everything, _ = found.thinned(10**6)
-    assert len(np.unique(everything[0], axis=0)) == len(
-        np.unique(found.chain[0].reshape(-1, 2), axis=0)
-    )
-
-
 def test_one_shifted_ensemble_fails_the_gates():
     result = sampled(lambda z: -0.5 * (z**2).sum(1), 2)
     assert result.convergence.converged
