@@ -1,181 +1,223 @@
-"""Canaries of the moves: each leaves a Gaussian as wide as it is, and wrong ones are seen."""
-
-from dataclasses import replace
+"""Canaries: each move leaves a Gaussian as wide as it is, and none takes partners elsewhere."""
 
 import emcee
 import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
-from tests.statistical.proposals import wide_proposal
+from emcee.state import State
+from tests.statistical.units import chain_prior
 from tests.unit.coordinates import COORDINATES
 
-from deabayes.distributions import LogNormal, LogUniform
-from deabayes.parameter import Parameter
-from deabayes.prior.joint import Prior
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.guide import NO_GUIDE
-from deabayes.sampling.moves import (
-    CrossedMove,
-    DifferentialEvolutionMove,
-    HopMove,
-    IndependenceMove,
-    StraightenedMove,
-    build_sampler,
-    initial_state,
-    last_accepted,
-    recipe,
-)
-from deabayes.sampling.proposal import Lines
-from deabayes.sampling.proposal_fit import MOST_TRIES, fit
-from deabayes.sampling.smc import log_standard_normal
-from deabayes.sampling.unit_hop import UnitHop
+from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.moves import DifferenceMove, HopMove, IndependenceMove, recipe
+from deabayes.sampling.proposal import Lines, Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
+from deabayes.systems.ridges.unit_hop import UnitHop
 
-WALKERS = 400
+ENSEMBLES, WALKERS = 4, 250
 """Many, as a step of them costs little more than one of few."""
+THIN = 10
 
 
-def variance_ratio(move, dimension, steps):
-    """Variance over the true one, averaged over coordinates, on a unit Gaussian."""
-    moves = move if isinstance(move, list) else [(move, 1.0)]
-    sampler = emcee.EnsembleSampler(
-        WALKERS, dimension, log_standard_normal, moves=moves, vectorize=True
-    )
-    start = np.random.default_rng(0).standard_normal((WALKERS, dimension))
-    state = initial_state(start, log_standard_normal(start), np.random.SeedSequence(1))
-    sampler.run_mcmc(state, steps, thin_by=10)
+def factor_of(dimension):
+    """Of a covariance with neighbours correlated by 0.6 and widths from 0.6 to 1."""
+    distance = np.abs(np.subtract.outer(np.arange(dimension), np.arange(dimension)))
+    widths = np.geomspace(0.6, 1.0, dimension)
+    return np.linalg.cholesky(0.6**distance * np.outer(widths, widths))
+
+
+def gaussian(dimension):
+    """Draws of a correlated Gaussian, and its log density."""
+    factor = factor_of(dimension)
+    inverse = np.linalg.inv(factor)
+
+    def draw(n, seed):
+        return np.random.default_rng(seed).standard_normal((n, dimension)) @ factor.T
+
+    def log_density(z):
+        return -0.5 * np.sum((z @ inverse.T) ** 2, axis=1)
+
+    return draw, log_density, inverse
+
+
+def sampler_of(moves, dimension, log_density, ensembles=ENSEMBLES):
+    shape = ensembles * WALKERS, dimension
+    return emcee.EnsembleSampler(*shape, log_density, moves=moves, vectorize=True)
+
+
+def started(z, seed):
+    random = np.random.RandomState(np.random.MT19937(np.random.SeedSequence(seed)))
+    return State(z, random_state=random.get_state(), copy=True)
+
+
+def variance_ratio(moves, dimension, steps, ensembles=ENSEMBLES):
+    """Variance over the true one, averaged over principal axes, from a start in the Gaussian."""
+    moves = moves if isinstance(moves, list) else [(moves, 1.0)]
+    draw, log_density, inverse = gaussian(dimension)
+    sampler = sampler_of(moves, dimension, log_density, ensembles)
+    start = started(draw(ensembles * WALKERS, 0), 1)
+    sampler.run_mcmc(start, steps, thin_by=THIN)
     chain = sampler.get_chain(discard=steps // 10, flat=True)
-    return float((chain**2).mean())
+    return float(((chain @ inverse.T) ** 2).mean())
+
+
+def wide_proposal(dimension):
+    """Neither centred on the Gaussian nor of its width."""
+    means = np.stack([np.full(dimension, 0.2), np.full(dimension, -0.3)])
+    factors = np.stack([1.1 * factor_of(dimension)] * 2)
+    return Proposal((Part(1.0, Mixture(np.array([0.6, 0.4]), means, factors)),))
 
 
 def curved_lines(dimension):
-    """A map fitted to draws of a banana: curved lines on the unit Gaussian, of uneven width."""
+    """A map fitted to draws of a banana: curved lines on the Gaussian, of uneven width."""
     draws = np.random.default_rng(2).standard_normal((4000, dimension))
-    draws[:, 1] = 0.3 * draws[:, 1] + 0.5 * draws[:, 0] ** 2
-    draws[:, 2] *= 0.3 * np.exp(0.7 * draws[:, 0])
+    draws[:, 1] = 0.3 * draws[:, 1] + 0.8 * draws[:, 0] ** 2
+    draws[:, 2] *= 0.3 * np.exp(0.9 * draws[:, 0])
     return Lines(Coordinates(), fit_warp(draws))
 
 
-def bent_proposal(dimension, fine=False):
-    """Fitted to half of the unit Gaussian in coordinates with walls, which it reaches beyond."""
-    draws = np.random.default_rng(3).standard_normal((8000, dimension))
+def bent_proposal(dimension, fine=True):
+    """Fitted to half of the Gaussian in coordinates with walls, which it reaches beyond."""
+    draws = gaussian(dimension)[0](8000, 3)
     half = draws[draws[:, 0] > -0.5]
     return fit(half, 2, np.random.default_rng(4), fine=fine, coordinates=COORDINATES)
 
 
-def along_bent_lines(dimension):
-    """Moves along the lines of its map, some of which lead out of the support."""
-    return StraightenedMove(bent_proposal(dimension).lines[0][1])
+def of_its_own(dimension):
+    """One for each ensemble, all different."""
+    found = []
+    for index in range(ENSEMBLES):
+        draws = gaussian(dimension)[0](4000, 10 + index) + 0.1 * index
+        found.append(fit(draws, 1, np.random.default_rng(index)))
+    return found
 
 
 def hop_over(dimension):
     """The hop of a prior with as many units as the dimension has room for."""
-    units = dimension // 2
-    moduli = [
-        Parameter(f"E_{i}", "E", "Pa", "", LogNormal(1e6, 0.8), "", belongs_to=f"tau_{i}")
-        for i in range(1, units + 1)
-    ]
-    times = [
-        Parameter(f"tau_{i}", "tau", "s", "", LogUniform(0.01, 10.0), "", ordered="tau")
-        for i in range(1, units + 1)
-    ]
-    others = [
-        Parameter(f"x_{i}", "x", "1", "", LogNormal(1.0, 1.0), "") for i in range(dimension % 2)
-    ]
-    return UnitHop.of(Prior.from_parameters([*moduli, *times, *others]))
+    return UnitHop.of(chain_prior(dimension // 2, others=dimension % 2))
 
 
 MOVES = {
+    "differences": (lambda d: DifferenceMove(Lines(Coordinates()), ENSEMBLES), 25),
+    "differences along curved lines": (lambda d: DifferenceMove(curved_lines(d), ENSEMBLES), 25),
+    "differences along lines with walls": (
+        lambda d: DifferenceMove(bent_proposal(d).lines[0][1], ENSEMBLES),
+        25,
+    ),
+    "independence": (lambda d: IndependenceMove(wide_proposal(d)), 15),
+    "independence with walls": (lambda d: IndependenceMove(bent_proposal(d, fine=False)), 25),
+    "independence, a proposal for each": (lambda d: IndependenceMove(*of_its_own(d)), 15),
     "hops": (
-        lambda d: [(HopMove(hop_over(d)), 0.5), (DifferentialEvolutionMove(), 0.5)],
-        125,
-    ),
-    "along straightened ridges": (lambda d: StraightenedMove(curved_lines(d)), 125),
-    "some straightened coordinates": (
         lambda d: [
-            (CrossedMove(curved_lines(d), 0.0), 0.5),
-            (CrossedMove(curved_lines(d), 0.3), 0.5),
+            (HopMove(hop_over(d)), 0.5),
+            (DifferenceMove(Lines(Coordinates()), ENSEMBLES), 0.5),
         ],
-        125,
+        25,
     ),
-    "independence": (lambda d: IndependenceMove(wide_proposal(d)), 75),
-    "several in a row": (lambda d: IndependenceMove(replace(wide_proposal(d), tries=5)), 25),
-    "along lines of other coordinates": (along_bent_lines, 125),
-    "independence in other coordinates": (lambda d: IndependenceMove(bent_proposal(d)), 125),
-    "recipe in other coordinates": (lambda d: recipe(bent_proposal(d, fine=True)), 125),
-    "differential evolution": (lambda d: DifferentialEvolutionMove(), 125),
-    "recipe": (lambda d: recipe(wide_proposal(d)), 125),
-    "recipe where proposals are rarely accepted": (
-        lambda d: recipe(bent_proposal(d, fine=True), rare=True),
-        125,
-    ),
-    "jumps in the recipe": (
-        lambda d: [
-            (DifferentialEvolutionMove(gamma0=1.0), 0.5),
-            (DifferentialEvolutionMove(), 0.5),
-        ],
-        125,
-    ),
+    "recipe": (lambda d: recipe([wide_proposal(d)], [hop_over(d)], ENSEMBLES), 25),
+    "recipe with walls": (lambda d: recipe([bent_proposal(d)], [], ENSEMBLES), 25),
 }
 
 
 @pytest.mark.parametrize("dimension", [5, 10])
 @pytest.mark.parametrize("name", MOVES)
-def test_move_keeps_the_variance_of_a_gaussian(name, dimension):
+def test_a_move_keeps_the_variance_of_a_gaussian(name, dimension):
     build, steps = MOVES[name]
     assert variance_ratio(build(dimension), dimension, steps) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.parametrize("ensembles", [2, 3])
+def test_the_recipe_keeps_it_for_any_number_of_ensembles(ensembles):
+    moves = recipe([bent_proposal(5)], [hop_over(5)], ensembles)
+    assert variance_ratio(moves, 5, 40, ensembles) == pytest.approx(1.0, abs=0.03)
+
+
 @pytest.mark.parametrize("dimension", [5, 10])
 def test_the_canary_sees_that_the_snooker_move_is_wrong(dimension):
-    assert variance_ratio(DESnookerMove(), dimension, 50) < 0.97
+    assert variance_ratio(DESnookerMove(), dimension, 25, ensembles=1) < 0.97
 
 
-def test_a_wrong_sign_of_the_factor_would_be_seen():
-    class Wrong(IndependenceMove):
-        def _log_weights(self, state, points, log_target):
-            here, there = super()._log_weights(state, points, log_target)
-            return 2 * state.log_prob - here, 2 * log_target - there
-
-    assert variance_ratio(Wrong(wide_proposal(5)), 5, 50) != pytest.approx(1.0, abs=0.03)
+class WithoutJacobian(Lines):
+    def moved(self, z, log_jacobian, x):
+        proposed, factor = super().moved(z, log_jacobian, x)
+        return proposed, np.zeros_like(factor)
 
 
-def test_the_last_of_several_accepted_in_a_row_counts():
-    here, there = np.zeros(3), np.array([[1.0, -9.0, 2.0], [-3.0, -9.0, 5.0], [0.5, -9.0, -1.0]])
-    chance = np.array([[-0.1, -0.1, -0.1], [-5.0, -0.1, -0.1], [-0.1, -0.1, -0.1]])
-    assert last_accepted(here, there, chance).tolist() == [2, -1, 1]
-    chance[2, 0] = 4.0  # 0.5 against the -3 that it is at: refused only above 3.5
-    assert last_accepted(here, there, chance).tolist() == [1, -1, 1]
+class TowardsAPartner(DifferenceMove):
+    """Half of the way to another walker: no way back is as likely."""
+
+    def _steps(self, x, shape, resting, random):
+        first = random.randint(resting.shape[1], size=shape)
+        partners = resting[np.arange(shape[0])[:, None], first].ravel()
+        moving = np.setdiff1d(np.arange(len(x)), resting.ravel())
+        return 0.5 * (x[partners] - x[moving])
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_crossover_changes_as_many_straightened_coordinates_as_it_says(share):
-    lines, walkers = curved_lines(8), np.random.default_rng(5).standard_normal((400, 8))
-    move = CrossedMove(lines, share)
-    proposed, _ = move.get_proposal(walkers[:200], [walkers[200:]], np.random.RandomState(6))
-    steps = lines.straighten(proposed)[0] - lines.straighten(walkers[:200])[0]
-    changed = (np.abs(steps) > 1e-9).sum(axis=1)
-    assert changed.min() >= 1
-    assert changed.mean() == pytest.approx(1 + 7 * share, abs=0.3)
+class WrongSign(IndependenceMove):
+    def propose(self, model, state):
+        class Turned:
+            def __init__(self, frozen):
+                self.sample, self.log_density = frozen.sample, lambda z: -frozen.log_density(z)
+
+        return IndependenceMove(*map(Turned, self.frozen)).propose(model, state)
 
 
 @pytest.mark.parametrize(
-    ("tries", "several", "crossed"),
-    [(MOST_TRIES, False, True), (MOST_TRIES, True, False), (MOST_TRIES - 1, False, False)],
+    "wrong",
+    [
+        lambda: DifferenceMove(WithoutJacobian(Coordinates(), curved_lines(5).warp), ENSEMBLES),
+        lambda: TowardsAPartner(Lines(Coordinates()), ENSEMBLES),
+        lambda: WrongSign(wide_proposal(5)),
+    ],
 )
-def test_steps_of_few_coordinates_are_made_where_the_proposals_are_rarely_accepted(
-    tries, several, crossed
-):
-    frozen = replace(bent_proposal(5, fine=True), tries=tries)
-    guide = replace(NO_GUIDE, several=several)
-    sampler = build_sampler(log_standard_normal, frozen, (20, 5), guide)
-    assert any(isinstance(move, CrossedMove) for move in sampler._moves) == crossed
+def test_the_canary_sees_moves_that_are_wrong(wrong):
+    assert variance_ratio(wrong(), 5, 25) != pytest.approx(1.0, abs=0.03)
 
 
-def test_straightened_moves_without_their_jacobian_would_be_seen():
-    class Wrong(StraightenedMove):
-        def get_proposal(self, s, c, random):
-            proposed, factors = super().get_proposal(s, c, random)
-            return proposed, np.zeros_like(factors)
+def draws_of(moves, first, seed=7, steps=30):
+    """(S, E, W, d) after the first ensemble started at `first` times where it is."""
+    draw, log_density, _ = gaussian(5)
+    start = draw(ENSEMBLES * WALKERS, 6)
+    start[:WALKERS] *= first
+    sampler = sampler_of(moves, 5, log_density)
+    sampler.run_mcmc(started(start, seed), steps)
+    return sampler.get_chain().reshape(steps, ENSEMBLES, WALKERS, 5)
 
-    assert variance_ratio(Wrong(curved_lines(5)), 5, 125) != pytest.approx(1.0, abs=0.03)
+
+@pytest.mark.parametrize("crossing", [False, True])
+def test_nothing_passes_between_ensembles(crossing):
+    """One starts elsewhere with the same random stream: the others' draws stay as they are.
+
+    Moves that count all walkers as of one ensemble change them: so the test can fail.
+    """
+    ensembles = 1 if crossing else ENSEMBLES
+    moves = recipe([bent_proposal(5)], [hop_over(5)], ensembles)
+    usual, moved = draws_of(moves, 1.0), draws_of(moves, 3.0)
+    assert usual[:, 0].tobytes() != moved[:, 0].tobytes()
+    same = [usual[:, e].tobytes() == moved[:, e].tobytes() for e in range(1, ENSEMBLES)]
+    assert all(same) if not crossing else not any(same)
+
+
+def test_partners_are_of_the_walkers_own_ensemble():
+    """Ensembles a thousand apart: a difference that is not tiny is of two ensembles."""
+    move = DifferenceMove(Lines(Coordinates()), ENSEMBLES)
+    x = np.random.default_rng(8).standard_normal((ENSEMBLES * 10, 3))
+    x += 1000.0 * np.repeat(np.arange(ENSEMBLES), 10)[:, None]
+    random = np.random.RandomState(9)
+    moving, resting = move._halves(10, random)
+    whole = np.sort(np.hstack([moving, resting]), axis=1)
+    assert whole.ravel().tolist() == list(range(len(x)))
+    assert (whole // 10 == np.arange(ENSEMBLES)[:, None]).all()
+    assert np.abs(move._steps(x, moving.shape, resting, random)).max() < 20.0
+
+
+@pytest.mark.parametrize("hops", [0, 1, 2])
+def test_the_recipes_shares_add_up(hops):
+    moves = recipe([bent_proposal(5)], [hop_over(5)] * hops, ENSEMBLES)
+    shares = {}
+    for move, share in moves:
+        shares[type(move)] = shares.get(type(move), 0.0) + share
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert shares[IndependenceMove] == pytest.approx(0.4)
+    assert shares.get(HopMove, 0.0) == pytest.approx(0.1 * hops)

@@ -14,7 +14,7 @@ from tests.unit.fake_records import Fake
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.posteriors.storage import ATTRIBUTES, GROUPS
-from deabayes.sampling.gates import Failed
+from deabayes.sampling.diagnostics import Failed
 
 Draws = Mapping[str, tuple[FloatArray, FloatArray, Mapping[str, str]]]
 """By name: posterior (chains, draws), prior (1, draws), attributes."""

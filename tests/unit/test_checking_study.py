@@ -9,7 +9,7 @@ from tests.unit.study_folders import SPECIMENS, make_folder, record_lines, repla
 
 from deabayes.checks.study import check_names, check_study
 from deabayes.cli import main
-from deabayes.study import Sampling, Study
+from deabayes.study import Study
 
 PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
 
@@ -64,14 +64,6 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     faults, _ = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4")))
     assert len(faults) == 1
     assert "study s, kv_gm_4: 9 points cannot determine" in faults[0]  # 2 at the ramp's end masked
-
-
-def test_too_few_walkers_for_a_candidate(tmp_path: Path) -> None:
-    sampling = Sampling(walkers=22)
-    study = Study("s", make_folder(tmp_path), ("kv_gm_1", "kv_gm_2"), sampling=sampling)
-    (fault,) = check_study(study)[0]
-    assert "study s, kv_gm_2, sampling.walkers: 22 are too few for 12 parameters" in fault
-    assert "at least 24" in fault
 
 
 def test_a_step_that_leaves_nothing_says_what_there_was(tmp_path: Path) -> None:

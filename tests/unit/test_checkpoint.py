@@ -4,9 +4,7 @@ import zipfile
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from deabayes.faults import UserError
 from deabayes.sampling.checkpoint import (
     Store,
     random_state_arrays,
@@ -14,9 +12,6 @@ from deabayes.sampling.checkpoint import (
     read_arrays,
     write_arrays,
 )
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.ensemble import Ensemble, align
-from deabayes.sampling.proposal_fit import fit
 
 
 def test_arrays_come_back_and_no_partial_file_stays(tmp_path):
@@ -69,47 +64,6 @@ def test_random_state_goes_on_where_it_was(tmp_path):
     other = np.random.RandomState()
     other.set_state(random_state_from(read_arrays(tmp_path / "r.npz")))
     assert other.randn(5).tobytes() == random.randn(5).tobytes()
-
-
-def ensemble(steps):
-    rng = np.random.default_rng(steps)
-    chain = rng.standard_normal((steps, 4, 2))
-    proposal = fit(chain.reshape(-1, 2), 2, rng)
-    return Ensemble(chain, -chain[..., 0], proposal, 900, 300, 2, 0.3, 8.5, 1, 5000, 7, True)
-
-
-def test_an_ensemble_comes_back_from_its_file(tmp_path):
-    original = ensemble(30)
-    original.write(tmp_path / "0.nc")
-    back = Ensemble.read(tmp_path / "0.nc", Coordinates())
-    assert back.chain.tobytes() == original.chain.tobytes()
-    assert back.log_posterior.tobytes() == original.log_posterior.tobytes()
-    z = original.chain[0]
-    assert len(back.proposal.parts) == 2
-    assert back.proposal.log_density(z).tobytes() == original.proposal.log_density(z).tobytes()
-    scalars = ["steps", "burn_in", "acceptance", "failures", "enough", "refitted"]
-    assert [getattr(back, name) for name in scalars] == [900, 300, 0.3, 7, True, False]
-    assert [path.name for path in tmp_path.iterdir()] == ["0.nc"]
-
-
-def test_runs_of_different_lengths_are_thinned_to_the_shortest():
-    long, short = ensemble(100), ensemble(30)
-    chain, log_posterior = align([long, short])
-    assert chain.shape == (2, 30, 4, 2)
-    assert chain[1].tobytes() == short.chain.tobytes()
-    assert (chain[0, -1] == long.chain[-1]).all()
-    assert (log_posterior == -chain[..., 0]).all()
-
-
-@pytest.mark.parametrize("kind", ["a posterior", "no netCDF"])
-def test_a_file_that_is_no_ensemble(tmp_path, kind):
-    path = tmp_path / "posterior.nc"
-    if kind == "a posterior":
-        xr.Dataset({"E_0": 1.0}).to_netcdf(path, engine="h5netcdf")
-    else:
-        path.write_text("time [s]")
-    with pytest.raises(UserError, match=r"posterior\.nc: is no ensemble's file.* --output"):
-        Ensemble.read(path, Coordinates())
 
 
 def test_a_header_that_is_no_header_any_more_counts_as_damaged(tmp_path):

@@ -5,15 +5,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.unit.coordinates import COORDINATES, SLOPES, WEIGHT
+from tests.unit.coordinates import (
+    COORDINATES,
+    SLOPES,
+    WEIGHT,
+    check_there_and_back,
+    coordinates_of,
+    parts_of,
+)
 from tests.validation.tubular_worlds import tubular_full
 
 from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import Quantity, Specimen
+from deabayes.noise.coordinates import NoisePair
+from deabayes.prior.coordinates import Inherited, Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.pairs import GentPair, NoisePair
-from deabayes.sampling.proposal_fit import fit
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.proposal import fit
+from deabayes.systems.ridges.gent_pair import GentPair
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
 
 
@@ -21,28 +30,24 @@ def draws(n=2000, seed=0):
     return np.random.default_rng(seed).standard_normal((n, 6))
 
 
-def test_there_and_back():
+def test_there_and_back_with_the_jacobian():
+    check_there_and_back(COORDINATES, draws(20), jacobian=1e-6)
     z = 1.5 * draws()
     u, _ = COORDINATES.straighten(z)
     np.testing.assert_allclose(COORDINATES.bend(u), z, atol=1e-8)
     assert np.abs(u - z).max() > 0.1
 
 
-def test_jacobian_is_that_of_finite_differences():
-    z, step = draws(20), 1e-5
-    columns = [
-        (COORDINATES.straighten(z + step * e)[0] - COORDINATES.straighten(z - step * e)[0])
-        / (2 * step)
-        for e in np.eye(6)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(COORDINATES.straighten(z)[1], expected, atol=1e-6)
+def test_without_parts_they_are_those_of_z():
+    z = draws(5)
+    u, log_jacobian = Coordinates().straighten(z)
+    assert u is z and Coordinates().bend(z) is z and not log_jacobian.any()
 
 
 def test_logarithms_of_times_and_values_of_uniform_parameters():
     z = draws(5)
     u, _ = COORDINATES.straighten(z)
-    ordered, alone = (part.block for part in COORDINATES.natural)
+    ordered, alone = (part.block for part in COORDINATES.parts[:2])
     np.testing.assert_allclose(np.exp(u[:, [0, 1]]), ordered.to_parameters(z[:, [0, 1]]))
     values = 2.0 + 6.0 / np.sqrt(12.0) * u[:, [2]]
     np.testing.assert_allclose(values, alone.to_parameters(z[:, [2]]))
@@ -60,20 +65,13 @@ def test_three_in_order_of_any_kind(prior, from_largest):
         "x", (0, 1, 2), prior, 1.0 if prior.label == "uniform" else 1.5, from_largest
     )
     there = Coordinates((Natural(block),))
-    z, step = np.random.default_rng(4).standard_normal((200, 3)), 1e-5
-    u, log_jacobian = there.straighten(z)
-    theta = block.to_parameters(z)
+    z = np.random.default_rng(4).standard_normal((200, 3))
+    u, theta = there.straighten(z)[0], block.to_parameters(z)
     if prior.label == "uniform":
         np.testing.assert_allclose(16.0 / np.sqrt(12.0) * u, theta, atol=1e-12)
     else:
         np.testing.assert_allclose(u, np.log(theta), atol=1e-12)
-    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
-    columns = [
-        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(3)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-6)
+    check_there_and_back(there, z, jacobian=1e-6)
     unordered = u[:, [0, 2, 1]]
     assert np.isnan(there.bend(unordered)).all()
 
@@ -116,7 +114,7 @@ def test_gent_springs_that_take_up_one_load_lie_on_a_line():
 def test_a_spring_that_seems_locked_is_reached_all_the_same():
     """A record read wrong, with stretches beyond lock-up, must not cut off any limit."""
     spring = replace(SPRING, invariants=(50.0, 60.0))
-    locking = Coordinates((), (GentPair(spring, (0, 1), 0.8, np.log(100.0), 0.7),))
+    locking = Coordinates((GentPair(spring, (0, 1), 0.8, np.log(100.0), 0.7),))
     z = np.random.default_rng(5).standard_normal((4000, 3))
     locked = 100.0 * np.exp(0.7 * z[:, 1]) <= 60.0
     assert 0.1 < locked.mean() < 0.5
@@ -182,13 +180,13 @@ def test_those_of_a_real_posterior():
         replace(r, experiment=replace(r.experiment, samples_averaged=np.full(r.weights.size, 5.0)))
         for r in target.records
     )
-    found = Coordinates.of(target)
-    names = target.names
-    assert [[names[k] for k in part.block.columns] for part in found.natural] == [
+    found, names = coordinates_of(target), target.names
+    natural = parts_of(target, Natural)
+    assert [[names[k] for k in part.block.columns] for part in natural] == [
         ["tau_1", "tau_2"], ["creep.tau_ou"], ["frequency_response.tau_ou"]
     ]  # fmt: skip
-    assert isinstance(found.natural[0].block, Ordered)
-    noises = [pair for pair in found.pairs if isinstance(pair, NoisePair)]
+    assert isinstance(natural[0].block, Ordered)
+    noises = parts_of(target, NoisePair)
     assert [[names[k] for k in pair.columns] for pair in noises] == [
         [f"{group}.sigma_white", f"{group}.sigma_ou"] for group in ("creep", "frequency_response")
     ]
@@ -208,11 +206,9 @@ def test_parameters_handed_on_as_one_normal_stay_as_they_are():
     kept = [target.names.index(n) for n in ("tau_1", "tau_2", "creep.sigma_ou", "creep.tau_ou")]
     inherited = target.prior.inherit([target.names[k] for k in kept], draws_before[:, kept])
     target.prior = inherited
-    found = Coordinates.of(target)
-    assert [part.block.columns for part in found.natural] == [
-        (target.names.index("frequency_response.tau_ou"),)
-    ]
-    assert len(found.pairs) == 1
+    noise = target.names.index("frequency_response.tau_ou")
+    assert [part.block.columns for part in parts_of(target, Natural)] == [(noise,)]
+    assert len(coordinates_of(target).parts) == 2
 
 
 def test_a_mixture_handed_on_is_taken_by_its_default_scores():
@@ -221,23 +217,16 @@ def test_a_mixture_handed_on_is_taken_by_its_default_scores():
     before = target.prior.sample(np.random.default_rng(5), 2000)
     kept = [target.names.index(n) for n in ("tau_1", "tau_2", "E_0")]
     before[::2, kept[2]] *= 5.0
-    usual = Coordinates.of(target).straighten(target.prior.to_normal(before))[0]
+    usual = coordinates_of(target).straighten(target.prior.to_normal(before))[0]
     target.prior = target.prior.inherit([target.names[k] for k in kept], before[:, kept])
-    found = Coordinates.of(target)
-    (handed_on,) = found.inherited
+    found = coordinates_of(target)
+    (handed_on,) = parts_of(target, Inherited)
     assert handed_on.block.mixture.components > 1
-    z = 1.5 * np.random.default_rng(6).standard_normal((50, target.dimension))
-    u, log_jacobian = found.straighten(z)
-    np.testing.assert_allclose(found.bend(u), z, atol=1e-7)
+    check_there_and_back(
+        found, 1.5 * np.random.default_rng(6).standard_normal((50, target.dimension))
+    )
     whole, _ = found.straighten(target.prior.to_normal(before))
     np.testing.assert_allclose(whole, usual, atol=1e-7)
-    step = 1e-5
-    jacobian = [
-        (found.straighten(z + step * e)[0] - found.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(target.dimension)
-    ]
-    expected = np.linalg.slogdet(np.stack(jacobian, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.unit.coordinates import coordinates_of, parts_of
 from tests.unit.test_film_terms import STRETCHES, film, inherited
 from tests.unit.test_learned import FILM, handed_on
 
 from deabayes.posterior import LogPosterior
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.film import FilmStress, to_terms
-from deabayes.sampling.shares import Shares
-from deabayes.sampling.terms import HEIGHTS
 from deabayes.springs.ogden import stress_of_one
+from deabayes.systems.ridges.film import FilmStress, to_terms
+from deabayes.systems.ridges.shares import Shares
+from deabayes.systems.ridges.terms import HEIGHTS
 
 HEIGHT = np.log(STRETCHES[0] / STRETCHES[1]) / 2.0
 MIDDLE, SD = 2.5, 5.0 / np.sqrt(12.0)
@@ -114,7 +114,7 @@ def handed_on_with(small_share: float = 1.0, **priors: object) -> LogPosterior:
 
 def of(posterior: LogPosterior) -> type:
     """What takes the terms of its film on."""
-    (found,) = (p for p in Coordinates.of(posterior).pairs if isinstance(p, FilmStress | Shares))
+    (found,) = parts_of(posterior, FilmStress, Shares)
     return type(found)
 
 
@@ -132,7 +132,7 @@ def test_they_are_not_where_they_are_not_one_to_one() -> None:
 
 def test_there_and_back_from_scores() -> None:
     posterior = handed_on_with(**POSITIVE)
-    there = Coordinates.of(posterior)
+    there = coordinates_of(posterior)
     theta = posterior.prior.sample(np.random.default_rng(6), 500)
     z = posterior.prior.to_normal(theta)
     u, log_jacobian = there.straighten(z)

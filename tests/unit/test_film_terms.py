@@ -6,14 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_of
 from tests.unit.structure_contexts import force
 from tests.unit.structures import PLAIN
 
 from deabayes.posterior import LogPosterior, build
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.shares import Shares
-from deabayes.sampling.unit_hop import UnitHop
+from deabayes.posteriors.problem import problem_of
+from deabayes.prior.coordinates import Inherited
 from deabayes.study import Study
+from deabayes.systems.ridges.shares import Shares
+from deabayes.systems.ridges.unit_hop import UnitHop
 
 STRETCHES = 5.0 / np.sqrt(2.0), 1.0 / (5.0 * 5.0 / np.sqrt(2.0))
 """lambda_x and lambda_z of the film at rest: 45 degrees, prestretch 5."""
@@ -40,30 +42,21 @@ def inherited(candidate: str) -> LogPosterior:
 @pytest.mark.parametrize("candidate", ["ogden_2", "ogden_3"])
 def test_there_and_back_with_the_jacobian(of, candidate) -> None:
     posterior = of(candidate)
-    there = Coordinates.of(posterior)
-    assert len(there.inherited) == (of is inherited)
+    assert len(parts_of(posterior, Inherited)) == (of is inherited)
     z = np.random.default_rng(1).standard_normal((100, posterior.dimension))
-    u, log_jacobian = there.straighten(z)
-    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
-    step = 1e-5
-    columns = [
-        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(posterior.dimension)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-4)
+    check_there_and_back(coordinates_of(posterior), z, jacobian=1e-4)
 
 
 @pytest.mark.parametrize("of", [film, inherited])
 def test_what_adds_up_is_the_stress_at_rest(of) -> None:
     posterior = of("ogden_3")
-    (shares,) = (p for p in Coordinates.of(posterior).pairs if isinstance(p, Shares))
+    (shares,) = parts_of(posterior, Shares)
     assert [posterior.names[k] for k in shares.sizes] == ["mu_1", "mu_2", "mu_3"]
     z = np.random.default_rng(2).standard_normal((50, posterior.dimension))
     theta = posterior.prior.to_parameters(z)
     mu, alpha = theta[:, list(shares.sizes)], theta[:, list(shares.places)]
     parts = mu * (STRETCHES[0] ** alpha - STRETCHES[1] ** alpha)
-    u, _ = Coordinates.of(posterior).straighten(z)
+    u, _ = coordinates_of(posterior).straighten(z)
     np.testing.assert_allclose(np.exp(u[:, shares.sizes[0]]), parts.sum(axis=1))
     prior = posterior.prior.parameters[shares.places[0]].prior
     middle, sd = (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / np.sqrt(12.0)
@@ -75,7 +68,7 @@ def test_what_adds_up_is_the_stress_at_rest(of) -> None:
 def test_of_two_terms_the_standard_deviation_of_exponents_is_a_coordinate(of) -> None:
     """Each weighted by its stress at rest: along a ridge of other shares it stays what it is."""
     posterior = of("ogden_2")
-    (shares,) = (p for p in Coordinates.of(posterior).pairs if isinstance(p, Shares))
+    (shares,) = parts_of(posterior, Shares)
     z = np.random.default_rng(4).standard_normal((50, posterior.dimension))
     theta = posterior.prior.to_parameters(z)
     mu, alpha = theta[:, list(shares.sizes)], theta[:, list(shares.places)]
@@ -84,15 +77,15 @@ def test_of_two_terms_the_standard_deviation_of_exponents_is_a_coordinate(of) ->
     mean = (weights * alpha).sum(axis=1, keepdims=True)
     prior = posterior.prior.parameters[shares.places[0]].prior
     sd = (prior.upper - prior.lower) / np.sqrt(12.0)
-    u, _ = Coordinates.of(posterior).straighten(z)
+    u, _ = coordinates_of(posterior).straighten(z)
     expected = np.sqrt((weights * (alpha - mean) ** 2).sum(axis=1))
     np.testing.assert_allclose(sd * u[:, shares.places[1]], expected, rtol=1e-9)
 
 
 def test_a_hop_keeps_the_stress_of_a_term() -> None:
     posterior = film("ogden_2")
-    hop, rng = UnitHop.of(posterior.prior), np.random.default_rng(1)
-    assert hop is not None
+    (hop,), rng = problem_of(posterior).hops, np.random.default_rng(1)
+    assert isinstance(hop, UnitHop)
     z = rng.standard_normal((500, posterior.dimension))
     moved, factor = hop(z, rng)
     before, after = (

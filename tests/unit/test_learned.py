@@ -19,7 +19,7 @@ from deabayes.prior.distances import distance
 from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.joint import Prior
 from deabayes.prior.learned import Learned, Shown
-from deabayes.sampling.unit_hop import UnitHop
+from deabayes.systems.ridges.unit_hop import UnitHop
 
 FILM = ("mu_1", "mu_2", "alpha_1", "alpha_2", "relative_permittivity")
 CANDIDATES = 400_000

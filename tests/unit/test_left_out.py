@@ -108,9 +108,7 @@ def test_draws_that_cannot_have_what_is_left_out_count():
     rng = np.random.default_rng(4)
     z = rng.normal(size=(4000, 1))
     z = z[z[:, 0] > 0.5][:512]
-    densities = one(
-        lambda z: -0.5 * z[:, 0] ** 2, lambda z: np.where(z[:, 0] > 0.5, 0.0, np.nan)
-    )
+    densities = one(lambda z: -0.5 * z[:, 0] ** 2, lambda z: np.where(z[:, 0] > 0.5, 0.0, np.nan))
     found = left_out_log_densities(densities, 1, z, np.random.SeedSequence(4))
     assert found == pytest.approx(norm.logsf(0.5), abs=0.2)
 

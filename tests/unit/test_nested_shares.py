@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit.coordinates import check_there_and_back, parts_of
 from tests.validation.membrane_worlds import membrane
 
 from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
+from deabayes.prior.coordinates import Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.nested_shares import NestedShares
-from deabayes.sampling.shares import Parts, Shares
-from deabayes.sampling.unit_shares import TooSlow
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.systems.ridges.nested_shares import NestedShares
+from deabayes.systems.ridges.shares import Parts, Shares
+from deabayes.systems.ridges.unit_shares import TooSlow
 
 COUNT, TOO_SLOW = 4, TooSlow(float(np.log(20.0)))
 TIMES = LogUniform(1e-4, 1e4)
@@ -23,29 +25,20 @@ PLACES, SIZES = tuple(range(COUNT)), tuple(range(COUNT, 2 * COUNT))
 def units(sign: float = 1.0) -> Coordinates:
     """Four, the times in the first columns of z, moduli in the last."""
     shares = NestedShares(PLACES, SIZES, sign * np.log(MEDIANS), sign * SIGMAS, TOO_SLOW)
-    return Coordinates((Natural(Ordered.of("tau", PLACES, TIMES, 1.0)),), (shares,))
+    return Coordinates((Natural(Ordered.of("tau", PLACES, TIMES, 1.0)), shares))
 
 
 def at(moduli: list[float], times: list[float]) -> FloatArray:
     there = units()
     z = np.empty((1, 2 * COUNT))
-    z[:, :COUNT] = there.natural[0].block.to_normal(np.array(times)[None])
+    z[:, :COUNT] = there.parts[0].block.to_normal(np.array(times)[None])
     z[:, COUNT:] = (np.log(moduli) - np.log(MEDIANS)) / SIGMAS
     return there.straighten(z)[0][0]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_there_and_back_with_the_jacobian(sign: float) -> None:
-    there = units(sign)
-    z, step = np.random.default_rng(1).standard_normal((300, 2 * COUNT)), 1e-5
-    u, log_jacobian = there.straighten(z)
-    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
-    columns = [
-        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(2 * COUNT)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
+    check_there_and_back(units(sign), np.random.default_rng(1).standard_normal((300, 2 * COUNT)))
 
 
 def test_the_slow_two_trade_and_all_but_their_ratio_stays() -> None:
@@ -76,11 +69,11 @@ def test_two_nested_units_are_shares_with_their_spread() -> None:
 def test_shares_of_any_size_have_a_way_back() -> None:
     u = np.tile([0.0, 1.0, 1.0, 1.0, 2.0, 900.0, -900.0, 900.0], (2, 1))
     u[1, 5:] *= -1.0
-    units().pairs[0].bend(u)
+    units().parts[1].bend(u)
     assert np.isfinite(u).all()
 
 
 @pytest.mark.parametrize(("count", "kind"), [(3, Shares), (4, NestedShares)])
 def test_from_four_units_on_they_are_nested(count: int, kind: type) -> None:
-    (found,) = (p for p in Coordinates.of(membrane().target(count)).pairs if isinstance(p, Parts))
+    (found,) = parts_of(membrane().target(count), Parts)
     assert type(found) is kind

@@ -21,8 +21,8 @@ from deabayes.population.files import (
 from deabayes.population.settings import Population
 from deabayes.population.specimens import Shrunken
 from deabayes.prior.joint import Prior
-from deabayes.sampling.diagnostics import summarise
-from deabayes.sampling.gates import Failed
+from deabayes.sampling.diagnostics import Failed, summarise
+from deabayes.sampling.engine import Sampled
 
 PARAMETERS = (
     parameter("mu", LogNormal(1e4, 1.0)),
@@ -56,11 +56,10 @@ def content(members):
         converged=True, failed=[], table=table, mode_shares=None,
         autocorrelation_times=np.array([60.0]),
     )  # fmt: skip
-    run = SimpleNamespace(
-        autocorrelation_time=1.0, steps=9, acceptance=0.3, refitted=False, replaced_walkers=0,
-        evaluations=9, failures=0,
+    pooled = Sampled(
+        theta[:, :, None], np.zeros((2, 40, 1)), convergence,
+        steps=60, burn_in=20, thin=1, rounds=1, acceptance=0.3, evaluations=9, failures=0,
     )  # fmt: skip
-    pooled = SimpleNamespace(convergence=convergence, ensembles=(run,), chain=theta[:, :, None])
     weights = np.where(LADDER > 0.499, 1.0, 0.0)
     shrunken = Shrunken(
         weights / weights.sum(), 500.0, 0.2, np.array([0.4, 0.7]), np.array([0.9, 0.003])

@@ -1,8 +1,8 @@
-"""What a posterior file keeps of pooled runs; how far a posterior is narrower than its prior."""
+"""What a posterior file keeps of the runs; how far a posterior is narrower than its prior."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,48 +15,42 @@ from deabayes.parameter import Parameter
 from deabayes.posteriors.content import convergence_summary, slower_than_records
 from deabayes.posteriors.summary import contraction, contractions
 from deabayes.prior.joint import Prior
-from deabayes.sampling.gates import Failed
-from deabayes.sampling.pooling import PooledResult
+from deabayes.sampling.diagnostics import Failed
+from deabayes.sampling.engine import Sampled
 
 SHORT = Failed("length", "run 1", "too short", -9.0)
 
 
-def run(length=6, **numbers):
-    """An ensemble of two walkers whose draw of step s and walker w is (10 s + w, -10 s - w)."""
-    place = 10.0 * np.arange(length)[:, None] + np.arange(2.0)
-    return SimpleNamespace(
-        chain=np.stack([place, -place], axis=-1), log_posterior=-0.5 * place, **numbers
-    )
+def sampled(steps=6, convergence=None):
+    """Two ensembles whose draw of step s and walker w is (10 s + w, -10 s - w)."""
+    place = np.tile(10.0 * np.arange(steps)[:, None] + np.arange(2.0), (2, 1, 1))
+    return Sampled(
+        np.stack([place, -place], axis=-1), -0.5 * place, convergence,
+        steps=3 * steps, burn_in=2 * steps, thin=1, rounds=3, acceptance=0.3,
+        evaluations=1500, failures=11,
+    )  # fmt: skip
 
 
 def test_thinned_draws_keep_their_density_and_span_the_runs():
-    pooled = PooledResult((run(), run(11)), None)
-    z, log_posterior = pooled.thinned(4)
+    z, log_posterior = sampled().thinned(4)
     assert z.shape == (2, 4, 2)
     np.testing.assert_array_equal(z[0, :, 0] // 10.0, [0.0, 1.0, 3.0, 5.0])
-    np.testing.assert_array_equal(z[1, :, 0] // 10.0, [0.0, 2.0, 6.0, 10.0])
     np.testing.assert_array_equal(z[..., 1], -z[..., 0])
     np.testing.assert_array_equal(log_posterior, -0.5 * z[..., 0])
-    every = pooled.thinned(2000)[0]
+    every = sampled().thinned(2000)[0]
     assert every.shape == (2, 12, 2) and np.unique(every[0, :, 0]).size == 12
 
 
 @pytest.mark.parametrize("steps", [999, 1000, 1001, 1998, 4000])
 def test_thinned_draws_are_of_all_walkers(steps):
     """Of 64; even distances of 1000 among 999 or 1000 steps were of one or two."""
-    walkers = np.broadcast_to(np.arange(64.0), (steps, 64))
-    each = SimpleNamespace(chain=walkers[..., None], log_posterior=walkers)
-    counts = np.bincount(PooledResult((each,), None).thinned(1000)[1][0].astype(int), minlength=64)
+    walkers = np.tile(np.arange(64.0), (1, steps, 1))
+    found = replace(sampled(), chain=walkers[..., None], log_posterior=walkers)
+    counts = np.bincount(found.thinned(1000)[1][0].astype(int), minlength=64)
     assert counts.min() >= 3 and counts.max() <= 40
 
 
 def test_the_worst_number_of_all_runs_and_quantities_is_kept():
-    runs = (
-        run(steps=100, autocorrelation_time=3.0, acceptance=0.2, refitted=False,
-            replaced_walkers=1, evaluations=1000, failures=10),
-        run(steps=80, autocorrelation_time=5.0, acceptance=0.4, refitted=True,
-            replaced_walkers=2, evaluations=500, failures=1),
-    )  # fmt: skip
     table = pd.DataFrame(
         {"r_hat": [1.001, 1.02], "ess_bulk": [900.0, 500.0], "ess_tail": [300.0, 800.0]}
     )
@@ -65,13 +59,13 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
         converged=False, failed=[SHORT], table=table, mode_shares=shares,
         autocorrelation_times=np.array([60.0, 40.0]),
     )  # fmt: skip
-    assert convergence_summary(PooledResult(runs, convergence)) == {
+    assert convergence_summary(sampled(80, convergence=convergence)) == {
         "converged": False, "reasons": ["run 1: too short; sample longer"],
         "failed_gates": [asdict(SHORT)], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
         "ess_tail_min": 300.0, "autocorrelation_times": [60.0, 40.0],
-        "autocorrelation_times_min": 40.0, "tau_max": 5.0, "steps": 100,
-        "walkers": 2, "ensembles": 2, "acceptance": pytest.approx(0.3), "refitted": True,
-        "replaced_walkers": 3, "failures": {"evaluations": 1500, "failed": 11},
+        "autocorrelation_times_min": 40.0, "tau_max": 2.0, "steps": 240,
+        "walkers": 2, "ensembles": 2, "acceptance": 0.3, "refitted": True,
+        "failures": {"evaluations": 1500, "failed": 11},
         "mode_shares": [[0.9, 0.8], [0.1, 0.2]],
     }  # fmt: skip
 

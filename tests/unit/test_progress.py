@@ -3,32 +3,48 @@ import sys
 
 import pytest
 
-from deabayes.sampling.progress import progress_bar
+from deabayes.sampling.progress import Progress, duration
 
 
-def written(monkeypatch, terminal, steps=2000):
+def written(monkeypatch, terminal, shown=True):
     stream = io.StringIO()
     monkeypatch.setattr(stream, "isatty", lambda: terminal)
     monkeypatch.setattr(sys, "stderr", stream)
-    with progress_bar(True, total=steps) as bar:
-        for _ in range(steps):
-            bar.update(1)
-            bar.set_postfix_str("still going", refresh=False)
+    line = Progress(shown)
+    line.say("warm-up")
+    for steps in range(0, 2000, 10):
+        line.say("sampling", steps, 812.4, 1.00312, 250.0)
+    line.say("judged", 2000, 900.0, 1.001)
+    line.end()
     return stream.getvalue()
 
 
-def test_a_log_is_not_filled_by_the_bar(monkeypatch):
-    assert 1 <= written(monkeypatch, terminal=False).count("\r") <= 3
+def test_a_log_has_a_line_per_state(monkeypatch):
+    lines = written(monkeypatch, terminal=False).splitlines()
+    assert lines == [
+        "warm-up",
+        "sampling, 0 steps, smallest ESS 812, R-hat 1.003, about 4 min left",
+        "judged, 2000 steps, smallest ESS 900, R-hat 1.001",
+    ]
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_the_end_is_said(monkeypatch, terminal):
-    assert "2000/2000" in written(monkeypatch, terminal)
+def test_a_log_hears_of_a_long_state_now_and_then(monkeypatch):
+    monkeypatch.setattr("time.monotonic", iter(range(1000)).__next__)
+    lines = written(monkeypatch, terminal=False).splitlines()
+    assert len([line for line in lines if line.startswith("sampling")]) == 20
+
+
+def test_a_terminal_has_one_line_that_is_written_over(monkeypatch):
+    text = written(monkeypatch, terminal=True)
+    assert text.count("\n") == 1 and text.endswith("\n")
+    *_, longest, last = text.rstrip("\n").split("\r")
+    assert len(last) == len(longest) and last.rstrip() == last.strip()
 
 
 def test_silent_unless_asked_for(monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", stream)
-    with progress_bar(False, total=3) as bar:
-        bar.update(3)
-    assert stream.getvalue() == ""
+    assert written(monkeypatch, terminal=True, shown=False) == ""
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(40.2, "40 s"), (99.0, "99 s"), (250.0, "4 min")])
+def test_durations(seconds, said):
+    assert duration(seconds) == said

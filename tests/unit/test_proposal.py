@@ -1,13 +1,10 @@
 """Proposals: straightened coordinates are exact, normalised, and follow curved ridges."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.proposal import Part, Proposal
-from deabayes.sampling.proposal_fit import MOST_TRIES, acceptance, enough_tries, fit
+from deabayes.sampling.proposal import Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
 
 
@@ -81,25 +78,6 @@ def test_straightening_raises_the_acceptance_of_a_curved_ridge():
     assert accepted(proposal) > accepted(plain) + 0.1
 
 
-@pytest.mark.parametrize("part", [0, 1])
-def test_acceptance_is_told_from_draws_of_the_target_alone(part):
-    each = fit(ridge(), 4, np.random.default_rng(1)).parts[part]
-    alone, draws = Proposal((replace(each, weight=1.0),)), ridge(seed=9)
-    expected = acceptance(log_ridge(draws) - alone.log_density(draws) + 40.0)
-    assert expected == pytest.approx(accepted(alone), abs=0.03)
-
-
-def test_tries_are_as_many_as_two_accepted_take():
-    assert enough_tries(np.zeros(50)) == 2
-    # Two halves of p with w = 9 and 1 are 0.1 and 0.9 of q: accepted are 0.1 + 0.9 / 9, and 1.
-    halves = np.repeat([0.0, np.log(9.0)], 50)
-    assert acceptance(halves) == pytest.approx(0.6)
-    assert enough_tries(halves) == 4
-    assert enough_tries(np.linspace(0.0, 40.0, 500)) == MOST_TRIES
-    assert enough_tries(np.concatenate([halves, [-np.inf, np.inf, np.nan]])) == 4
-    assert enough_tries(np.full(3, -np.inf)) == 1
-
-
 @pytest.mark.parametrize(
     "samples",
     [ridge(20), np.repeat(ridge(50), 40, axis=0), ridge()[:, :1]],
@@ -131,5 +109,4 @@ def test_same_seed_same_proposal_and_arrays_rebuild_it():
     rebuilt = Proposal.from_arrays(first.arrays(), Coordinates())
     z = first.sample(np.random.RandomState(1), 50)
     assert len(first.parts) == 3
-    assert Proposal.from_arrays(replace(first, tries=7).arrays(), Coordinates()).tries == 7
     assert rebuilt.log_density(z).tobytes() == second.log_density(z).tobytes()

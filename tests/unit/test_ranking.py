@@ -82,12 +82,17 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     draws = xr.Dataset({"E_0": (("chain", "draw"), np.arange(4000.0).reshape(2, 2000))})
     one.tree["posterior"] = xr.DataTree(draws)
     asked = []
-    monkeypatch.setattr(ranking, "leave_block_out", lambda *given: asked.append(given) or -77.0)
-    monkeypatch.setattr(ranking.Guide, "of", lambda target: ("guide of", target))
+
+    def leave_blocks_out(target, problem, blocks, *given):
+        asked.append((target, problem, blocks))
+        return np.full(len(blocks), -77.0)
+
+    monkeypatch.setattr(ranking, "leave_blocks_out", leave_blocks_out)
+    monkeypatch.setattr(ranking, "problem_of", lambda target: ("problem of", target))
     edges = {name: np.array([0, 10]) for name in "ab"}
     loo = ranking.block_loo(one, edges, np.random.SeedSequence(1))
-    assert [given[1:3] for given in asked] == [("b", slice(0, 10)), ("b", slice(10, 20))]
-    assert all(given[-1] == ("guide of", one.target) for given in asked)
+    blocks = [("b", slice(0, 10)), ("b", slice(10, 20))]
+    assert asked == [(one.target, ("problem of", one.target), blocks)]
     assert loo.terms.tolist()[2:] == [-77.0, -77.0]
     assert 0.5 < loo.k_hat[2] < 0.7 < loo.k_hat[3]
     np.testing.assert_allclose(loo.terms[:2], 0.0, atol=0.2)

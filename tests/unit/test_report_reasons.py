@@ -7,7 +7,7 @@ from dataclasses import asdict
 import pytest
 
 from deabayes.report.reasons import grouped
-from deabayes.sampling.gates import Failed
+from deabayes.sampling.diagnostics import Failed
 
 SAMPLING = {"max_steps": 400, "ess": 400.0, "autocorrelation_times": 50.0}
 STUCK = "2 of 48 walkers are stuck; start again with another seed"

@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_of
 from tests.validation.membrane_worlds import membrane
 from tests.validation.tubular_worlds import tubular_full
 
 from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.prior.coordinates import Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates, Natural
-from deabayes.sampling.shares import Shares
-from deabayes.sampling.unit_shares import TooSlow, shown_for, unit_shares
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.systems.ridges.shares import Shares
+from deabayes.systems.ridges.unit_shares import TooSlow, shown_for, unit_shares
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)
@@ -33,7 +34,7 @@ def units(count: int, sign: float = 1.0, spread: bool = False) -> Coordinates:
         spread,
     )
     times = Natural(Ordered.of("tau", tuple(range(count)), TIMES, 1.0))
-    return Coordinates((times,), (shares,))
+    return Coordinates((times, shares))
 
 
 def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray:
@@ -42,7 +43,7 @@ def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray
     there = units(count, sign)
     theta = np.array(times)[None]
     z = np.empty((1, 2 * count))
-    z[:, :count] = there.natural[0].block.to_normal(theta)
+    z[:, :count] = there.parts[0].block.to_normal(theta)
     z[:, count:] = (sign * np.log(moduli) - np.log(MEDIANS[:count])) / SIGMAS[:count]
     return there.straighten(z)[0][0]
 
@@ -51,22 +52,14 @@ def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("count", [2, 3])
 def test_there_and_back_with_the_jacobian(count: int, sign: float, spread: bool) -> None:
-    there = units(count, sign, spread)
-    z, step = np.random.default_rng(1).standard_normal((300, 2 * count)), 1e-5
-    u, log_jacobian = there.straighten(z)
-    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
-    columns = [
-        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(2 * count)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
+    z = np.random.default_rng(1).standard_normal((300, 2 * count))
+    check_there_and_back(units(count, sign, spread), z)
 
 
 @pytest.mark.parametrize("count", [2, 3])
 def test_the_spread_of_parts_is_the_standard_deviation_of_their_places(count: int) -> None:
     """var = sum_ik c_ik s_i s_k, c_ik the correlation of "beyond the i-th" and "the k-th"."""
-    there = replace(units(count, spread=True).pairs[0], hidden=np.zeros_like)
+    there = replace(units(count, spread=True).parts[1], hidden=np.zeros_like)
     z = np.random.default_rng(3).standard_normal((50, 2 * count))
     u = np.sort(z, axis=1)
     where = u[:, :count].copy()
@@ -116,14 +109,14 @@ def test_a_unit_too_slow_for_the_record_keeps_its_share() -> None:
 def test_those_of_real_posteriors() -> None:
     chain, parallel = tubular_full().target(2), membrane().target(3)
     for target, sign in ((chain, -1.0), (parallel, 1.0)):
-        (found,) = (p for p in Coordinates.of(target).pairs if isinstance(p, Shares))
+        (found,) = parts_of(target, Shares)
         z = np.random.default_rng(2).standard_normal((50, target.dimension))
         theta = target.prior.to_parameters(z)
         moduli, times = theta[:, list(found.sizes)], theta[:, list(found.places)]
         assert all(target.names[k].startswith("tau") for k in found.places)
         last = max(shown_for(r.experiment) for r in target.records)
         shown = moduli**sign / (1.0 + times / last)
-        u, _ = Coordinates.of(target).straighten(z)
+        u, _ = coordinates_of(target).straighten(z)
         np.testing.assert_allclose(np.exp(u[:, found.sizes[0]]), shown.sum(axis=1))
         mean = (shown * np.log(times)).sum(axis=1) / shown.sum(axis=1)
         np.testing.assert_allclose(u[:, found.places[0]], mean, atol=1e-9)
@@ -141,16 +134,16 @@ def test_a_frequency_response_shows_a_unit_for_a_period() -> None:
 
 
 def test_units_that_cannot_be_added_stay_as_they_are() -> None:
-    def found(target: LogPosterior) -> list[Shares]:
-        return [p for p in Coordinates.of(target).pairs if isinstance(p, Shares)]
-
-    assert found(membrane().target(1)) == []
+    assert parts_of(membrane().target(1), Shares) == []
     two = tubular_full().target(2)
     times = frozenset(k for k, name in enumerate(two.names) if name in ("tau_1", "tau_2"))
+    records = [record.experiment for record in two.records]
     everything = frozenset(range(two.dimension))
-    assert len(unit_shares(two, everything, times)) == 1
-    assert unit_shares(two, everything, times - {min(times)}) == []
+    given = two.prior, records, two.system.units_add
+    assert len(unit_shares(*given, everything)) == 1
+    assert unit_shares(*given, everything - {min(times)}) == []
+    assert unit_shares(two.prior, records, None, everything) == []
     drawn = two.prior.sample(np.random.default_rng(4), 500)
     stiffness = two.names.index("E_2")
     two.prior = two.prior.inherit(["E_2"], drawn[:, [stiffness]])
-    assert found(two) == []
+    assert parts_of(two, Shares) == []

@@ -174,6 +174,6 @@ def test_two_studies_of_one_name(config: Path) -> None:
 def test_defaults_are_the_contract() -> None:
     study = Study("a", Path("a"), ("gent",))
     assert to_settings(study)["sampling"] == {
-        "ensembles": 4, "walkers": 128, "max_steps": 20000, "ess": 400.0, "r_hat": 1.01,
-        "autocorrelation_times": 50.0, "particles": 1024, "seed": 1,
+        "ensembles": 4, "walkers": 32, "max_steps": 20000, "ess": 400.0, "r_hat": 1.01,
+        "autocorrelation_times": 10.0, "particles": 256, "seed": 1,
     }  # fmt: skip

@@ -136,11 +136,6 @@ def test_a_unit_that_needs_countless_steps_fails_instead_of_hanging():
     assert np.all(np.isnan(found))
 
 
-@pytest.mark.parametrize(("candidate", "cheap"), [("ogden_3", True), ("ogden_3_units_1", False)])
-def test_without_units_it_is_cheap_to_solve(candidate, cheap):
-    assert strip(candidate).cheap is cheap
-
-
 def test_small_strain_relaxation_is_a_prony_series():
     strain, ramp = 1e-4, 1e-3
     draws = some_draws(3, zeta_alpha=0.0)

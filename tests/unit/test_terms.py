@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_of
 from tests.validation.worlds import blank
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.posterior import LogPosterior, build
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.shares import Shares
 from deabayes.study import Settings, Study
+from deabayes.systems.ridges.shares import Shares
 from deabayes.systems.tensile_strip import TensileStrip
 
 STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
@@ -35,7 +35,7 @@ def target(candidate: str, priors: dict[str, Settings] | None = None) -> LogPost
 
 
 def shares_of(posterior: LogPosterior) -> list[Shares]:
-    return [p for p in Coordinates.of(posterior).pairs if isinstance(p, Shares)]
+    return parts_of(posterior, Shares)
 
 
 def at(posterior: LogPosterior, **terms: float) -> FloatArray:
@@ -43,24 +43,15 @@ def at(posterior: LogPosterior, **terms: float) -> FloatArray:
     theta = posterior.prior.to_parameters(np.zeros((1, posterior.dimension)))
     for name, value in terms.items():
         theta[:, posterior.names.index(name)] = value
-    return Coordinates.of(posterior).straighten(posterior.prior.to_normal(theta))[0][0]
+    return coordinates_of(posterior).straighten(posterior.prior.to_normal(theta))[0][0]
 
 
 @pytest.mark.parametrize("candidate", ["ogden_2", "ogden_3"])
 def test_there_and_back_with_the_jacobian(candidate: str) -> None:
     posterior = target(candidate)
-    there = Coordinates.of(posterior)
     assert len(shares_of(posterior)) == 1
     z = np.random.default_rng(1).standard_normal((100, posterior.dimension))
-    u, log_jacobian = there.straighten(z)
-    np.testing.assert_allclose(there.bend(u), z, atol=1e-7)
-    step = 1e-5
-    columns = [
-        (there.straighten(z + step * e)[0] - there.straighten(z - step * e)[0]) / (2 * step)
-        for e in np.eye(posterior.dimension)
-    ]
-    expected = np.linalg.slogdet(np.stack(columns, axis=2))[1]
-    np.testing.assert_allclose(log_jacobian, expected, atol=1e-5)
+    check_there_and_back(coordinates_of(posterior), z)
 
 
 def test_what_adds_up_is_the_stress_at_the_largest_stretch() -> None:
@@ -71,7 +62,7 @@ def test_what_adds_up_is_the_stress_at_the_largest_stretch() -> None:
     excitation = pulled().excitation
     strip = TensileStrip("ogden_3", STRIP)
     stress = strip.simulator(excitation, np.array([1.0, TO]), "nominal_stress")(draws)[:, 1]
-    u, _ = Coordinates.of(posterior).straighten(z)
+    u, _ = coordinates_of(posterior).straighten(z)
     np.testing.assert_allclose(np.exp(u[:, shares.sizes[0]]), TO * stress)
     mu, alpha = (np.array([draws[f"{name}_{i}"] for i in (1, 2, 3)]) for name in ("mu", "alpha"))
     parts = mu * (TO**alpha - TO ** (-alpha / 2.0)) / (TO * stress)

@@ -17,7 +17,7 @@ from deabayes.faults import UserError
 from deabayes.pipeline import identify
 from deabayes.posterior import build
 from deabayes.posteriors import content
-from deabayes.sampling.smc import EveryDrawFailed
+from deabayes.sampling.tempering import EveryDrawFailed
 
 
 @pytest.mark.parametrize(
@@ -74,15 +74,15 @@ def test_a_fit_that_cannot_begin_names_study_candidate_and_records(
     def log_likelihood(theta: FloatArray, _: list[str]) -> FloatArray:
         return np.full(len(theta), np.nan if lost == "creep" else 0.0)
 
-    def run_ensemble(*_: object) -> None:
+    def sample(*_: object) -> None:
         raise EveryDrawFailed
 
     real = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
     target = MagicMock(prior=real.prior, records=real.records, log_likelihood=log_likelihood)
     monkeypatch.setattr(identify, "build_target", lambda *_: target)
     monkeypatch.setattr(identify, "chain_folder", lambda *_: tmp_path)
-    monkeypatch.setattr("deabayes.sampling.first_pass.run_ensemble", run_ensemble)
-    monkeypatch.setattr("deabayes.sampling.guide.Guide.of", lambda _: None)
+    monkeypatch.setattr("deabayes.sampling.engine.sample", sample)
+    monkeypatch.setattr("deabayes.posteriors.problem.problem_of", lambda _: None)
     said = f"study creep, voigt_kelvin_2: no draw of the prior has a response to {lost}; are the"
     with pytest.raises(UserError, match=said):
         identify.fit_candidate(STUDY, "voigt_kelvin_2", tmp_path, *OUTPUTS, False)

@@ -12,7 +12,7 @@ from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular
 from tests.validation.worlds import given, responded, simulate, smooth_in_log_time
 
-from deabayes.sampling.guide import Guide
+from deabayes.posteriors.problem import problem_of
 
 
 def test_grid_is_that_of_the_joint_fit():
@@ -33,11 +33,6 @@ def test_most_draws_of_the_membrane_prior_survive_the_highest_voltage(order):
     theta = target.prior.sample(np.random.default_rng(1), 400)
     responses = target.responses(theta)["step_4kV"]
     assert 0.9 < np.isfinite(responses).all(axis=1).mean() <= 1.0
-
-
-def test_only_what_is_cheap_to_solve_is_asked_for_several_proposals():
-    cheap = [Guide.of(world.target(1)).several for world in (at_rest(), in_motion(), membrane())]
-    assert cheap == [True, False, False]
 
 
 def test_innovations_of_simulated_records_at_the_truth_are_standard_normal():
@@ -145,8 +140,9 @@ def test_most_structures_of_the_prior_stay_bent(world, order):
     assert np.isfinite(given(target, data.records).log_likelihood(theta[:3])).any()
 
 
-def test_the_guide_knows_the_time_constants():
-    elsewhere = Guide.of(membranes := membrane().target(2)).elsewhere
-    (units,) = elsewhere.groups
+def test_hops_are_of_relaxation_units_where_there_are_two():
+    membranes = membrane().target(2)
+    (hop,) = problem_of(membranes).hops
+    (units,) = hop.groups
     assert [membranes.names[k] for k in units.columns[0]] == ["tau_beta_1", "tau_beta_2"]
-    assert Guide.of(at_rest().target(2)).elsewhere is None
+    assert problem_of(membrane().target(1)).hops == ()

@@ -22,12 +22,12 @@ from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
-
-from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
-from deabayes.posterior import LogPosterior, build
 from deabayes.sampling.first_pass import run_ensemble
 from deabayes.sampling.guide import Guide
 from deabayes.sampling.pooling import PooledResult, pool
+
+from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
+from deabayes.posterior import LogPosterior, build
 from deabayes.study import Sampling, Settings, Study
 from tests.validation.structure_worlds import at_rest
 

@@ -17,15 +17,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
+from deabayes.sampling.smc import anneal
 
 from deabayes.experiment import FloatArray
 from deabayes.pipeline.prepare import prepare_study
 from deabayes.posterior import LogPosterior, Record, build
 from deabayes.prediction.errors import crps
 from deabayes.reading.specimen import read_specimen
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.guide import Guide
-from deabayes.sampling.smc import anneal
 from deabayes.studies import load_study
 from deabayes.study import Sampling
 

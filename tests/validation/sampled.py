@@ -6,14 +6,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from deabayes.sampling.first_pass import run_ensemble
+from deabayes.sampling.guide import Guide
+from deabayes.sampling.pooling import PooledResult, pool
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.content import convergence_summary
 from deabayes.posteriors.summary import quantities
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.guide import Guide
-from deabayes.sampling.pooling import PooledResult, pool
 from deabayes.study import Sampling
 from tests.validation.rows import Row
 

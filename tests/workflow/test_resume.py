@@ -2,103 +2,139 @@
 
 import hashlib
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 PROGRAM = """
-import sys, time
+import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.pooling import pool
+from deabayes.sampling import checkpoint, engine
+from deabayes.sampling.problem import Problem
 from deabayes.study import Sampling
+
+folder, kills = Path(sys.argv[1]), sys.argv[2:]
+settings = Sampling(ensembles=2, particles=128, max_steps=900, autocorrelation_times=1e6)
 
 def log_likelihood(z):
     time.sleep(1e-4)
     return -0.5 * ((z[:, 1] - z[:, 0] ** 2) / 0.05) ** 2
 
-settings = Sampling(
-    ensembles=2, walkers=32, max_steps=1500, particles=128, autocorrelation_times=1000.0
-)
-folder = Path(sys.argv[1])
-seeds = [np.random.SeedSequence([3, index]) for index in range(3)]
-ensembles = [
-    run_ensemble(log_likelihood, 2, settings, seeds[index], folder / f"ensemble_{index}")
-    for index in range(2)
-]
-result = pool(log_likelihood, ensembles, settings, seeds[2], folder / "pool")
-assert all(ensemble.refitted for ensemble in result.ensembles)
-parts = result.thinned(1_000_000)
-counts = [(e.steps, e.evaluations, e.failures) for e in result.ensembles]
-(folder / "done").write_bytes(b"".join(p.tobytes() for p in parts) + repr(counts).encode())
+def work():
+    found = engine.sample(Problem(log_likelihood, 2), settings, np.random.SeedSequence(3), folder)
+    assert found.rounds >= 3
+    numbers = found.steps, found.burn_in, found.evaluations, found.failures, found.acceptance
+    parts = *found.thinned(10**6), found.convergence.table.to_numpy()
+    content = b"".join(part.tobytes() for part in parts) + repr(numbers).encode()
+    (folder / "done").write_bytes(content)
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def dies_at(kill):
+    # "judged 2 after": as the second call of that state ends. "write 5 within": of the fifth file.
+    name, count, moment = kill.split()
+    calls = []
+    if name == "write":
+        def write(path, arrays, real=checkpoint.write_arrays):
+            calls.append(path)
+            if len(calls) == int(count):
+                real(path.with_name(f".{path.name}.123.tmp"), arrays)
+                die()
+            real(path, arrays)
+        checkpoint.write_arrays = write
+    else:
+        def state(run, real=getattr(engine, "_" + name)):
+            calls.append(name)
+            if moment == "before" and len(calls) == int(count):
+                die()
+            following = real(run)
+            if len(calls) == int(count):
+                die()
+            return following
+        setattr(engine, "_" + name, state)
+
+def in_a_child(prepare, wait=None):
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            prepare()
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    if wait is not None:
+        time.sleep(wait)
+        if os.waitpid(child, os.WNOHANG)[0]:
+            return False
+        os.kill(child, signal.SIGKILL)
+    status = os.waitpid(child, 0)[1]
+    return os.WIFSIGNALED(status)
+
+if kills[:1] == ["random"]:
+    rng = np.random.default_rng(int(kills[1]))
+    for number in range(12):
+        in_a_child(lambda: None, wait=0.5 * rng.random())
+else:
+    for kill in kills:
+        assert in_a_child(lambda: dies_at(kill)), kill
+assert not in_a_child(lambda: None)
 """
 
+STATES = [
+    f"{state} {call} {moment}"
+    for call, states in (
+        (1, ("warm_up", "fitted", "sampling", "judged", "refitted")),
+        (2, ("fitted", "sampling", "judged", "refitted")),
+        (3, ("fitted", "sampling", "judged")),
+    )
+    for state in states
+    for moment in ("before", "after")
+]
 
-def start(folder: Path) -> subprocess.Popen:
-    folder.mkdir(exist_ok=True)
+
+def run(folder: Path, *kills: str) -> None:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.Popen([sys.executable, "-c", PROGRAM, str(folder)], env=environment)
-
-
-def digest(folder: Path) -> str:
-    return hashlib.sha256((folder / "done").read_bytes()).hexdigest()
+    subprocess.run([sys.executable, "-c", PROGRAM, folder, *kills], env=environment, check=True)
 
 
 def files(folder: Path) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*.npz"))
+        for path in sorted([*folder.rglob("*.npz"), folder / "done"])
+        if not path.name.startswith(".")
     }
 
 
 @pytest.fixture(scope="module")
-def uninterrupted(tmp_path_factory):
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("uninterrupted")
-    began = time.monotonic()
-    assert start(folder).wait() == 0
-    return folder, time.monotonic() - began
+    run(folder)
+    return files(folder)
 
 
-def test_killed_at_random_times(tmp_path, uninterrupted):
-    """Kill once a new checkpoint or a half-written one has appeared, a random moment later."""
-    reference, duration = uninterrupted
-    rng = np.random.default_rng(8)
-    kills = 0
-    while True:
-        process = start(tmp_path)
-        seen, deadline = len(list(tmp_path.rglob("*.npz"))), time.monotonic() + 3 * duration
-        wanted = seen + int(rng.integers(3, 14))
-        while process.poll() is None and time.monotonic() < deadline:
-            if len(list(tmp_path.rglob("*.npz"))) >= wanted:
-                break
-            time.sleep(0.001)
-        time.sleep(float(rng.random()) * 0.02)
-        if process.poll() is not None:
-            break
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        kills += 1
-    assert process.returncode == 0
-    assert kills >= 3
-    assert digest(tmp_path) == digest(reference)
-    assert files(tmp_path) == files(reference)
+@pytest.mark.parametrize(
+    "kills",
+    [STATES, [f"write {number} within" for number in (1, 1, 1, 2, 2, 3, 1)], ["random", "8"]],
+    ids=["in every state", "as a file is written", "at random moments"],
+)
+def test_killed(tmp_path: Path, uninterrupted: dict[str, str], kills: list[str]) -> None:
+    run(tmp_path, *kills)
+    assert files(tmp_path) == uninterrupted
 
 
-def test_killed_while_a_chunk_is_being_written(tmp_path, uninterrupted):
-    """What a kill inside a write leaves behind: a partial file, or a last chunk cut short."""
-    reference, _ = uninterrupted
-    assert start(tmp_path).wait() == 0
-    chain = tmp_path / "ensemble_1" / "chain"
-    last = sorted(chain.glob("chunk_*.npz"))[-2]
-    (chain / f".{last.name}.123.tmp").write_bytes(last.read_bytes()[:200])
-    last.write_bytes(last.read_bytes()[:1000])
-    (tmp_path / "pool" / "refit_1" / "refitted.npz").unlink()
-    assert start(tmp_path).wait() == 0
-    assert digest(tmp_path) == digest(reference)
-    assert files(tmp_path) == files(reference)
+def test_files_that_are_cut_short_or_lost(tmp_path: Path, uninterrupted: dict[str, str]) -> None:
+    """What a kill inside a write, or a hand, leaves behind: it is made again, and no more."""
+    run(tmp_path)
+    rounds = sorted(tmp_path.glob("round_*"))
+    assert len(rounds) >= 3
+    for name in ("chunk_00001.npz", "proposal.npz"):
+        path = rounds[-1] / name
+        path.write_bytes(path.read_bytes()[:1000])
+    (rounds[1] / "chunk_00001.npz").unlink()
+    run(tmp_path)
+    assert files(tmp_path) == uninterrupted

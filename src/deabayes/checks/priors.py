@@ -45,17 +45,8 @@ def check_priors(
             bare += bare_numbers(parameters, study.priors, known)
         except UserError as error:
             faults += str(error).splitlines()
-        faults += _few_walkers(study, system, len(parameters))
     return _said(study, faults), _said(study, bare)
 
 
 def _said(study: Study, sentences: Sequence[str]) -> list[str]:
     return [f"study {study.name}, {sentence}" for sentence in dict.fromkeys(sentences)]
-
-
-def _few_walkers(study: Study, system: System, parameters: int) -> list[str]:
-    walkers = study.sampling.walkers
-    if walkers >= 2 * parameters:
-        return []
-    return [f"{system.candidate}, sampling.walkers: {walkers} are too few for {parameters} "
-            f"parameters; set at least {2 * parameters}"]  # fmt: skip

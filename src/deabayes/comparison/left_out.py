@@ -113,17 +113,13 @@ def leave_one_experiment_out(
         return {}
     member = np.array([rows.index(record.experiment.row) for record in target.records])
 
-    def densities(
-        z: FloatArray, piece: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def densities(z: FloatArray, piece: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         by_record, rest = _terms(target, z)
         sums = np.stack([points.sum(axis=1) for points in by_record.values()], axis=1)
         left = member == piece[:, None]
         return rest + np.where(left, 0.0, sums).sum(axis=1), np.where(left, sums, 0.0).sum(axis=1)
 
-    found = left_out_log_densities(
-        densities, len(rows), z, seed, problem.coordinates, problem.hops
-    )
+    found = left_out_log_densities(densities, len(rows), z, seed, problem.coordinates, problem.hops)
     return dict(zip(rows, found.tolist(), strict=True))
 
 
@@ -145,9 +141,7 @@ def leave_blocks_out(
     z : (S, d) draws of the posterior.
     """
 
-    def densities(
-        z: FloatArray, piece: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def densities(z: FloatArray, piece: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         by_record, rest = _terms(target, z)
         rest = rest + sum(points.sum(axis=1) for points in by_record.values())
         left = np.empty(len(z))

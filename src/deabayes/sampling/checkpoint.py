@@ -70,11 +70,6 @@ class Store:
                 self._chunks.append(chunk)
         return self._chunks
 
-    def read_again(self) -> None:
-        """Look at the disk anew: another process may have added chunks."""
-        if self.folder is not None:
-            self._chunks = None
-
     def append(self, chunk: Arrays) -> None:
         """Add the next chunk."""
         chunks = self.chunks()

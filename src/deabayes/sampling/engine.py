@@ -99,7 +99,7 @@ def sample(
     folder: Path | None = None,
     progress: Progress | None = None,
 ) -> Sampled:
-    """Sample a posterior until every gate passes or the budget of steps ends; the verdict says which.
+    """Sample a posterior until every gate passes or the budget ends; the verdict says which.
 
     Parameters
     ----------

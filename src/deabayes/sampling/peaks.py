@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.mixture import Mixture
@@ -17,8 +18,10 @@ from deabayes.sampling.problem import LogDensity
 from deabayes.sampling.tempering import EveryDrawFailed
 
 STARTS, FINISHED, TURNS = 64, 16, 2
-"""Draws of the prior that are climbed from; how many of these climbs are finished, the highest;
-and how often their coordinates are made anew."""
+"""Draws of the prior that are climbed from; how many of these climbs are finished; and how often
+their coordinates are made anew."""
+DIP = 1.0
+"""Nats that the density falls by half way between climbs that are at different peaks."""
 SHORT, LONG = 20, 40
 """Iterations of a climb from the prior, and of one in each turn."""
 NEAR = 10.0
@@ -44,16 +47,34 @@ def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Mixtu
     """
     factors = np.tile(np.eye(dimension), (STARTS, 1, 1))
     z, value = climb(target, rng.standard_normal((STARTS, dimension)), factors, SHORT)
+    z = z[np.isfinite(value)]
+    if not z.size:
+        raise EveryDrawFailed("no draw of the prior has a finite likelihood")
+    z = z[_promising(target, z, value[np.isfinite(value)])]
     for _ in range(TURNS):
-        best = np.argsort(-value)[:FINISHED]
-        z, value = z[best][np.isfinite(value[best])], value[best][np.isfinite(value[best])]
-        if not value.size:
-            raise EveryDrawFailed("no draw of the prior has a finite likelihood")
         factors = np.stack([laplace_factor(target, each, np.eye(dimension)) for each in z])
         z, value = climb(target, z, factors, LONG)
     near = np.flatnonzero(value > value.max() - NEAR)
     factors = np.stack([laplace_factor(target, z[k], factors[k]) for k in near])
     return Mixture(np.full(near.size, 1.0 / near.size), z[near], WIDER * factors)
+
+
+def _promising(target: LogDensity, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
+    """Climbs (K, d) to finish: half of them the highest, the others the highest of other peaks.
+
+    Many climbs end at one peak, and would leave no place for another that is a little lower.
+    """
+    order = np.argsort(-value)
+    low, high = np.tril_indices(len(z), -1)
+    middles = 0.5 * (z[order[low]] + z[order[high]])
+    apart = np.zeros((len(z), len(z)), dtype=bool)
+    apart[low, high] = ~(target(middles) > value[order[low]] - DIP)
+    chosen = list(range(min(FINISHED // 2, len(z))))
+    for k in range(len(chosen), len(z)):
+        if len(chosen) < FINISHED and apart[k, chosen].all():
+            chosen.append(k)
+    rest = [k for k in range(len(z)) if k not in chosen]
+    return order[(chosen + rest)[:FINISHED]]
 
 
 def climb(
@@ -100,17 +121,17 @@ class _Climbs:
         self.slope = np.zeros((count, d))
         self.slope[self.live] = self._gradient(self.live)
 
-    def place(self, which: FloatArray, u: FloatArray) -> FloatArray:
+    def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
         """z (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
         steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
         return np.asarray(self.starts[which][:, None] + steps)
 
-    def _at(self, which: FloatArray, u: FloatArray) -> FloatArray:
+    def _at(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
         """Log densities (K, M)."""
         values = self.target(self.place(which, u).reshape(-1, u.shape[2]))
         return np.where(np.isfinite(values), values, -np.inf).reshape(u.shape[:2])
 
-    def _gradient(self, which: FloatArray) -> FloatArray:
+    def _gradient(self, which: NDArray[np.intp]) -> FloatArray:
         """By central differences; where one side fails, by the other."""
         d, here = self.u.shape[1], self.value[which][:, None]
         values = self._at(which, self.u[which][:, None] + self.shifts)
@@ -143,7 +164,7 @@ class _Climbs:
             self._update(rising, step, before - self.slope[rising])
         self.live = live[self.quiet[live] < QUIET]
 
-    def _update(self, which: FloatArray, step: FloatArray, change: FloatArray) -> None:
+    def _update(self, which: NDArray[np.intp], step: FloatArray, change: FloatArray) -> None:
         """The rule's inverse Hessians after steps (K, d) that changed the slope by so much."""
         curvature = np.einsum("ki,ki->k", step, change)
         norms = np.linalg.norm(step, axis=1) * np.linalg.norm(change, axis=1)

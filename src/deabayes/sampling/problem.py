@@ -1,4 +1,4 @@
-"""What is sampled: a likelihood of z, where the prior is N(0, I), and what is known of its shape."""
+"""What is sampled: a likelihood of z under the prior N(0, I), and what is known of its shape."""
 
 from __future__ import annotations
 

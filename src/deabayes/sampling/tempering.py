@@ -220,9 +220,7 @@ def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp
     return np.minimum(np.searchsorted(cumulative, points, side="right"), len(weights) - 1)
 
 
-def _next_step(
-    increments: FloatArray, remaining: float, share: float
-) -> tuple[float, FloatArray]:
+def _next_step(increments: FloatArray, remaining: float, share: float) -> tuple[float, FloatArray]:
     """The step in beta that leaves the wanted effective share, and log mean weights (E,)."""
     finite = np.isfinite(increments)
     if not finite.any(axis=1).all():

@@ -31,12 +31,12 @@ from deabayes.distributions import Uniform
 from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Parts
-from deabayes.systems.ridges.film import FilmStress
 from deabayes.prior.coordinates import log_normals
 from deabayes.prior.joint import Prior
+from deabayes.springs.ogden import stress_of_one
+from deabayes.systems.ridges.film import FilmStress
 from deabayes.systems.ridges.shares import Shares
 from deabayes.systems.ridges.units import units_of
-from deabayes.springs.ogden import stress_of_one
 
 Stresses = Shares | FilmStress
 
@@ -130,16 +130,14 @@ def _of_stresses(
     assert isinstance(prior, Uniform) and stretches is not None
     columns, logarithms = (exponents, coefficients), np.log(stretches)
     height = (logarithms[0] - logarithms[1]) / 2.0
-    if prior.lower >= 0.0 and _handed_on(joint, *columns):
-        if len(exponents) == 2 and _both_seen(joint, *columns, logarithms):
-            return FilmStress(*columns, *_moments(prior), height * np.array(HEIGHTS))
+    two_handed_on = len(exponents) == 2 and _handed_on(joint, *columns)
+    if prior.lower >= 0.0 and two_handed_on and _both_seen(joint, *columns, logarithms):
+        return FilmStress(*columns, *_moments(prior), height * np.array(HEIGHTS))
     ones = np.ones(len(exponents))
     return Shares(exponents, coefficients, 0.0 * ones, ones, shown, spread=True)
 
 
-def _handed_on(
-    joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
-) -> bool:
+def _handed_on(joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]) -> bool:
     """Whether a posterior handed on is of a film with a ridge."""
     names = {joint.names[column] for column in (*exponents, *coefficients)}
     return any(b.learned is not None and names <= set(b.names) for b in joint.inherited)
@@ -163,9 +161,7 @@ def _moments(prior: Uniform) -> tuple[float, float]:
     return (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / 12**0.5
 
 
-def _parts(
-    joint: Prior, coefficients: tuple[int, ...], free: frozenset[int]
-) -> Parts | None:
+def _parts(joint: Prior, coefficients: tuple[int, ...], free: frozenset[int]) -> Parts | None:
     """The block of coefficients that are parts of one stress at given stretches."""
     parameters = [joint.parameters[column] for column in coefficients]
     if not all(p.half_product_with and p.reference_stretches for p in parameters):

@@ -26,9 +26,8 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.prior.joint import Prior
-from deabayes.systems.ridges.units import Units, units_of
 from deabayes.springs.ogden import stress_of_one
-
+from deabayes.systems.ridges.units import Units, units_of
 
 RandomSource = np.random.Generator | np.random.RandomState
 

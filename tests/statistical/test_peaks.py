@@ -1,0 +1,131 @@
+"""Climbs of many starts at once, and Laplace approximations at the peaks they find."""
+
+import numpy as np
+import pytest
+
+from deabayes.sampling.peaks import _triangular, climb, laplace_factor, peaks
+from deabayes.sampling.tempering import EveryDrawFailed
+
+DIMENSION = 6
+MEAN = np.linspace(-1.0, 1.0, DIMENSION)
+FACTOR = np.tril(np.random.default_rng(0).standard_normal((DIMENSION, DIMENSION))) * 0.05
+FACTOR += np.diag(np.geomspace(0.002, 0.3, DIMENSION))
+INVERSE = np.linalg.inv(FACTOR)
+
+
+def thin_normal(z):
+    return 7.0 - 0.5 * np.sum(((z - MEAN) @ INVERSE.T) ** 2, axis=1)
+
+
+def valley(z):
+    """Rosenbrock's in two planes, scaled, ten and a thousand times as steep across as along."""
+    x, y = 2.0 * z[:, [0, 2]], np.array([1.0, 3.0]) * z[:, [1, 3]]
+    return -0.5 * np.sum((x - 1.0) ** 2 + [1e2, 1e3] * (y - x**2) ** 2, axis=1)
+
+
+PEAK = np.array([0.5, 1.0, 0.5, 1.0 / 3.0])
+
+
+def climbed(target, starts, turns=3):
+    """In coordinates that are made anew, as `peaks` does."""
+    z, value = climb(target, starts, np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1)), 20)
+    for _ in range(turns):
+        factors = np.stack([laplace_factor(target, each, np.eye(z.shape[1])) for each in z])
+        z, value = climb(target, z, factors, 40)
+    return z, value
+
+
+def test_climbs_follow_a_curved_valley_to_its_maximum():
+    starts = np.random.default_rng(1).standard_normal((8, 4))
+    z, value = climbed(valley, starts)
+    np.testing.assert_allclose(value, 0.0, atol=2e-3)
+    np.testing.assert_allclose(z, np.tile(PEAK, (8, 1)), atol=0.1)
+    np.testing.assert_allclose(value, valley(z))
+
+
+def test_climbs_in_lockstep_are_the_climbs_alone():
+    starts = np.random.default_rng(2).standard_normal((5, 4))
+    factors = np.tile(np.eye(4), (5, 1, 1))
+    together, _ = climb(valley, starts, factors, 20)
+    alone = [climb(valley, starts[[k]], factors[:1], 20)[0][0] for k in range(5)]
+    np.testing.assert_allclose(together, alone, atol=1e-9)
+
+
+def test_points_that_fail_do_not_stop_the_others():
+    """Some climbs begin where the density fails, others beside a wall that they meet."""
+
+    def walled(z):
+        return np.where(z[:, 0] > MEAN[0] + 0.5, np.nan, thin_normal(z))
+
+    starts = MEAN + 0.3 * np.random.default_rng(3).standard_normal((12, DIMENSION))
+    starts[:3, 0] = MEAN[0] + 2.0
+    starts[3:6, 0] = MEAN[0] + 0.499
+    _, lost = climb(walled, starts, np.tile(np.eye(DIMENSION), (12, 1, 1)), 5)
+    assert (np.isfinite(lost) == (np.arange(12) >= 3)).all()
+    z, value = climbed(walled, starts[3:])
+    np.testing.assert_allclose(value, 7.0, atol=0.02)
+    np.testing.assert_allclose(z, np.tile(MEAN, (9, 1)), atol=0.1)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3])
+def test_laplace_factor_of_a_normal_is_its_covariance(off):
+    """At its peak and beside it, from coordinates that know nothing of it."""
+    factor = laplace_factor(thin_normal, MEAN + off * FACTOR.sum(axis=1), np.eye(DIMENSION))
+    assert np.array_equal(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
+    whitened = INVERSE @ factor
+    np.testing.assert_allclose(whitened @ whitened.T, np.eye(DIMENSION), atol=0.02)
+
+
+def test_no_direction_is_wider_than_the_prior():
+    def flat(z):
+        return -0.5 * (z[:, 0] / 0.1) ** 2 - 1e-6 * z[:, 1] ** 2
+
+    factor = laplace_factor(flat, np.zeros(2), np.eye(2))
+    np.testing.assert_allclose(factor @ factor.T, np.diag([0.01, 1.0]), rtol=0.02, atol=1e-4)
+
+
+def test_a_direction_a_billion_times_thinner_than_another_has_a_factor():
+    directions = np.linalg.qr(np.random.default_rng(8).standard_normal((3, 3)))[0]
+    factor = _triangular(directions * np.array([1.0, 1e-5, 1e-10]))
+    assert np.array_equal(factor, np.tril(factor))
+    assert (np.diag(factor) > 0.0).all()
+    assert np.prod(np.diag(factor)) == pytest.approx(1e-15, rel=1e-4)
+
+
+def test_draws_of_the_peaks_are_a_wider_normal():
+    mixture = peaks(thin_normal, DIMENSION, np.random.default_rng(4))
+    white = (mixture.sample(np.random.default_rng(5), 20000) - MEAN) @ INVERSE.T
+    spread = 1.5 * np.sqrt(7.0 / 5.0)
+    np.testing.assert_allclose(white.mean(axis=0), 0.0, atol=0.1)
+    np.testing.assert_allclose(white.std(axis=0), spread, rtol=0.1)
+
+
+@pytest.mark.parametrize(("below", "kept"), [(0.0, 2), (5.0, 2), (30.0, 1)])
+def test_a_lower_peak_is_kept_unless_it_is_far_below(below, kept):
+    """Of 64 climbs half reach each, so that the 16 highest alone would be of the higher one."""
+
+    def two(z):
+        first, second = (-0.5 * (((z - at) / 0.05) ** 2).sum(axis=1) for at in (-1.0, 1.0))
+        return np.logaddexp(first, second - below)
+
+    mixture = peaks(two, 3, np.random.default_rng(6))
+    signs = np.sign(mixture.means[:, 0])
+    assert len(np.unique(signs)) == kept and -1.0 in signs
+    np.testing.assert_allclose(np.abs(mixture.means), 1.0, atol=0.02)
+
+
+def test_no_start_with_a_density():
+    with pytest.raises(EveryDrawFailed):
+        peaks(lambda z: np.full(len(z), -np.inf), 3, np.random.default_rng(7))
+
+
+def test_few_starts_with_a_density_are_enough():
+    """A corner that three of a hundred draws of the prior are in."""
+
+    def corner(z):
+        return np.where((z[:, :2] > 0.9).all(axis=1), thin_normal(z - 2.5), np.nan)
+
+    mixture = peaks(corner, DIMENSION, np.random.default_rng(8))
+    np.testing.assert_allclose(
+        mixture.means, np.tile(MEAN + 2.5, (len(mixture.means), 1)), atol=0.1
+    )
