@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
 
-CONFIDENCE = 0.95
+HALF_WIDTH = 1.96
+"""Of a 95 % interval, in standard deviations."""
 RESAMPLES = 100
 
 
@@ -38,13 +38,16 @@ class Indices:
 
 
 def design(dimension: int, groups: int, rng: np.random.Generator) -> FloatArray:
-    """Saltelli's points in the unit cube, (groups (d + 2), d); `groups` is a power of two."""
-    from SALib.sample import sobol
+    """Saltelli's points in the unit cube, (groups (d + 2), d); `groups` is a power of two.
 
-    points: FloatArray = sobol.sample(
-        _problem(dimension), groups, calc_second_order=False, seed=_seed(rng)
-    )
-    return points
+    A group is a point A, then A with one coordinate after another from a point B, then B.
+    """
+    from scipy.stats import qmc
+
+    found = qmc.Sobol(2 * dimension, scramble=True, rng=rng).random(groups)
+    a, b = found[:, None, :dimension], found[:, None, dimension:]
+    mixed = np.where(np.eye(dimension, dtype=bool), b, a)
+    return np.concatenate([a, mixed, b], axis=1).reshape(-1, dimension)
 
 
 def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Indices | None:
@@ -58,32 +61,27 @@ def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Ind
     -------
     None where there is nothing to explain: fewer than two groups, or one value throughout.
     """
-    from SALib.analyze import sobol
-
     by_group = np.asarray(values, dtype=float).reshape(-1, dimension + 2)
     kept = by_group[np.all(np.isfinite(by_group), axis=1)]
     if len(kept) < 2 or np.ptp(kept) == 0.0:
         return None
-    found = sobol.analyze(
-        _problem(dimension),
-        kept.ravel(),
-        calc_second_order=False,
-        num_resamples=RESAMPLES,
-        conf_level=CONFIDENCE,
-        seed=_seed(rng),
-    )
-    first, first_conf, total, total_conf = (
-        np.asarray(found[name], dtype=float) for name in ("S1", "S1_conf", "ST", "ST_conf")
-    )
+    centred = (kept - kept.mean()) / kept.std()
+    first, total = _estimates(centred, np.ones((1, len(kept))))
+    picked = rng.integers(len(kept), size=(RESAMPLES, len(kept)))
+    counts = np.array([np.bincount(row, minlength=len(kept)) for row in picked], dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of a resample with one value throughout
+        spread = [HALF_WIDTH * each.std(axis=0, ddof=1) for each in _estimates(centred, counts)]
     left_out = len(by_group) - len(kept)
-    return Indices(first, first_conf, total, total_conf, len(by_group), left_out)
+    return Indices(first[0], spread[0], total[0], spread[1], len(by_group), left_out)
 
 
-def _problem(dimension: int) -> dict[str, Any]:
-    names = [f"u_{k}" for k in range(dimension)]
-    return {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
-
-
-def _seed(rng: np.random.Generator) -> int:
-    """Not 0, which SALib takes for no seed."""
-    return int(rng.integers(1, 2**31))
+def _estimates(values: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """First-order and total indices (R, d) of groups (G, d + 2), each counted so often (R, G)."""
+    a, mixed, b = values[:, :1], values[:, 1:-1], values[:, -1:]
+    shares = counts / counts.sum(axis=1, keepdims=True)
+    mean, square = (shares @ (0.5 * (a**power + b**power)) for power in (1, 2))
+    variance = square - mean**2
+    return (
+        shares @ (b * (mixed - a)) / variance,
+        shares @ (0.5 * (a - mixed) ** 2) / variance,
+    )

@@ -126,6 +126,8 @@ def same_dimension(unit: str, other: str) -> bool:
 
 
 def _check_dimension(unit: str, expected_unit: str, where: str) -> None:
+    if unit == expected_unit and unit in PREFERRED_UNITS:  # pint takes most of a second to load
+        return
     found, expected = _base(unit, where), _base(expected_unit, where)
     if found == expected:
         return

@@ -37,6 +37,18 @@ def test_save_all_writes_svg_and_png_and_an_index(
     assert figures.saved_figures(study, out) is None
 
 
+@pytest.mark.parametrize("converged", [True, False])
+def test_other_candidates_have_the_figures_that_the_report_shows(
+    tmp_path: Path, converged: bool
+) -> None:
+    fake = Fake(candidates=(1, 2), protocols=("relaxation",), converged=converged)
+    study = StudyResults(write_study(tmp_path, fake))
+    (other,) = (each for each in study.candidates if each is not study.recommended)
+    assert figures.names_of(study.recommended) == figures.names("candidate")
+    of_other = set(figures.OF_OTHERS) | (set() if converged else {"convergence"})
+    assert set(figures.names_of(other)) == of_other
+
+
 def test_unknown_figure_and_empty_study_are_said(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="did you mean 'residuals'"):
         figures.module("residual")

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from matplotlib.lines import Line2D
 from scipy.special import ndtr
-from scipy.stats import kstwo
+from scipy.stats import kstest, kstwo
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 from tests.unit.test_noise_origin import NOISE_DRAWS, TIME, fitted, record
@@ -97,6 +97,15 @@ def test_p_of_uniformity_by_hand():
     # One point at 0.9: the larger step is 0.9, P(D >= 0.9) = 2 * 0.1.
     assert uniformity_p([0.9]) == pytest.approx(0.2)
     assert np.isnan(uniformity_p([np.nan, 0.5]))
+
+
+@pytest.mark.parametrize("size", [20, 200, 2000])
+def test_p_of_uniformity_is_the_exact_one(size):
+    rng = np.random.default_rng(size)
+    for power in (0.8, 1.0, 1.1, 1.3):
+        pit = rng.uniform(size=size) ** power
+        exact = kstest(pit, "uniform").pvalue
+        assert uniformity_p(pit) == pytest.approx(exact, abs=1e-4 if exact < 0.1 else 1e-3)
 
 
 def test_the_figure_names_the_records_that_leave_the_band(tmp_path):

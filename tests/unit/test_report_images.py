@@ -15,7 +15,7 @@ from deabayes.report.images import QUALITIES, shrink
 def picture() -> Image.Image:
     """Patches of all colours a legend may have, and lines that blend them with white."""
     colours = [*style.SERIES, *(colour for colour, _ in style.BANDS.values()), "#a6d3ee"]
-    canvas = np.full((700, 1441, 3), 255.0)
+    canvas = np.full((700, 2161, 3), 255.0)
     for k, colour in enumerate(colours):
         value = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
         canvas[20:60, 20 + 110 * k : 110 + 110 * k] = value

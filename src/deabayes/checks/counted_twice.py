@@ -33,7 +33,7 @@ def _known(source: str, source_of: SourceOf, passed: set[str]) -> Iterator[Count
     passed.add(source)
     if isinstance(found, Path):
         if found.is_file():
-            yield from counted_records(read_tree(found))
+            yield from counted_records(read_tree(found, ()))
         return
     for study in found:
         yield from _calibrated(study)

@@ -66,6 +66,8 @@ REGISTRY: Mapping[str, str] = {
 }
 """Figure -> its module, in the report's order."""
 
+OF_OTHERS = ("data_and_bands", "residuals", "marginals")
+"""Drawn of candidates that are not recommended; what failed a gate has `convergence` too."""
 INDEX = "index.json"
 
 
@@ -99,6 +101,15 @@ def names(scope: str) -> list[str]:
     return [name for name in present if getattr(module(name), "SCOPE", "study") == scope]
 
 
+def names_of(candidate: CandidateResults) -> list[str]:
+    """Figures that are drawn of a candidate, in the registry's order."""
+    every = names("candidate")
+    if candidate is candidate.study.recommended:
+        return every
+    others = OF_OTHERS if candidate.converged else (*OF_OTHERS, "convergence")
+    return [name for name in every if name in others]
+
+
 def draw(name: str, results: Results) -> list[Figure]:
     """Draw a registered figure, with the marks that no figure may go without.
 
@@ -125,8 +136,9 @@ def draw(name: str, results: Results) -> list[Figure]:
 
 
 def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
-    """Draw every registered figure of a study and its candidates as SVG and PNG (200 dpi).
+    """Draw the figures of a study and its candidates as SVG and PNG (300 dpi).
 
+    Every registered figure of the study and of the recommended candidate, `OF_OTHERS` of others.
     Files are `{figure}[_{sheet}].svg` for the study and
     `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. The folder
     may be a population's (`results/populations/NAME`), which has figures of its own.
@@ -144,7 +156,7 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     out.mkdir(parents=True, exist_ok=True)
     (out / INDEX).unlink(missing_ok=True)
     wanted: list[tuple[str, Results]] = [(name, whole) for name in names(scope)]
-    wanted += [(name, each) for each in candidates for name in names("candidate")]
+    wanted += [(name, each) for each in candidates for name in names_of(each)]
     saved = _save_each(wanted, out)
     entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
     (out / INDEX).write_text(json.dumps(entries, indent=1), encoding="utf-8")

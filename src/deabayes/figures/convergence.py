@@ -133,17 +133,21 @@ def _trace(ax: Axes, runs: FloatArray) -> None:
     step = max(runs.shape[1] // TRACE_POINTS, 1)
     for index, values in enumerate(runs):
         ax.plot(np.arange(values.size)[::step], values[::step], linewidth=0.4, alpha=0.8,
-                color=style.SERIES[index % len(style.SERIES)], rasterized=True)  # fmt: skip
+                color=style.SERIES[index % len(style.SERIES)])  # fmt: skip
 
 
 def _ranks(ax: Axes, runs: FloatArray) -> None:
     """Rank counts per run relative to the count expected if all runs agree."""
-    from scipy.stats import rankdata
-
-    ranks = (rankdata(runs.ravel()) / runs.size).reshape(runs.shape)
-    for values in ranks:
+    for values in _average_ranks(runs) / runs.size:
         counts, edges = np.histogram(values, RANK_BINS, range=(0, 1))
         ax.stairs(counts * RANK_BINS / values.size, edges, linewidth=0.9)
     ax.axhline(1.0, color=style.BLACK, linewidth=0.6, linestyle="--")
     ax.set_ylim(0, max(2.0, ax.get_ylim()[1]))
     ax.set_ylabel("count / expected")
+
+
+def _average_ranks(values: FloatArray) -> FloatArray:
+    """Ranks from 1 among all values; equal ones share their mean."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ranks = np.cumsum(counts) - 0.5 * (counts - 1)
+    return np.asarray(ranks[place.reshape(values.shape)])

@@ -99,12 +99,13 @@ def _window(posterior: FloatArray, prior: FloatArray) -> tuple[float, float, boo
 def _smooth(
     values: FloatArray, low: float, high: float, log: bool
 ) -> tuple[FloatArray, FloatArray]:
-    from scipy.stats import gaussian_kde
-
+    """A normal kernel density of Scott's width, along 200 places."""
     if np.ptp(values) == 0:
         return np.array([]), np.array([])
-    kernel = gaussian_kde(np.log(values) if log else values)
     x = np.geomspace(low, high, 200) if log else np.linspace(low, high, 200)
-    density = kernel(np.log(x) if log else x)
+    centres, places = (np.log(each) if log else each for each in (values, x))
+    width = centres.std(ddof=1) * centres.size**-0.2
+    heights = np.exp(-0.5 * ((places[:, None] - centres) / width) ** 2).mean(axis=1)
+    density = heights / (width * np.sqrt(2.0 * np.pi))
     inside = (x >= values.min()) & (x <= values.max())
     return x, np.where(inside, density, 0.0)

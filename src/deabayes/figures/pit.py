@@ -51,7 +51,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 def _departures(results: CandidateResults, role: str) -> dict[str, Line]:
     """Record -> PIT and the departure from uniform below and at each, 1 at the limit."""
-    from scipy.stats import kstwo
+    from scipy.special import smirnovi
 
     lines = {}
     for name, prediction in results.predictions.items():
@@ -60,7 +60,7 @@ def _departures(results: CandidateResults, role: str) -> dict[str, Line]:
             continue
         steps = np.repeat(np.arange(pit.size + 1), 2)[1:-1] / pit.size
         places = np.repeat(np.sort(pit.values), 2)
-        departure = (steps - places) / kstwo.isf(LEVEL, pit.size)
+        departure = (steps - places) / smirnovi(pit.size, LEVEL / 2.0)
         lines[name] = np.r_[0.0, places, 1.0], np.r_[0.0, departure, 0.0]
     return lines
 

@@ -126,14 +126,15 @@ class CandidateResults:
 
     def group(self, name: str | None) -> xr.Dataset:
         """A group of the posterior file in memory; empty where the file has none."""
+        import h5py
         import xarray as xr
 
         path = self.folder / "posterior.nc"
         try:
-            with xr.open_datatree(path, engine="h5netcdf") as tree:
-                if name is None:
-                    return tree.to_dataset().load()
-                return tree[name].to_dataset().load() if name in tree.children else xr.Dataset()
+            with h5py.File(path) as file:
+                if name is not None and name not in file:
+                    return xr.Dataset()
+            return xr.load_dataset(path, group=name, engine="h5netcdf")
         except (OSError, ValueError) as error:
             raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
 

@@ -42,7 +42,6 @@ SETTINGS = {
     "axes.spines.right": False,
     "axes.prop_cycle": matplotlib.cycler(color=SERIES),
     "axes.formatter.limits": (-4, 5),
-    "axes.formatter.use_mathtext": True,
     "axes.formatter.useoffset": False,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
@@ -53,8 +52,8 @@ SETTINGS = {
     "lines.linewidth": 1.0,
     "lines.markersize": 3.0,
     "patch.linewidth": 0.5,
-    "figure.dpi": 110,
-    "savefig.dpi": 200,
+    "figure.dpi": 300,
+    "savefig.dpi": "figure",
     "svg.fonttype": "path",
     "svg.hashsalt": "deabayes",
 }
@@ -109,6 +108,6 @@ def header(figure: Figure, text: str) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.set(rect=(0, 0, 1, 1 - HEADER / height))
-        figure.draw_without_rendering()
+        engine.execute(figure)
         figure.set_layout_engine("none")
     figure.text(0.005, 1 - 0.05 / height, text, fontsize=6.5, color=GREY, va="top")

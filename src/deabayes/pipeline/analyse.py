@@ -50,7 +50,7 @@ def fitted_candidates(study: Study, results: Path) -> dict[str, Fitted]:
 
     files = {name: results / name / "posterior.nc" for name in study.candidates}
     found = {
-        name: Fitted.from_tree(read_tree(path), size=ANALYSIS_DRAWS, seed=1)
+        name: Fitted.from_tree(read_tree(path, ("posterior",)), size=ANALYSIS_DRAWS, seed=1)
         for name, path in files.items()
         if path.is_file()
     }

@@ -27,7 +27,7 @@ def check_as_fitted(results: Path) -> None:
     experiments, found = read_experiments(prepared), []
     for path in posteriors:
         try:
-            check_fitted_records(read_tree(path), experiments)
+            check_fitted_records(read_tree(path, ("observed_data",)), experiments)
         except UserError as error:
             found += str(error).splitlines()
     if found:

@@ -37,7 +37,7 @@ def further_experiments(results: Path, asked: Mapping[str, Settings], output: Pa
         raise UserError(f"{comparison}: no such file; run `deabayes compare {results.name}` first")
     planned = plan(read_experiments(results / "prepared"), asked)
     names = contenders(pd.read_csv(comparison))
-    trees = [read_tree(results / name / "posterior.nc") for name in names]
+    trees = [read_tree(results / name / "posterior.nc", ("posterior",)) for name in names]
     fitted = {
         name: Fitted.from_tree(t, DRAWS, seed=1) for name, t in zip(names, trees, strict=True)
     }

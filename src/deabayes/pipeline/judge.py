@@ -86,7 +86,8 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
     from deabayes.prediction.errors_table import error_row
     from deabayes.prediction.held_out import SCORED_DRAWS
 
-    tree, experiments = read_tree(posterior), read_experiments(prepared)
+    tree = read_tree(posterior, ("posterior", "observed_data"))
+    experiments = read_experiments(prepared)
     check_fitted_records(tree, experiments)
     fitted = Fitted.from_tree(tree, size=PREDICTION_DRAWS, seed=1)
     draws = sum_of_draws(tree)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -58,8 +59,13 @@ def _has(path: Path, attribute: str) -> bool:
         return False
 
 
-def read_tree(path: str | Path) -> xr.DataTree:
-    """Read a posterior file into memory, or say why it is none."""
+def read_tree(path: str | Path, groups: Collection[str] | None = None) -> xr.DataTree:
+    """Read a posterior file into memory, or say why it is none.
+
+    Parameters
+    ----------
+    groups : those of its groups that are wanted, the others stay empty; all by default.
+    """
     path = Path(path)
     if path.is_dir():
         raise UserError(f"{path}: is a folder{_posteriors_in(path)}")
@@ -69,12 +75,24 @@ def read_tree(path: str | Path) -> xr.DataTree:
             "or `deabayes fit STUDY CANDIDATE`)"
         )
     try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            tree = tree.load()
+        tree = _read(path, groups)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not a readable netCDF file ({error}); fit again") from error
     _check_content(tree, path)
     return tree
+
+
+def _read(path: Path, groups: Collection[str] | None) -> xr.DataTree:
+    with h5py.File(path) as file:
+        found = [str(name) for name in file if isinstance(file[name], h5py.Group)]
+    datasets = {
+        name: xr.load_dataset(path, engine="h5netcdf", group=name)
+        if groups is None or name in groups
+        else xr.Dataset()
+        for name in found
+    }
+    root = xr.load_dataset(path, engine="h5netcdf")
+    return xr.DataTree.from_dict({"/": root, **datasets})
 
 
 def _check_content(tree: xr.DataTree, path: Path) -> None:

@@ -115,11 +115,24 @@ def uniformity_p(pit: ArrayLike) -> float:
     """p-value of a Kolmogorov-Smirnov test that values (N,) are uniform on [0, 1].
 
     They are taken to be independent. NaN where one is not finite.
-    """
-    from scipy.stats import kstest
 
-    pit = np.asarray(pit, dtype=float)
-    return float(kstest(pit, "uniform").pvalue) if np.isfinite(pit).all() else float("nan")
+    Below 0.1, and for distances of 0.5 and more, p is twice the exact one-sided probability, less
+    than 1e-4 off. Else it is the limiting law at a corrected distance (Vrbik 2018, Pioneer J.
+    Theor. Appl. Stat. 15), less than 1e-3 off from 20 points on.
+    """
+    from scipy.special import kolmogorov, smirnov
+
+    pit = np.sort(np.asarray(pit, dtype=float))
+    if not np.isfinite(pit).all():
+        return float("nan")
+    n = pit.size
+    distance = float(np.max([np.arange(1, n + 1) / n - pit, pit - np.arange(n) / n]))
+    twice = 2.0 * float(smirnov(n, distance))
+    if twice < 0.1 or distance >= 0.5:
+        return twice
+    root = np.sqrt(n)
+    corrected = distance * root + 1.0 / (6.0 * root) + (distance * root - 1.0) / (4.0 * n)
+    return float(kolmogorov(corrected))
 
 
 def _curves(observed: ArrayLike, predicted: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 QUALITIES = ((1300, 96), (1000, 64), (800, 32))
 """Width in pixels and colours, tried in turn until the page is small enough."""
+DOUBLE_COLUMN = 2161
+"""Pixels of a figure as wide as two columns of a journal, at 300 dpi."""
+SAMPLED = 3
+"""Every so many pixels either way are looked at for the rarer colours."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Image:
 def embed(figure: SavedFigure, width: int, colours: int) -> Image:
     """The PNG of a saved sheet, scaled down and with few colours, as a data URI."""
     data, size = shrink(figure.png, width, colours)
-    scale = 900 / 1441
+    scale = 900 / DOUBLE_COLUMN
     return Image(
         "data:image/png;base64," + base64.b64encode(data).decode("ascii"),
         round(size[0] * scale),
@@ -51,13 +55,13 @@ def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]
 
     with Pictures.open(path) as opened:
         picture, size = opened.convert("RGB"), opened.size
-    factor = min(width / 1441, 1.0)
+    factor = min(width / DOUBLE_COLUMN, 1.0)
     if factor < 1.0:
         smaller = (round(size[0] * factor), round(size[1] * factor))
-        picture = picture.resize(smaller, Pictures.Resampling.LANCZOS)
+        picture = picture.resize(smaller, Pictures.Resampling.HAMMING)
     picture = picture.quantize(palette=_palette(picture, colours), dither=Pictures.Dither.NONE)
     buffer = io.BytesIO()
-    picture.save(buffer, format="PNG", optimize=True)
+    picture.save(buffer, format="PNG")
     return buffer.getvalue(), size
 
 
@@ -68,7 +72,9 @@ def _palette(picture: Picture, colours: int) -> Picture:
     counted = picture.getcolors(picture.width * picture.height) or []
     frequent = sorted(counted, reverse=True)[: colours // 2]
     left = colours - len(frequent)
-    medians = picture.quantize(left, Pictures.Quantize.MEDIANCUT).getpalette() or []
+    size = (-(-picture.width // SAMPLED), -(-picture.height // SAMPLED))
+    sampled = picture.resize(size, Pictures.Resampling.NEAREST)
+    medians = sampled.quantize(left, Pictures.Quantize.MEDIANCUT).getpalette() or []
     palette = Pictures.new("P", (1, 1))
     areas = np.array([colour for _, colour in frequent]).ravel().tolist()
     palette.putpalette(areas + medians[: 3 * left])

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from deabayes.figures import SavedFigure
+from deabayes.figures import OF_OTHERS, SavedFigure
 from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.report import analyses, further, notices, orders, populations, tables
@@ -23,8 +23,6 @@ SECTIONS = (
     ("Convergence", ("convergence",)),
     ("Prior", ("prior_predictive",)),
 )
-BRIEFLY = ("data_and_bands", "residuals", "marginals")
-"""Figures of the candidates that are folded away."""
 
 Figures = Sequence[SavedFigure]
 Quality = tuple[int, int]
@@ -162,7 +160,7 @@ def _candidate(results: CandidateResults, figures: Figures, quality: Quality) ->
 def _other(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:
     own = [f for f in figures if f.candidate == results.name]
     return _common(results) | {
-        "figures": _embedded(own, BRIEFLY, quality),
+        "figures": _embedded(own, (*OF_OTHERS, "convergence"), quality),
         "errors": tables.errors(results),
         "parameters": tables.parameters(results),
         "notices": [*notices.unconverged(results), *notices.of_candidate(results)],
