@@ -33,7 +33,9 @@ from deabayes.study import Sampling
 
 WARM_UP, FIT, SAMPLING = range(3)
 """Random streams."""
-WARM_UP_SCHEDULE = Schedule(rounds=(2, 3), final_rounds=(5, 20), final_forgotten=0.3)
+WARM_UP_SCHEDULE = Schedule(
+    effective_share=0.3, rounds=(1, 2), final_rounds=(3, 10), final_forgotten=0.3
+)
 """What the warm-up leaves undone at beta = 1, the rounds do."""
 FIRST_ROUND, GROWTH = 200, 1.5
 """Steps of the first round, and of a round over those of the one before."""

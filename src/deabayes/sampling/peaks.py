@@ -17,12 +17,12 @@ from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.problem import LogDensity
 from deabayes.sampling.tempering import EveryDrawFailed
 
-STARTS, FINISHED, TURNS = 64, 16, 2
+STARTS, FINISHED, TURNS = 64, 16, 3
 """Draws of the prior that are climbed from; how many of these climbs are finished; and how often
 their coordinates are made anew."""
 DIP = 1.0
 """Nats that the density falls by half way between climbs that are at different peaks."""
-SHORT, LONG = 20, 40
+SHORT, LONG = 20, 30
 """Iterations of a climb from the prior, and of one in each turn."""
 NEAR = 10.0
 """Nats below the highest peak that draws start from. Climbs along a ridge end a few apart."""
