@@ -44,7 +44,10 @@ DROPPED = 1 / 3
 PATIENCE = 2.5
 """A round goes on where it needs at most so many times the steps it has; else it is refitted."""
 MOST_REFITS = 6
-MARGIN = 1.05
+MARGIN, LEAST_GROWTH = 1.05, 1.25
+"""Of the steps that a round is expected to need; and of those it has, before it is judged again."""
+COMPONENTS = 8
+"""Of the mixtures in a proposal."""
 CHUNK = 100
 """Stored steps between two checkpoints."""
 MOST_STORED_STEPS = 5000
@@ -133,6 +136,7 @@ class _Run:
     refits: int = 0
     steps_before: int = 0
     goal: int = 0
+    needed: float = 0.0
     proposal: Proposal | None = None
     round: Store = field(default_factory=lambda: Store(None))
     chunks: list[Arrays] = field(default_factory=list)
@@ -250,9 +254,6 @@ def _proposal(run: _Run) -> Proposal:
     )
 
 
-COMPONENTS = 8
-
-
 def _sampling(run: _Run) -> State:
     """Sample to the round's goal, or to the end of the budget, chunk by chunk."""
     goal = min(run.goal, run.steps + run.left)
@@ -327,15 +328,17 @@ def _first_walkers(run: _Run, target: Target) -> FloatArray:
 def _judged(run: _Run) -> State | None:
     """Apply the gates; sample on, fit a new proposal, or end."""
     run.convergence = _verdict(run)
-    _say(run, "judged")
     if run.convergence.converged or run.left <= 0:
+        run.needed = 0.0
+        _say(run, "converged" if run.convergence.converged else "NOT converged, budget used")
         return None
     times = max(float(np.min(run.convergence.autocorrelation_times)), 0.1)
-    needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
-    needed = max(needed, 1.25 * run.steps)
-    if needed > PATIENCE * run.steps and run.refits < MOST_REFITS:
+    run.needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
+    run.needed = max(run.needed, LEAST_GROWTH * run.steps)
+    if run.needed > PATIENCE * run.steps and run.refits < MOST_REFITS:
+        _say(run, "fitting a better proposal")
         return _refitted
-    run.goal = int(min(needed, PATIENCE * run.steps))
+    run.goal = int(min(run.needed, PATIENCE * run.steps))
     return _sampling
 
 
@@ -375,6 +378,6 @@ def _say(run: _Run, state: str) -> None:
     if run.convergence is not None:
         table = run.convergence.table
         ess, r_hat = float(table[["ess_bulk", "ess_tail"]].min().min()), float(table["r_hat"].max())
-    if run.seconds:
-        left = max(run.goal - run.steps, 0) * run.seconds
+    if run.needed and run.seconds:
+        left = max(run.needed - run.steps, 0.0) * run.seconds
     run.progress.say(state, run.steps_before + run.steps, ess, r_hat, left)
