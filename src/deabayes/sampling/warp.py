@@ -8,7 +8,7 @@ Knothe-Rosenblatt arrangement with polynomials, as in Marzouk, Moselhy, Parno an
 2016, Handbook of Uncertainty Quantification). On posteriors of series of relaxation units it
 raised the acceptance of independence proposals from a few to forty per cent; without the
 scales, and with products that stay constant beyond four standard deviations instead of
-six, the ends of a long ridge were left out (docs/sampler.md).
+six, the ends of a long ridge were left out.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ u: ln S_1, ln S_2 / S_1, ln S_3 / S_2, and alpha_2,
 
 of which three are fixed along all of the ridge. What a map has learned of them holds where no draw
 has been: fitted to draws of the structure's posterior with alpha_1 above 0.35, a proposal was off
-by 2 nats at 0.14, and by 44 in the coordinates of `terms` (docs/sampler.md).
+by 2 nats at 0.14, and by 44 in the coordinates of `terms`.
 """
 
 from __future__ import annotations
