@@ -2,9 +2,9 @@
 
 Case A of mixing.md (`cases`) with three units, 14 parameters, in z: the prior of every
 coordinate is standard normal, so dynesty's prior transform is the normal quantile. emcee runs
-sampled as a study is by default. Written: nested_evidence.csv, one
-row per case and seed, and nested_parameters.csv, one row per case, seed and parameter, with
-the differences in posterior standard deviations.
+as in a study by default. Written: nested_evidence.csv, one row per case
+and seed, and nested_parameters.csv, one row per case, seed and parameter, with the differences
+in posterior standard deviations.
 
     python -m tests.validation.nested --case A --live 500
 """
