@@ -93,7 +93,6 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 	@$(BIN)/python -m tests.validation.candidate_information
 	@$(BIN)/python -m tests.validation.nist --processes $(CORES)
 	@$(BIN)/python -m tests.validation.nist_reference
-	@$(BIN)/python -m benchmarks.membrane_recipes --full --walkers 48 --steps 8000
 	@$(BIN)/python -m tests.validation.summary
 
 data: $(READY)  ## download the public data sets, checked by SHA-256

@@ -155,11 +155,14 @@ def test_refits_are_few_and_what_they_replace_is_dropped(tmp_path):
     assert result.burn_in == 1500 - kept
 
 
-def test_the_budget_is_thinned_to_what_is_stored():
-    result = sampled(lambda z: -0.5 * (z**2).sum(1), 2, max_steps=15000, ensembles=2)
-    assert result.thin == 3
-    assert result.steps == 201
-    assert result.chain.shape[1] == 44
+def test_the_budget_is_thinned_to_what_is_stored(tmp_path):
+    """Every third step: all are made, and each costs a draw of every walker."""
+    result = sampled(lambda z: -0.5 * (z**2).sum(1), 2, folder=tmp_path, max_steps=15000)
+    assert (result.thin, result.steps, result.chain.shape[1]) == (3, 201, 44)
+    chunks = [read_arrays(path) for path in (tmp_path / "round_0").glob("chunk_*.npz")]
+    assert sum(len(chunk["chain"]) for chunk in chunks) == 67
+    first = 2 * 4 * 32
+    assert sum(chunk["counts"][0] for chunk in chunks) == 201 * 4 * 32 + first
 
 
 @pytest.mark.parametrize(("given", "used"), [(4, 14), (20, 20)])

@@ -11,7 +11,7 @@ from tests.validation.sampled import SETTINGS, sample
 def test_posterior_mean_and_sd_reproduce_the_certified_ones():
     found = certified("Misra1a")
     sampled = sample(target("Misra1a"), np.random.SeedSequence(3), SETTINGS)
-    assert sampled.pooled.convergence.converged
+    assert sampled.found.convergence.converged
     draws = dict(zip(sampled.target.names, sampled.theta.T, strict=True))
     b = np.column_stack([draws[parameter] for parameter in found.names])
     expected = found.sds * np.sqrt(found.freedom / (found.freedom - 2.0))

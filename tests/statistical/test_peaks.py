@@ -60,8 +60,11 @@ def test_points_that_fail_do_not_stop_the_others():
     starts = MEAN + 0.3 * np.random.default_rng(3).standard_normal((12, DIMENSION))
     starts[:3, 0] = MEAN[0] + 2.0
     starts[3:6, 0] = MEAN[0] + 0.499
-    _, lost = climb(walled, starts, np.tile(np.eye(DIMENSION), (12, 1, 1)), 5)
+    factors = np.tile(np.eye(DIMENSION), (12, 1, 1))
+    together, lost = climb(walled, starts, factors, 20)
     assert (np.isfinite(lost) == (np.arange(12) >= 3)).all()
+    without, _ = climb(walled, starts[3:], factors[3:], 20)
+    np.testing.assert_allclose(together[3:], without, atol=1e-9)
     z, value = climbed(walled, starts[3:])
     np.testing.assert_allclose(value, 7.0, atol=0.02)
     np.testing.assert_allclose(z, np.tile(MEAN, (9, 1)), atol=0.1)

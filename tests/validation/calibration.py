@@ -22,20 +22,17 @@ from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.guide import Guide
-from deabayes.sampling.pooling import PooledResult, pool
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.posterior import LogPosterior, build
-from deabayes.study import Sampling, Settings, Study
+from deabayes.study import Settings, Study
+from tests.validation.sampled import sample
 from tests.validation.structure_worlds import at_rest
 
 OUTPUT = Path("docs/validation")
 RANKS = 99
 NARROW = 0.7
 SEED = 20261121
-SAMPLING = Sampling(ensembles=1, walkers=64, particles=384, max_steps=12000)
 
 
 def tubular(candidate: str) -> LogPosterior:
@@ -120,17 +117,6 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
     return z[0], replace(target, records=tuple(records))
 
 
-def posterior(target: LogPosterior, seed: np.random.SeedSequence) -> PooledResult:
-    """Sample as one ensemble of a study does: there, four are pooled and sampled on if need be."""
-    guide = Guide.of(target)
-    *streams, pool_stream = seed.spawn(SAMPLING.ensembles + 1)
-    density = target.log_likelihood_of_normal
-    ensembles = [
-        run_ensemble(density, target.dimension, SAMPLING, stream, guide=guide) for stream in streams
-    ]
-    return pool(density, ensembles, SAMPLING, pool_stream, guide=guide)
-
-
 def replicate(task: tuple[str, int]) -> dict[str, object]:
     """Ranks of the truth, from one simulated data set."""
     candidate, index = task
@@ -138,15 +124,14 @@ def replicate(task: tuple[str, int]) -> dict[str, object]:
     stream = np.random.SeedSequence([SEED, zlib.crc32(candidate.encode()), index])
     data_stream, fit_stream, pick_stream = stream.spawn(3)
     truth, conditioned = simulate(target, np.random.default_rng(data_stream))
-    pooled = posterior(conditioned, fit_stream)
-    ensembles = pooled.ensembles
+    found = sample(conditioned, fit_stream).found
     rng = np.random.default_rng(pick_stream)
-    flat = pooled.chain.reshape(-1, target.dimension)
+    flat = found.chain.reshape(-1, target.dimension)
     picked = flat[rng.choice(len(flat), RANKS, replace=False)]
     narrow = flat.mean(0) + NARROW * (picked - flat.mean(0))
     low, high = np.quantile(flat, [0.05, 0.95], axis=0)
-    row: dict[str, object] = {"replicate": index, "steps": max(e.steps for e in ensembles)}
-    row["enough"] = int(pooled.convergence.converged)
+    row: dict[str, object] = {"replicate": index, "steps": found.steps}
+    row["enough"] = int(found.convergence.converged)
     for column, name in enumerate(target.names):
         row[name] = int(np.sum(picked[:, column] < truth[column]))
         row[f"narrow:{name}"] = int(np.sum(narrow[:, column] < truth[column]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain, cycle
+from itertools import chain
 from pathlib import Path
 
 import pandas as pd
@@ -31,7 +31,6 @@ WHERE_CORRELATED = f"; where neighbouring points correlate by {CORRELATED:g} or 
 FEWEST_FOR_BAND = 20
 WIDTHS = "width over the right model's"
 CHANGE = "coverage of 90 % against the usual sampling, same specimens"
-RECIPES = "membrane_recipes.csv"
 
 
 def write(folder: Path) -> list[str]:
@@ -61,9 +60,7 @@ def write(folder: Path) -> list[str]:
         _save(tally(chain.from_iterable(map(read, orders))), folder / "order_selection.csv")
     else:
         missing.append("order_selection_*.csv")
-    if (folder / RECIPES).exists():
-        draw_recipes(pd.read_csv(folder / RECIPES), folder / "membrane_recipes.png")
-    others = (nested.EVIDENCE, nested.PARAMETERS, RECIPES)
+    others = (nested.EVIDENCE, nested.PARAMETERS)
     return missing + [name for name in others if not (folder / name).exists()]
 
 
@@ -188,35 +185,3 @@ def draw_ranks(order: int, table: pd.DataFrame, path: Path) -> None:
     ranks = {n: {"posterior ranks": table[f"rank:{n}"].to_numpy()} for n in parameters(table)}
     title = f"membrane kv_gm_{order}: {len(table)} simulated specimens"
     rank_figure.draw(title, ranks, RANKS + 1, path)
-
-
-def draw_recipes(table: pd.DataFrame, path: Path) -> None:
-    """R-hat against CPU seconds, warm-up included, per recipe and case."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    from deabayes.figures import style
-
-    cases = sorted(table["case"].unique())
-    table = table.assign(label=table["recipe"] + ", " + table["walkers"].str.replace(" x ", " × "))
-    colors = dict(zip(sorted(table["label"].unique()), cycle(style.SERIES), strict=False))
-    with style.applied():
-        figure, axes = plt.subplots(
-            1, len(cases), figsize=(7.2, 3.0), sharey=True, squeeze=False, layout="constrained"
-        )
-        for axis, name in zip(axes.flat, cases, strict=True):
-            axis.axhline(0.01, color=rank_figure.GREY, ls="--")
-            for label, rows in table[table["case"] == name].groupby("label"):
-                seconds = rows["cpu_seconds"] + rows["warm_up_seconds"].fillna(0.0)
-                axis.semilogy(
-                    seconds, rows["r_hat"] - 1.0, marker="o", label=label, color=colors[label]
-                )
-            axis.set(title=f"case {name}", xlabel="CPU time (s)")
-        axes[0, 0].set_ylabel("largest R-hat − 1")
-        lines = {line.get_label(): line for axis in axes.flat for line in axis.get_lines()}
-        shown = {label: lines[label] for label in colors}
-        figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=3)
-        figure.savefig(path, dpi=160)
-        plt.close(figure)

@@ -2,9 +2,9 @@
 
 Case A of mixing.md (`cases`) with three units, 14 parameters, in z: the prior of every
 coordinate is standard normal, so dynesty's prior transform is the normal quantile. emcee runs
-as in the membrane studies (four ensembles of 64 walkers). Written: nested_evidence.csv, one
-row per case and seed, and nested_parameters.csv, one row per case, seed and parameter, with
-the differences in posterior standard deviations.
+as in a study by default. Written: nested_evidence.csv, one row per case
+and seed, and nested_parameters.csv, one row per case, seed and parameter, with the differences
+in posterior standard deviations.
 
     python -m tests.validation.nested --case A --live 500
 """
@@ -27,14 +27,14 @@ from tests.validation.sampled import Sampled, sample
 
 OUTPUT = Path("docs/validation")
 SEED = 20261125
-SETTINGS = Sampling(walkers=64, particles=512)
+SETTINGS = Sampling()
 EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
 
 
 def evidence_row(sampled: Sampled, results: Any, seed: np.random.SeedSequence) -> rows.Row:
     """Both estimates of the evidence, and how the two runs went."""
     z = sampled.z
-    effective = float(sampled.pooled.convergence.table["ess_bulk"].min()) / len(z)
+    effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
     bridge = scoring.bridge_evidence(sampled.target, z, effective, seed)
     return {
         "bridge": f"{bridge.log_evidence:.3f}",

@@ -133,7 +133,7 @@ def compared(sampled: Sampled, found: CertifiedSet) -> list[rows.Row]:
     """
     draws = dict(zip(sampled.target.names, sampled.theta.T, strict=True))
     expected = found.freedom / (found.freedom - 2.0)
-    table, result = sampled.pooled.convergence.table, []
+    table, result = sampled.found.convergence.table, []
     for k, name in enumerate(found.names):
         mean, sd = float(draws[name].mean()), float(draws[name].std())
         estimate, certified_sd = float(found.estimates[k]), float(found.sds[k])

@@ -17,21 +17,22 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from deabayes.sampling.first_pass import run_ensemble
-from deabayes.sampling.guide import Guide
-from deabayes.sampling.smc import anneal
 
+from deabayes.comparison.left_out import ON_THE_WAY
 from deabayes.experiment import FloatArray
 from deabayes.pipeline.prepare import prepare_study
 from deabayes.posterior import LogPosterior, Record, build
+from deabayes.posteriors.problem import problem_of
 from deabayes.prediction.errors import crps
 from deabayes.reading.specimen import read_specimen
+from deabayes.sampling.problem import Problem
+from deabayes.sampling.tempering import temper
 from deabayes.studies import load_study
-from deabayes.study import Sampling
+from tests.validation.sampled import sample
 
 OUTPUT = Path("docs/validation/noise_variants.csv")
 CANDIDATES = ("kv_gm_3", "ogden_1_units_3")
-SAMPLING = Sampling(ensembles=1, walkers=64, particles=512, max_steps=4000)
+DRAWS = 1000
 SIZE = {"distribution": "lognormal", "median": 0.05, "sigma": 0.02}
 SHORT = {"distribution": "loguniform", "lower": 1, "upper": 5}
 VARIANTS: Mapping[str, Mapping[str, object]] = {
@@ -46,16 +47,23 @@ VARIANTS: Mapping[str, Mapping[str, object]] = {
 
 
 def left_out(
-    target: LogPosterior, z: FloatArray, record: Record, rng: np.random.Generator
+    target: LogPosterior,
+    problem: Problem,
+    z: FloatArray,
+    record: Record,
+    seed: np.random.SeedSequence,
 ) -> dict[str, float]:
-    """Scores of one record predicted without it, from draws z of the full posterior."""
+    """Scores of one record predicted without it, from draws z (S, d) of the full posterior."""
     name = record.experiment.name
 
     def removed(z: FloatArray) -> FloatArray:
         return -target.log_likelihood(target.prior.to_parameters(z), [name])
 
-    result = anneal(z, target, removed, rng)
-    draws = target.draws(target.prior.to_parameters(result.particles))
+    of_moves, of_noise = seed.spawn(2)
+    rng, pair = np.random.default_rng(of_noise), z.reshape(2, -1, target.dimension)
+    result = temper(pair, target, removed, of_moves, ON_THE_WAY, problem.coordinates, problem.hops)
+    particles = result.particles.reshape(z.shape)
+    draws = target.draws(target.prior.to_parameters(particles))
     mean = record.simulate(draws)
     noise_draws = target.noise_draws(draws, record.group)
     correlated, white = target.noise.sample(
@@ -67,7 +75,7 @@ def left_out(
     spread = np.ptp(observed)
     misfit = np.median(mean, axis=0) - observed
     return {
-        "joint log score": -result.log_evidence,
+        "joint log score": -float(np.logaddexp.reduce(result.log_evidence) - np.log(2.0)),
         "90 % band covers": float(np.mean((low <= observed) & (observed <= high))),
         "e_rms [%]": 100 * float(np.sqrt(np.mean(misfit**2)) / spread),
         "CRPS [% of range]": 100 * float(np.mean(crps(observed, predicted)) / spread),
@@ -76,25 +84,23 @@ def left_out(
 
 def row(target: LogPosterior, variant: str, candidate: str) -> dict[str, object]:
     """Mean scores of one setting over the left-out relaxations."""
-    ensemble = run_ensemble(
-        target.log_likelihood_of_normal,
-        target.dimension,
-        SAMPLING,
-        np.random.SeedSequence(5),
-        guide=Guide.of(target),
-    )
-    rng = np.random.default_rng(1)
-    flat = ensemble.chain.reshape(-1, target.dimension)
-    z = flat[rng.choice(len(flat), 1000)]
-    scores = [left_out(target, z, record, rng) for record in target.records]
+    found = sample(target, np.random.SeedSequence(5)).found
+    rng, problem = np.random.default_rng(1), problem_of(target)
+    flat = found.chain.reshape(-1, target.dimension)
+    z = flat[rng.choice(len(flat), DRAWS)]
+    seeds = np.random.SeedSequence(1).spawn(len(target.records))
+    scores = [
+        left_out(target, problem, z, record, seed)
+        for record, seed in zip(target.records, seeds, strict=True)
+    ]
     means = {name: float(np.mean([s[name] for s in scores])) for name in scores[0]}
     means["joint log score"] *= len(scores)
     rounded = {name: f"{value:.4g}" for name, value in means.items()}
-    long_enough = "yes" if ensemble.enough else "NO"
+    converged = "yes" if found.convergence.converged else "NO"
     return {
         "candidate": candidate,
         "noise": variant,
-        "long enough": long_enough,
+        "converged": converged,
         **rounded,
         "deabayes": version("deabayes"),
     }

@@ -103,7 +103,6 @@ class DifferenceMove(Move):
             )
             took = _accept(state, model, which, proposed, factor)
             x[which[took]] += step[took]
-            log_jacobian[which[took]] -= factor[took]
             accepted[which] = took
         return state, accepted
 
