@@ -50,9 +50,9 @@ $(READY): requirements.lock pyproject.toml
 test: $(READY)  ## the whole test suite
 	@$(BIN)/python -m pytest -n $(CORES) --dist loadfile
 
-quick: $(READY)  ## a preview run of the tubular study, about two minutes, not converged on purpose
+quick: $(READY)  ## a preview run of the tubular study, about two minutes
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
-	@echo "Preview report (budget cut short, see its warnings): $(CURDIR)/$(QUICK_REPORT)"
+	@echo "Preview report: $(CURDIR)/$(QUICK_REPORT)"
 
 bench: $(READY)  ## time against other solvers and samplers
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python -m "benchmarks.$$(basename "$$script" .py)" || exit 1; done

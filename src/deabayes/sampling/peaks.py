@@ -25,7 +25,8 @@ DIP = 1.0
 SHORT, LONG = 20, 30
 """Iterations of a climb from the prior, and of one in each turn."""
 NEAR = 10.0
-"""Nats below the highest peak that draws start from. Climbs along a ridge end a few apart."""
+"""Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
+Climbs along a ridge end a few apart."""
 DIFFERENCE = 1e-2
 """Of the gradient, in standard deviations of the start's coordinates."""
 LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
@@ -54,8 +55,12 @@ def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Mixtu
     for _ in range(TURNS):
         factors = np.stack([laplace_factor(target, each, np.eye(dimension)) for each in z])
         z, value = climb(target, z, factors, LONG)
-    near = np.flatnonzero(value > value.max() - NEAR)
-    factors = np.stack([laplace_factor(target, z[k], factors[k]) for k in near])
+    factors = np.stack(
+        [laplace_factor(target, each, f) for each, f in zip(z, factors, strict=True)]
+    )
+    mass = value + np.log(np.abs(np.diagonal(factors, axis1=1, axis2=2))).sum(axis=1)
+    near = np.flatnonzero((value > value.max() - NEAR) | (mass > mass.max() - NEAR))
+    factors = factors[near]
     return Mixture(np.full(near.size, 1.0 / near.size), z[near], WIDER * factors)
 
 
