@@ -114,7 +114,7 @@ def test_after_an_interruption_no_report_is_built(failed: tuple[Path, CompletedP
     place = failed[0].with_name("interrupted0")
     shutil.copytree(failed[0], place, symlinks=True)
     (place / "fail").unlink()
-    replace_in(place / "config.yaml", "max_steps: 60", "max_steps: 60000")
+    replace_in(place / "config.yaml", "max_steps: 60", "ess: 1e9, max_steps: 600000")
     with started(place, "--cores", "2") as run:
         said = iter(run.stderr.readline, "")
         assert any("FAILED  prepare broken" in line for line in said)

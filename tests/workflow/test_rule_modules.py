@@ -22,8 +22,7 @@ FILES = {
 STARTS = {
     "prepare": ("preparation.prepare", "preparation.prepared", "reading.folder"),
     "fit": (
-        "sampling.first_pass",
-        "sampling.pooling",
+        "sampling.engine",
         "posterior",
         "posteriors.inheritance",
         "posteriors.file",

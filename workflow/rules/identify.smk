@@ -22,6 +22,7 @@ MODEL = modules(
     "integrate/*.py",
     "springs/*.py",
     "systems/*.py",
+    "systems/ridges/*.py",
     "own_models/*.py",
     "noise/*.py",
 )
