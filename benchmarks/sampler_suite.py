@@ -146,7 +146,7 @@ def from_results(folder: Path) -> pd.DataFrame:
         evidence = json.loads(scores.read_text())["log_evidence"] if scores.is_file() else np.nan
         name = f"{path.parts[-3]}/{path.parts[-2]}"
         rows.append(table.assign(posterior=name, log_evidence=evidence))
-    return pd.concat(rows, ignore_index=True)
+    return pd.concat(rows, ignore_index=True).assign(source=str(folder))
 
 
 def main() -> None:
@@ -170,7 +170,11 @@ def main() -> None:
         total += float(str(cost["cpu_seconds"]))
         if given.long:
             kept = table.rename_axis("parameter").reset_index()[list(COLUMNS)]
-            _keep(kept.assign(posterior=case.name, log_evidence=cost["log_evidence"]))
+            _keep(
+                kept.assign(
+                    posterior=case.name, log_evidence=cost["log_evidence"], source="long run"
+                )
+            )
         elif len(references) and (known := references[references["posterior"] == case.name]).size:
             off = distances(table, float(str(cost["log_evidence"])), known)
             cost |= {f"off_{name}": round(value, 3) for name, value in off.items()}
