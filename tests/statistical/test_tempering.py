@@ -54,14 +54,14 @@ def test_crossed_populations_are_unbiased():
     assert ratios.mean() == pytest.approx(1.0, abs=3 * error)
 
 
-def test_crossed_populations_are_moved_by_what_is_fitted_to_their_partner():
+def test_crossed_populations_are_moved_by_what_is_fitted_to_the_other_half():
     start = np.random.default_rng(9).standard_normal((4, 200, 2))
     start += np.array([-6.0, -2.0, 2.0, 6.0])[:, None, None]
     seed = np.random.SeedSequence(10)
     cloud = _Cloud(start, log_standard_normal, narrow, seed, Coordinates(), ())
     rng = np.random.default_rng(11)
     fitted = [each.sample(rng, 2000).mean() for each in cloud.proposals(crossed=True)]
-    assert fitted == pytest.approx([-2.0, -6.0, 6.0, 2.0], abs=0.3)
+    assert fitted == pytest.approx([2.0, -2.0, 2.0, -2.0], abs=0.5)
     (common,) = cloud.proposals(crossed=False)
     assert common.sample(rng, 2000).mean() == pytest.approx(0.0, abs=0.5)
 

@@ -26,7 +26,7 @@ AT_THE_TURN = Schedule(final_rounds=(15, 60), crossed=True)
 ON_THE_WAY = Schedule(rounds=(2, 60), final_rounds=(0, 0), crossed=True)
 """For a ratio of normalising constants: no draw at the end of the way counts."""
 PAIR = 2
-"""Populations of each piece, moved by proposals that are fitted to each other."""
+"""Populations of each piece: every other one is moved by proposals fitted to the rest."""
 
 
 class _Pieces:

@@ -44,7 +44,7 @@ class Schedule:
     forgotten : largest correlation of a coordinate with its start at which rounds end, on the
         way and (`final_`) at beta = 1.
     rounds : fewest and most.
-    crossed : populations come in pairs, each moved by proposals that are fitted to the other.
+    crossed : every other population is moved by proposals that are fitted to the rest.
         Fitted to those that they move, proposals draw them together a little at every step, and
         a ratio of normalising constants comes out too good.
     """
@@ -172,14 +172,15 @@ class _Cloud:
             return np.where(usable, base + self.beta * increment, -np.inf), increment
 
     def proposals(self, crossed: bool) -> tuple[Proposal, ...]:
-        """One fitted to all particles, or for each population one fitted to its partner's."""
+        """One fitted to all particles; or for each population one fitted to the other half's."""
         if not crossed:
-            return (fit(self.state.coords, COMPONENTS, self._rng, coordinates=self._coordinates),)
-        populations = self.particles
-        return tuple(
-            fit(populations[e ^ 1], 1, self._rng, coordinates=self._coordinates)
-            for e in range(len(populations))
-        )
+            return (self._fit(self.particles, COMPONENTS),)
+        even, odd = (self._fit(self.particles[half::2], 1) for half in (0, 1))
+        return tuple((odd, even)[e % 2] for e in range(self.shape[0]))
+
+    def _fit(self, particles: FloatArray, components: int) -> Proposal:
+        z = particles.reshape(-1, self.shape[2])
+        return fit(z, components, self._rng, coordinates=self._coordinates)
 
     def resample(self, step: float) -> None:
         """Repeat particles of each population as increment^step says."""
