@@ -24,19 +24,14 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
 from deabayes.sampling.diagnostics import Convergence, assess
-from deabayes.sampling.peaks import peaks
 from deabayes.sampling.problem import Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
-from deabayes.sampling.tempering import Schedule, temper
+from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 
 WARM_UP, FIT, SAMPLING = range(3)
 """Random streams."""
-WARM_UP_SCHEDULE = Schedule(
-    effective_share=0.3, rounds=(1, 2), final_rounds=(3, 10), final_forgotten=0.3
-)
-"""What the warm-up leaves undone at beta = 1, the rounds do."""
 FIRST_ROUND, GROWTH = 200, 1.5
 """Steps of the first round, and of a round over those of the one before."""
 DROPPED = 1 / 3
@@ -199,7 +194,7 @@ State = Callable[[_Run], Any]
 
 
 def _warm_up(run: _Run) -> State:
-    """Climb to the peaks, then temper from Laplace approximations there to the posterior."""
+    """From the prior to populations of the posterior: see `warm_up`."""
     run.warm = run.store.once("warm_up", lambda: _populations(run))
     run.counts = run.counts + run.warm["counts"]
     return _fitted
@@ -208,19 +203,12 @@ def _warm_up(run: _Run) -> State:
 def _populations(run: _Run) -> Arrays:
     problem, settings = run.problem, run.settings
     target = Target(problem.rough or problem.log_likelihood)
-    first, second = run.stream(WARM_UP).spawn(2)
-    rng = np.random.default_rng(first)
-    run.progress.say("warm-up: climbing to peaks")
-    laplace = peaks(target, problem.dimension, rng)
-    shape = settings.ensembles, max(settings.particles, settings.walkers), problem.dimension
-    found = temper(
-        laplace.sample(rng, shape[0] * shape[1]).reshape(shape),
-        laplace.log_density,
-        lambda z: target(z) - laplace.log_density(z),
-        second,
-        WARM_UP_SCHEDULE,
-        problem.coordinates,
-        report=lambda beta, rounds: run.progress.say(f"warm-up: {100 * beta:.0f} %"),
+    found = warm_up(
+        problem,
+        target,
+        (settings.ensembles, max(settings.particles, settings.walkers)),
+        run.stream(WARM_UP),
+        run.progress,
     )
     return {
         "particles": found.particles,

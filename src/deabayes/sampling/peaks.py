@@ -3,6 +3,9 @@
 Records with little noise make a posterior a thin curved sheet in which tempered particles get
 lost, tens of nats below the bulk. Climbs are quick. Each is made in coordinates whitened by the
 curvature at its start, and again at where it has led.
+
+A second wave of climbs starts at the best peaks with some of their coordinates drawn anew: of
+parts that fit well, such as two units of three, it keeps some.
 """
 
 from __future__ import annotations
@@ -13,55 +16,62 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.problem import LogDensity
 from deabayes.sampling.tempering import EveryDrawFailed
 
 STARTS, FINISHED, TURNS = 64, 16, 3
-"""Draws of the prior that are climbed from; how many of these climbs are finished; and how often
-their coordinates are made anew."""
+"""Of a wave: starts; how many of these climbs are finished; and how often their coordinates are
+made anew."""
+PARENTS, REDRAWN = 4, 0.3
+"""Peaks that the second wave starts at, and the share of coordinates drawn anew."""
 DIP = 1.0
 """Nats that the density falls by half way between climbs that are at different peaks."""
 SHORT, LONG = 20, 30
-"""Iterations of a climb from the prior, and of one in each turn."""
+"""Iterations of a climb from a start, and of one in each turn."""
 NEAR = 10.0
 """Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
 Climbs along a ridge end a few apart."""
-DIFFERENCE = 1e-2
+DIFFERENCE = 5e-3
 """Of the gradient, in standard deviations of the start's coordinates."""
 LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
 """Of a step, tried side by side."""
 LONGEST = 10.0
 GAIN, QUIET = 1e-3, 3
 """Nats that an iteration gains at least; after so many that do not the climb has ended."""
-CURVATURE_STEP = 0.03
-WIDER = 1.5
-"""Times the Laplace widths, for draws that tempering narrows: it widens badly."""
 
 
-def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Mixture:
-    """Laplace approximations at the highest peaks found, with equal weights and wider.
+def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Points:
+    """The highest peaks found, from the highest one down.
 
     Raises
     ------
     EveryDrawFailed : the density is zero at every start.
     """
-    factors = np.tile(np.eye(dimension), (STARTS, 1, 1))
-    z, value = climb(target, rng.standard_normal((STARTS, dimension)), factors, SHORT)
-    z = z[np.isfinite(value)]
-    if not z.size:
+    found = _wave(target, rng.standard_normal((STARTS, dimension)))
+    parents = found.z[np.arange(STARTS) % min(PARENTS, len(found.z))]
+    anew = rng.random(parents.shape) < REDRAWN
+    starts = np.where(anew, rng.standard_normal(parents.shape), parents)
+    found = Points.joined(found, _wave(target, starts))
+    found = found[np.argsort(-found.value)]
+    top, mass = found.value.max(), found.log_mass
+    return found[(found.value > top - NEAR) | (mass > mass.max() - NEAR)]
+
+
+def _wave(target: LogDensity, starts: FloatArray) -> Points:
+    """Climbs from starts (K, d): short ones of all, then those that promise most to their ends."""
+    every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
+    z, value = climb(target, starts, every, SHORT)
+    usable = np.isfinite(value)
+    if not usable.any():
         raise EveryDrawFailed("no draw of the prior has a finite likelihood")
-    z = z[_promising(target, z, value[np.isfinite(value)])]
+    z = z[usable]
+    z = z[_promising(target, z, value[usable])]
     for _ in range(TURNS):
-        factors = np.stack([laplace_factor(target, each, np.eye(dimension)) for each in z])
-        z, value = climb(target, z, factors, LONG)
-    factors = np.stack(
-        [laplace_factor(target, each, f) for each, f in zip(z, factors, strict=True)]
-    )
-    mass = value + np.log(np.abs(np.diagonal(factors, axis1=1, axis2=2))).sum(axis=1)
-    near = np.flatnonzero((value > value.max() - NEAR) | (mass > mass.max() - NEAR))
-    factors = factors[near]
-    return Mixture(np.full(near.size, 1.0 / near.size), z[near], WIDER * factors)
+        z, value = climb(target, z, laplace_factors(target, z, every[: len(z)]), LONG)
+    factors = laplace_factors(target, z, every[: len(z)])
+    order = np.argsort(-value)
+    return Points(z[order], factors[order], value[order])
 
 
 def _promising(target: LogDensity, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
@@ -92,7 +102,8 @@ def climb(
     Parameters
     ----------
     starts : (K, d).
-    factors : (K, d, d), steps are taken in u with z = start + factor u.
+    factors : (K, d, d), steps are taken in u with z = start + factor u. A factor without full rank
+        keeps the climb in the plane of its columns.
 
     Returns
     -------
@@ -116,7 +127,7 @@ class _Climbs:
 
     def __post_init__(self) -> None:
         count, d = self.starts.shape
-        self.shifts = DIFFERENCE * np.concatenate([np.eye(d), -np.eye(d)])
+        self.shifts = DIFFERENCE * np.eye(d)
         self.u = np.zeros((count, d))
         self.inverse = np.tile(np.eye(d), (count, 1, 1))
         self.quiet = np.zeros(count, dtype=int)
@@ -137,14 +148,9 @@ class _Climbs:
         return np.where(np.isfinite(values), values, -np.inf).reshape(u.shape[:2])
 
     def _gradient(self, which: NDArray[np.intp]) -> FloatArray:
-        """By central differences; where one side fails, by the other."""
-        d, here = self.u.shape[1], self.value[which][:, None]
-        values = self._at(which, self.u[which][:, None] + self.shifts)
-        up, down = values[:, :d], values[:, d:]
-        with np.errstate(invalid="ignore"):
-            both = (up - down) / (2.0 * DIFFERENCE)
-            one = np.where(np.isfinite(up), up - here, here - down) / DIFFERENCE
-        slope = np.where(np.isfinite(both), both, one)
+        """By differences to one side; where that fails, none."""
+        up = self._at(which, self.u[which][:, None] + self.shifts)
+        slope = (up - self.value[which][:, None]) / DIFFERENCE
         return np.where(np.isfinite(slope), slope, 0.0)
 
     def advance(self) -> None:
@@ -180,51 +186,3 @@ class _Climbs:
         self.inverse[k] += square[:, None, None] * s[:, :, None] * s[:, None]
         both = hy[:, :, None] * s[:, None] + s[:, :, None] * hy[:, None]
         self.inverse[k] -= r[:, None, None] * both
-
-
-def laplace_factor(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
-    """Cholesky factor of the inverse of minus the Hessian at a peak, made positive.
-
-    In z the prior alone has the curvature 1: a direction of less is one the differences did
-    not resolve.
-    """
-    dimension = peak.size
-    scale = _unit_drop_scales(target, peak, factor)
-    steps = factor * scale
-    pairs = [(i, j) for i in range(dimension) for j in range(i)]
-    axes = np.eye(dimension)
-    shifts = [np.zeros(dimension), *axes, *-axes]
-    shifts += [axes[i] + axes[j] for i, j in pairs] + [-axes[i] - axes[j] for i, j in pairs]
-    values = target(peak + np.array(shifts) @ steps.T)
-    values = np.where(np.isfinite(values), values, np.nanmin(values[np.isfinite(values)]))
-    plus, minus = values[1 : dimension + 1], values[dimension + 1 : 2 * dimension + 1]
-    both = values[2 * dimension + 1 :].reshape(2, len(pairs)).sum(axis=0)
-    hessian = np.diag(plus + minus - 2 * values[0])
-    for (i, j), value in zip(pairs, both, strict=True):
-        mixed = (value + 2 * values[0] - plus[i] - minus[i] - plus[j] - minus[j]) / 2
-        hessian[i, j] = hessian[j, i] = mixed
-    inverse = np.linalg.inv(steps)
-    curvature = -inverse.T @ hessian @ inverse
-    eigenvalues, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
-    return _triangular(vectors / np.sqrt(np.maximum(eigenvalues, 1.0)))
-
-
-def _triangular(root: FloatArray) -> FloatArray:
-    """The Cholesky factor of root root', also where that product loses a thin direction."""
-    upper = np.linalg.qr(root.T, mode="r")
-    signs = np.where(np.diag(upper) < 0.0, -1.0, 1.0)
-    return np.asarray((signs[:, None] * upper).T, dtype=np.float64)
-
-
-def _unit_drop_scales(target: LogDensity, peak: FloatArray, factor: FloatArray) -> FloatArray:
-    """How far along each column of `factor` the log density falls by about a half, (d,)."""
-    scale = np.full(peak.size, CURVATURE_STEP)
-    for _ in range(12):
-        moves = factor * scale
-        values = target(np.concatenate([peak[None], peak + moves.T, peak - moves.T]))
-        drop = values[0] - 0.5 * (values[1 : peak.size + 1] + values[peak.size + 1 :])
-        drop = np.where(np.isfinite(drop), drop, np.inf)
-        if np.all((drop > 0.1) & (drop < 2.0)):
-            break
-        scale = scale * np.clip(np.sqrt(0.5 / np.maximum(drop, 1e-3)), 0.1, 5.0)
-    return scale

@@ -16,6 +16,8 @@ from deabayes.sampling.warp import Warp, fit_warp
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
 FINE_COVERING = 0.2
 """Shares of a proposal: in straightened coordinates, plain, and what covers what these miss."""
+MOST_DRAWS = 8000
+"""That a proposal is fitted to: of more it becomes hardly better, and the fits took most time."""
 SPARE = 8
 """Draws made beyond those wanted, as some may fall outside of the prior's support."""
 
@@ -177,6 +179,8 @@ def fit(
     usable = np.isfinite(samples).all(axis=1)
     if log_density is not None:
         usable &= np.isfinite(log_density)
+    if usable.sum() > MOST_DRAWS:
+        usable = rng.choice(np.flatnonzero(usable), MOST_DRAWS, replace=False)
     u, log_jacobian = coordinates.straighten(samples[usable])
     kept = np.isfinite(log_jacobian)
     u = u[kept]

@@ -1,0 +1,185 @@
+"""Walks along the ridges of a posterior: its profiles along every coordinate.
+
+The peak may be at one end of a long ridge, far from most of the posterior. From it a walk goes
+each way along each coordinate: the coordinate is held a little further on, and the others climb.
+What it visits is the profile of the density (Venzon and Moolgavkar 1988, Applied Statistics 37,
+87), until that has fallen too far. Any ridge changes some coordinate, whose profile follows it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.laplace import Points, laplace_factors, triangular
+from deabayes.sampling.peaks import climb
+from deabayes.sampling.problem import LogDensity
+
+REACH = 12.0
+"""Nats below the highest point at which a walk ends."""
+MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 8, 2
+"""Of a walk; of each climb; and of steps in turn that leave the ridge."""
+FALL, LARGEST_FALL = 2.0, 4.0
+"""Nats that a step should go down, and at most."""
+SHORTER, LONGEST = 0.35, 8.0
+"""Of a step: after one that left the ridge; and in standard deviations."""
+FURTHEST = 4.0
+"""Standard deviations of the prior."""
+NORMAL_FROM, NORMAL = 1.9, 0.15
+"""A walk that has gone so many standard deviations, and down by as much as a normal density to
+this part, ends: the peak's own approximation says the rest."""
+DIFFERENCE = 1e-4
+"""Of coordinates, for their derivatives."""
+
+
+def profiles(target: LogDensity, peak: Points, coordinates: Coordinates | None = None) -> Points:
+    """Points along the profiles through a peak, with the peak itself.
+
+    Parameters
+    ----------
+    peak : one point.
+    coordinates : along which the walks go; z itself when None. Heights are those in z.
+    """
+    if coordinates is None:
+        return _profiles(target, peak)
+    u = coordinates.straighten(peak.z)[0]
+    factors = np.linalg.solve(_slopes(coordinates, u), peak.factors)
+    found = _profiles(lambda u: _bent(target, coordinates, u), Points(u, factors, peak.value))
+    roots = _slopes(coordinates, found.z) @ found.factors
+    usable = np.isfinite(roots).all(axis=(1, 2))
+    factors = triangular(roots[usable])
+    thick = (np.diagonal(factors, axis1=1, axis2=2) > 0.0).all(axis=1)
+    z = coordinates.bend(found.z[usable])
+    return Points(z, factors, found.value[usable])[thick]
+
+
+def _bent(target: LogDensity, coordinates: Coordinates, u: FloatArray) -> FloatArray:
+    z = coordinates.bend(u)
+    inside = ~np.isnan(z[:, 0])
+    values = np.full(len(u), -np.inf)
+    if inside.any():
+        values[inside] = target(z[inside])
+    return values
+
+
+def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
+    """dz / du at u (K, d): (K, d, d)."""
+    count, d = u.shape
+    shifts = DIFFERENCE * np.eye(d)
+    up, down = ((u[:, None] + side * shifts).reshape(-1, d) for side in (1.0, -1.0))
+    slopes = (coordinates.bend(up) - coordinates.bend(down)) / (2.0 * DIFFERENCE)
+    return slopes.reshape(count, d, d).transpose(0, 2, 1)
+
+
+@dataclass
+class _Walks:
+    """Where walks are: one each way along each coordinate."""
+
+    column: NDArray[np.intp]
+    sign: FloatArray
+    at: Points
+    length: FloatArray
+    failures: NDArray[np.intp]
+
+    def only(self, which: NDArray[np.bool_]) -> _Walks:
+        return _Walks(
+            self.column[which],
+            self.sign[which],
+            self.at[which],
+            self.length[which],
+            self.failures[which],
+        )
+
+
+def _profiles(target: LogDensity, peak: Points) -> Points:
+    d = peak.z.shape[1]
+    column, sign = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
+    walks = _Walks(column, sign, peak[np.zeros(2 * d, dtype=int)], np.ones(2 * d), 0 * column)
+    found = [peak]
+    top = float(peak.value.max())
+    for _ in range(MOST_STEPS):
+        if not walks.column.size:
+            break
+        reached = _step(target, walks, top, peak)
+        if len(reached.z):
+            found.append(reached)
+            top = max(top, float(reached.value.max()))
+    every = Points.joined(*found)
+    return every[every.value > top - REACH]
+
+
+def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> Points:
+    """Take one step of every walk; the new points. Walks that ended are dropped from `walks`."""
+    ways, planes = _ways_and_planes(walks.at.factors, walks.column)
+    starts = walks.at.z + (walks.sign * walks.length)[:, None] * ways
+    z, value = climb(target, starts, planes, ITERATIONS)
+    rows = np.arange(len(z))
+    held = z[rows, walks.column]
+    fall = np.where(np.isfinite(value), walks.at.value - value, np.inf)
+    left = (fall > LARGEST_FALL) | (np.abs(held) > FURTHEST)
+    ended = ~left & ((value < top - REACH) | _as_normal(held, value, walks.column, peak))
+    ended |= left & (walks.failures >= MOST_FAILURES)
+    on = ~left & ~ended
+    factors = laplace_factors(target, z[on], walks.at.factors[on]) if on.any() else planes[on]
+    reached = Points(z[on], factors, value[on])
+    for whole, part in zip(walks.at, reached, strict=True):
+        whole[on] = part
+    growth = np.clip(FALL / np.maximum(np.abs(fall), 0.5), 0.5, 2.0)
+    walks.length = np.where(left, SHORTER, growth) * walks.length
+    walks.length = np.clip(walks.length, 0.1, LONGEST)
+    walks.failures = np.where(left, walks.failures + 1, 0)
+    walks.__dict__.update(walks.only(~ended).__dict__)
+    return reached
+
+
+def _as_normal(
+    held: FloatArray, value: FloatArray, column: NDArray[np.intp], peak: Points
+) -> NDArray[np.bool_]:
+    """Which walks have gone down as a normal density with the peak's covariance does."""
+    sds = np.linalg.norm(peak.factors[0][column], axis=1)
+    expected = 0.5 * ((held - peak.z[0, column]) / sds) ** 2
+    far = expected > 0.5 * NORMAL_FROM**2
+    return far & (np.abs(peak.value[0] - value - expected) < NORMAL * expected)
+
+
+def _ways_and_planes(
+    factors: FloatArray, column: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """The step (K, d) of one standard deviation of a coordinate, along which the others follow.
+
+    And factors (K, d, d) of the covariance of the others when that coordinate is held. Both are
+    columns of factor Q with a reflection Q that leaves nothing of the coordinate but in the first.
+    """
+    count, d = column.size, factors.shape[1]
+    row = factors[np.arange(count), column]
+    size = np.linalg.norm(row, axis=1, keepdims=True)
+    normal = row / size
+    normal[:, 0] -= 1.0
+    square = np.maximum((normal**2).sum(axis=1), 1e-300)[:, None, None]
+    reflection = np.eye(d) - 2.0 * normal[:, :, None] * normal[:, None] / square
+    planes = factors @ reflection
+    planes[np.arange(count), column, 1:] = 0.0
+    ways = planes[:, :, 0].copy()
+    planes[:, :, 0] = 0.0
+    return ways, planes
+
+
+def thinned(points: Points, most: int, apart: float) -> Points:
+    """At most so many points, from the highest down, so many standard deviations apart."""
+    order = np.argsort(-points.value)
+    inverse = np.linalg.inv(points.factors)
+    chosen: list[int] = []
+    for k in order:
+        if chosen:
+            steps = points.z[k] - points.z[chosen]
+            distance = np.linalg.norm(np.einsum("kij,kj->ki", inverse[chosen], steps), axis=1)
+            if distance.min() < apart:
+                continue
+        chosen.append(int(k))
+        if len(chosen) == most:
+            break
+    return points[np.array(chosen)]

@@ -1,0 +1,68 @@
+"""From the prior to populations of the posterior: climb, walk along the ridges, temper."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.sampling.laplace import Points
+from deabayes.sampling.mixture import Mixture
+from deabayes.sampling.peaks import peaks
+from deabayes.sampling.problem import Problem, Target
+from deabayes.sampling.profiles import profiles, thinned
+from deabayes.sampling.progress import Progress
+from deabayes.sampling.tempering import Populations, Schedule, temper
+
+SCHEDULE = Schedule(
+    effective_share=0.3, rounds=(1, 2), final_rounds=(10, 30), final_forgotten=0.2
+)
+"""What the warm-up leaves undone at beta = 1, the rounds of sampling do."""
+MOST_POINTS, APART = 64, 1.5
+"""Of the ridges' points, each with an approximation of its own, and how far apart they are."""
+WIDER = 1.2
+"""Times the Laplace widths, for draws that tempering narrows: it widens badly."""
+
+
+def warm_up(
+    problem: Problem,
+    target: Target,
+    shape: tuple[int, int],
+    seed: np.random.SeedSequence,
+    progress: Progress,
+) -> Populations:
+    """Populations (E, P, d) of the posterior.
+
+    Parameters
+    ----------
+    shape : E, P.
+
+    Raises
+    ------
+    EveryDrawFailed : no draw of the prior has a finite likelihood.
+    """
+    first, second = seed.spawn(2)
+    rng = np.random.default_rng(first)
+    progress.say("warm-up: climbing to peaks")
+    base = ridges(target, problem, rng)
+    return temper(
+        base.sample(rng, shape[0] * shape[1]).reshape(*shape, problem.dimension),
+        base.log_density,
+        lambda z: target(z) - base.log_density(z),
+        second,
+        SCHEDULE,
+        problem.coordinates,
+        report=lambda beta, rounds: progress.say(f"warm-up: {100 * beta:.0f} %"),
+    )
+
+
+def ridges(target: Target, problem: Problem, rng: np.random.Generator) -> Mixture:
+    """Laplace approximations along the ridges through the highest peak, and at other peaks.
+
+    Their weights are equal: tempering weighs them.
+    """
+    tops = peaks(target, problem.dimension, rng)
+    walks = [profiles(target, tops[:1])]
+    if problem.coordinates.parts:
+        walks.append(profiles(target, tops[:1], problem.coordinates))
+    points = thinned(Points.joined(tops, *walks), MOST_POINTS, APART)
+    weights = np.full(len(points.z), 1.0 / len(points.z))
+    return Mixture(weights, points.z, WIDER * points.factors)
