@@ -26,7 +26,7 @@ class Sampling:
     ess: float = 400.0
     r_hat: float = 1.01
     autocorrelation_times: float = 10.0
-    particles: int = 256
+    particles: int = 512
     seed: int = 1
 
     def __post_init__(self) -> None:

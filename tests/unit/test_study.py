@@ -175,5 +175,5 @@ def test_defaults_are_the_contract() -> None:
     study = Study("a", Path("a"), ("gent",))
     assert to_settings(study)["sampling"] == {
         "ensembles": 4, "walkers": 32, "max_steps": 20000, "ess": 400.0, "r_hat": 1.01,
-        "autocorrelation_times": 10.0, "particles": 256, "seed": 1,
+        "autocorrelation_times": 10.0, "particles": 512, "seed": 1,
     }  # fmt: skip

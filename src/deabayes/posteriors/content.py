@@ -162,7 +162,6 @@ def convergence_summary(sampled: Sampled) -> dict[str, object]:
     convergence, table = sampled.convergence, sampled.convergence.table
     shares = convergence.mode_shares
     kept = sampled.steps - sampled.burn_in
-    times = convergence.autocorrelation_times
     return {
         "converged": bool(convergence.converged),
         "reasons": [str(each) for each in convergence.failed],
@@ -170,9 +169,9 @@ def convergence_summary(sampled: Sampled) -> dict[str, object]:
         "r_hat_max": float(table["r_hat"].max()),
         "ess_bulk_min": float(table["ess_bulk"].min()),
         "ess_tail_min": float(table["ess_tail"].min()),
-        "autocorrelation_times": [float(each) for each in times],
-        "autocorrelation_times_min": float(np.min(times)),
-        "tau_max": float(kept / max(np.min(times), 1e-3)),
+        "autocorrelation_times": [float(each) for each in convergence.autocorrelation_times],
+        "length": convergence.length,
+        "tau": float(kept / max(convergence.length, 1e-3)),
         "steps": sampled.steps,
         "walkers": int(sampled.chain.shape[2]),
         "ensembles": len(sampled.chain),

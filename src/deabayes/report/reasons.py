@@ -40,7 +40,7 @@ def _advice(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> str:
     if limit is None or "steps" not in convergence:
         return "Sample longer: double sampling.max_steps"
     gates = (
-        ("autocorrelation_times", "autocorrelation_times_min"),
+        ("autocorrelation_times", "length"),
         ("ess", "ess_bulk_min"),
         ("ess", "ess_tail_min"),
     )

@@ -17,8 +17,6 @@ from deabayes.study import Sampling
 if TYPE_CHECKING:
     import pandas as pd
 
-BURN_IN_TIMES = 5.0
-"""Autocorrelation times dropped: where walkers started counts e^-5 of what it did."""
 GATE_STEPS = 400
 """Steps per walker that statistics are computed from; more change none of them visibly."""
 
@@ -59,6 +57,7 @@ class Convergence:
     table : one row per quantity with columns mean, sd, median, q05, q95, mcse_mean,
         ess_bulk, ess_tail, r_hat.
     autocorrelation_times : (E,) how many autocorrelation times each run covers.
+    length : the same by the mean of the runs' autocorrelation times.
     mode_shares : one row per mode, one column per run, the share of its draws there.
     agree : no gate failed but those of length: runs do not disagree, and no walker is stuck.
     """
@@ -67,6 +66,7 @@ class Convergence:
     failed: list[Failed]
     table: pd.DataFrame
     autocorrelation_times: FloatArray
+    length: float
     mode_shares: pd.DataFrame | None = None
     agree: bool = True
 
@@ -119,7 +119,6 @@ def assess(
     quantities: Mapping[str, FloatArray],
     settings: Sampling,
     *,
-    dropped: FloatArray | None = None,
     log_posterior: FloatArray | None = None,
     draws: FloatArray | None = None,
 ) -> Convergence:
@@ -127,18 +126,16 @@ def assess(
 
     Parameters
     ----------
-    dropped : (E,) steps dropped at the start of each run, over the steps kept.
     log_posterior : (E, S, W), for the check on stuck walkers.
     draws : (E, S, W, d) in z, for the check on the shares of modes.
     """
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
+    length = float(1.0 / np.mean(1.0 / times))
     disagreeing = _not_numbers(quantities)
     lost = {each.of for each in disagreeing}
     disagreeing += _r_hats(table.drop(index=list(lost)), settings)
-    short = _sizes(table, settings) + _lengths(times, settings)
-    if dropped is not None:
-        short += _burn_ins(np.asarray(dropped) * times)
+    short = _sizes(table, settings) + _too_short(length, settings)
     if log_posterior is not None:
         disagreeing += _stuck(log_posterior)
     shares = None
@@ -146,7 +143,7 @@ def assess(
         shares, weighed_otherwise = mode_shares(draws)
         disagreeing += weighed_otherwise
     failed = disagreeing + short
-    return Convergence(not failed, failed, table, times, shares, agree=not disagreeing)
+    return Convergence(not failed, failed, table, times, length, shares, not disagreeing)
 
 
 def _not_numbers(quantities: Mapping[str, FloatArray]) -> list[Failed]:
@@ -185,32 +182,19 @@ def _sizes(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
     ]
 
 
-def _lengths(times: FloatArray, settings: Sampling) -> list[Failed]:
-    return [
-        Failed(
-            "length",
-            f"run {run}",
-            f"only {covered:.0f} autocorrelation times long, fewer than "
-            f"{settings.autocorrelation_times:g}",
-            -float(covered),
-        )
-        for run, covered in enumerate(times, start=1)
-        if not covered >= settings.autocorrelation_times
-    ]
+def _too_short(length: float, settings: Sampling) -> list[Failed]:
+    """Too short to trust the autocorrelation time, and all that rests on it.
 
-
-def _burn_ins(times: FloatArray) -> list[Failed]:
-    return [
-        Failed(
-            "burn_in",
-            f"run {run}",
-            f"only {dropped:.1f} autocorrelation times were dropped at its start, "
-            f"fewer than {BURN_IN_TIMES:g}",
-            -float(dropped),
-        )
-        for run, dropped in enumerate(times, start=1)
-        if not dropped >= BURN_IN_TIMES
-    ]
+    By the mean of the runs: of four, the longest time that one finds in its quarter of the draws is
+    mostly too long. Whether runs differ is for R-hat and the modes to say.
+    """
+    if length >= settings.autocorrelation_times:
+        return []
+    text = (
+        f"only {length:.0f} autocorrelation times long, fewer than "
+        f"{settings.autocorrelation_times:g}"
+    )
+    return [Failed("length", "the runs", text, -length)]
 
 
 def stuck_walkers(log_posterior: FloatArray) -> FloatArray:

@@ -32,10 +32,11 @@ from deabayes.study import Sampling
 
 WARM_UP, FIT, SAMPLING = range(3)
 """Random streams."""
-FIRST_ROUND, GROWTH = 200, 1.5
+FIRST_ROUND, GROWTH = 300, 1.5
 """Steps of the first round, and of a round over those of the one before."""
 DROPPED = 1 / 3
-"""Of a round: with 10 autocorrelation times kept, 5 are dropped."""
+"""Of a round: with 10 autocorrelation times kept, 5 are dropped, and where walkers started counts
+e^-5 of what it did."""
 PATIENCE = 2.5
 """A round goes on where it needs at most so many times the steps it has; else it is refitted."""
 MOST_REFITS = 6
@@ -237,9 +238,7 @@ def _proposal(run: _Run) -> Proposal:
         draws.insert(0, warm)
     z, log_posterior = (np.concatenate(parts) for parts in zip(*draws, strict=True))
     rng = np.random.default_rng(run.stream(FIT, run.refits))
-    return fit(
-        z, COMPONENTS, rng, log_posterior, fine=run.refits > 0, coordinates=run.problem.coordinates
-    )
+    return fit(z, COMPONENTS, rng, log_posterior, coordinates=run.problem.coordinates)
 
 
 def _sampling(run: _Run) -> State:
@@ -320,7 +319,7 @@ def _judged(run: _Run) -> State | None:
         run.needed = 0.0
         _say(run, "converged" if run.convergence.converged else "NOT converged, budget used")
         return None
-    times = max(float(np.min(run.convergence.autocorrelation_times)), 0.1)
+    times = max(run.convergence.length, 0.1)
     run.needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
     run.needed = max(run.needed, LEAST_GROWTH * run.steps)
     if run.needed > PATIENCE * run.steps and run.refits < MOST_REFITS:
@@ -345,17 +344,15 @@ def _verdict(run: _Run) -> Convergence:
     draws, log_posterior = run.draws(1.0 - DROPPED)
     kept = chains.thin_evenly(draws.shape[1], GATE_STEPS)
     draws, log_posterior = draws[:, kept], log_posterior[:, kept]
-    flat, dropped = draws.reshape(-1, draws.shape[3]), DROPPED / (1.0 - DROPPED)
-    ratio = np.full(len(draws), dropped)
+    flat = draws.reshape(-1, draws.shape[3])
     alone = {str(k): draws[..., k] for k in range(draws.shape[3])}
-    found = assess(alone, run.settings, dropped=ratio)
+    found = assess(alone, run.settings)
     if not found.converged and run.left > 0:
         return found
     named = run.problem.quantities(flat)
     return assess(
         {name: np.asarray(values).reshape(draws.shape[:3]) for name, values in named.items()},
         run.settings,
-        dropped=ratio,
         log_posterior=log_posterior,
         draws=draws,
     )

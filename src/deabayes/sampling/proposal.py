@@ -13,8 +13,7 @@ from deabayes.sampling.mixture import Mixture, RandomSource
 from deabayes.sampling.mixture import fit as fit_mixture
 from deabayes.sampling.warp import Warp, fit_warp
 
-STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.1
-FINE_COVERING = 0.2
+STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.2
 """Shares of a proposal: in straightened coordinates, plain, and what covers what these miss."""
 MOST_DRAWS = 8000
 """That a proposal is fitted to: of more it becomes hardly better, and the fits took most time."""
@@ -158,7 +157,6 @@ def fit(
     components: int,
     rng: np.random.Generator,
     log_density: FloatArray | None = None,
-    fine: bool = False,
     coordinates: Coordinates | None = None,
 ) -> Proposal:
     """Fit a proposal to samples (n, d) and freeze it.
@@ -172,7 +170,6 @@ def fit(
         proposal is fitted to the samples that the rest covers badly, resampled by the root of
         target over proposal: an independence sampler is slowed most by the few regions where that
         ratio is large. (By the ratio itself, a handful of samples would take it all.)
-    fine : maps with splines, for the many draws of a round; see `fit_warp`.
     coordinates : in which it is fitted.
     """
     coordinates = coordinates or Coordinates()
@@ -184,20 +181,15 @@ def fit(
     u, log_jacobian = coordinates.straighten(samples[usable])
     kept = np.isfinite(log_jacobian)
     u = u[kept]
-    parts = _parts(u, components, rng, fine=fine)
+    parts = _parts(u, components, rng)
     if log_density is None:
         return Proposal(tuple(parts), coordinates)
     excess = (log_density[usable] - log_jacobian)[kept] - Proposal(tuple(parts)).log_density(u)
     weights = np.exp(0.5 * np.clip(excess - np.median(excess), -10.0, 10.0))
     missed = u[rng.choice(len(u), size=len(u), p=weights / weights.sum())]
-    share, half = FINE_COVERING if fine else COVERING, max(components // 2, 1)
-    covering = (
-        _parts(missed, half, rng, share, fine)
-        if fine
-        else [Part(share, fit_mixture(missed, half, rng))]
-    )
-    parts = [replace(part, weight=(1.0 - share) * part.weight) for part in parts]
-    return Proposal((*parts, *covering), coordinates)
+    parts = [replace(part, weight=(1.0 - COVERING) * part.weight) for part in parts]
+    parts += _parts(missed, max(components // 2, 1), rng, COVERING)
+    return Proposal(tuple(parts), coordinates)
 
 
 def _parts(
@@ -205,11 +197,10 @@ def _parts(
     components: int,
     rng: np.random.Generator,
     weight: float = 1.0,
-    fine: bool = False,
 ) -> list[Part]:
     """Parts of a total weight, fitted to u (n, d): straightened and plain, or plain only."""
     plain = fit_mixture(u, components, rng)
-    warp = fit_warp(u, fine)
+    warp = fit_warp(u)
     if warp is None:
         return [Part(weight, plain)]
     straightened = fit_mixture(warp.forward(u), components, rng)

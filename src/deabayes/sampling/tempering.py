@@ -94,6 +94,7 @@ def temper(
     coordinates: Coordinates | None = None,
     hops: Sequence[Hop] = (),
     report: Report | None = None,
+    log_final: LogDensity | None = None,
 ) -> Populations:
     """Carry populations (E, P, d), draws of base, to draws of base * increment.
 
@@ -106,13 +107,14 @@ def temper(
         of each population, one population after another.
     hops : base must hold the factor N(z; 0, I).
     report : called after every step with beta and the number of rounds so far.
+    log_final : log_base + log_increment, where that costs less than both.
 
     Raises
     ------
     EveryDrawFailed : when the increment is zero at every particle of a population.
     """
     schedule, coordinates = schedule or Schedule(), coordinates or Coordinates()
-    cloud = _Cloud(start, log_base, log_increment, seed, coordinates, hops)
+    cloud = _Cloud(start, log_base, log_increment, log_final, seed, coordinates, hops)
     betas, ratio, rounds = [0.0], np.zeros(len(start)), 0
     broad = cloud.particles
     while betas[-1] < 1.0:
@@ -132,7 +134,8 @@ def temper(
 class _Cloud:
     """Particles of all populations, with their densities, and the moves at one beta.
 
-    The state's `log_prob` is log base + beta log increment, its `blobs` log increment.
+    The state's `log_prob` is log base + beta log increment, its `blobs` log increment; at beta = 1,
+    where nothing is re-weighted any more, `blobs` may be anything.
     """
 
     def __init__(
@@ -140,12 +143,13 @@ class _Cloud:
         start: FloatArray,
         log_base: LogDensity,
         log_increment: LogDensity,
+        log_final: LogDensity | None,
         seed: np.random.SeedSequence,
         coordinates: Coordinates,
         hops: Sequence[Hop],
     ) -> None:
         self.shape, self.beta = start.shape, 0.0
-        self._log_base, self._log_increment = log_base, log_increment
+        self._log_base, self._log_increment, self._log_final = log_base, log_increment, log_final
         self._coordinates, self._hops = coordinates, hops
         of_moves, of_fits = seed.spawn(2)
         self._model = _Model(self._density, np.random.RandomState(np.random.MT19937(of_moves)))
@@ -163,6 +167,9 @@ class _Cloud:
         return np.asarray(self.state.blobs).reshape(self.shape[:2])
 
     def _density(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if self.beta == 1.0 and self._log_final is not None:
+            final = np.asarray(self._log_final(z), dtype=float)
+            return np.where(np.isfinite(final), final, -np.inf), final
         base = np.asarray(self._log_base(z), dtype=float)
         increment = np.asarray(self._log_increment(z), dtype=float)
         usable = np.isfinite(base) & np.isfinite(increment)

@@ -13,9 +13,9 @@ from deabayes.sampling.progress import Progress
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
 SCHEDULE = Schedule(
-    effective_share=0.3, rounds=(1, 2), final_rounds=(10, 30), final_forgotten=0.2
+    effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), final_forgotten=0.1
 )
-"""What the warm-up leaves undone at beta = 1, the rounds of sampling do."""
+"""The work is at beta = 1: a proposal is as good as the draws it is fitted to are independent."""
 MOST_POINTS, APART = 64, 1.5
 """Of the ridges' points, each with an approximation of its own, and how far apart they are."""
 WIDER = 1.2
@@ -50,6 +50,7 @@ def warm_up(
         second,
         SCHEDULE,
         problem.coordinates,
+        log_final=target,
         report=lambda beta, rounds: progress.say(f"warm-up: {100 * beta:.0f} %"),
     )
 

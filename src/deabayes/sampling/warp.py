@@ -25,12 +25,6 @@ from deabayes.experiment import FloatArray
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
 """Standard deviations beyond which terms stay constant: polynomials must not run away."""
-KNOTS = (-2.2, -1.2, -0.4, 0.4, 1.2, 2.2)
-"""Where a coordinate's spline bends: squares of what lies beyond a knot, outwards."""
-RATES = (-0.4, 0.4)
-"""Of exponentials of a coordinate. z is mostly the logarithm of a parameter, and a ridge the
-balance of a sum of parameters: they go on where a spline fitted to what was visited ends."""
-
 SHIFT_PENALTY, SCALE_PENALTY = 1e-6, 1e-3
 DRAWS_PER_TERM = 4
 ALTERNATIONS, NEWTON_STEPS, LARGEST_STEP = 2, 6, 0.5
@@ -46,8 +40,8 @@ class Warp:
     ----------
     centre (d,), axes (d, d) : y = (z - centre) @ axes, of unit variance, widest first.
     inverse_axes (d, d) : the way back.
-    shifts (d, d + 2 + knots + rates, d), scales (d, 2, d) : coefficients of P and of S, (terms led
-        by coordinate, their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
+    shifts (d, d + 2, d), scales (d, 2, d) : coefficients of P and of S, (terms led by coordinate,
+        their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
     offsets (2, d) : the constant terms of P and S.
     """
 
@@ -85,24 +79,16 @@ class Warp:
         return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
 
 
-def _shift_terms(y: FloatArray, k: int, fine: bool) -> FloatArray:
-    """Terms of P led by coordinate k, (W, T).
-
-    y_k y_j for j <= k, y_k, and y_k^3 or a spline's and exponentials.
-    """
+def _shift_terms(y: FloatArray, k: int) -> FloatArray:
+    """Terms of P led by coordinate k: y_k y_j for j <= k, y_k and y_k^3, (W, k + 3)."""
     bounded = np.clip(y[:, : k + 1], -SHIFT_LIMIT, SHIFT_LIMIT)
     lead = bounded[:, k : k + 1]
-    if not fine:
-        return np.hstack([bounded * lead, lead, lead**3])
-    outwards = np.maximum(np.sign(KNOTS) * (lead - np.array(KNOTS)), 0.0)
-    return np.hstack([bounded * lead, lead, outwards**2, np.exp(np.array(RATES) * lead)])
+    return np.hstack([bounded * lead, lead, lead**3])
 
 
-def _shift_kinds(k: int, dimension: int, fine: bool) -> NDArray[np.intp]:
+def _shift_kinds(k: int, dimension: int) -> NDArray[np.intp]:
     """The kinds of these terms, as `Warp.shifts` counts them."""
-    beyond = dimension + 2 + len(KNOTS) + len(RATES)
-    last = range(dimension + 2, beyond) if fine else [dimension + 1]
-    return np.array([*range(k + 1), dimension, *last])
+    return np.array([*range(k + 1), dimension, dimension + 1])
 
 
 def _scale_terms(y: FloatArray, k: int) -> FloatArray:
@@ -111,25 +97,20 @@ def _scale_terms(y: FloatArray, k: int) -> FloatArray:
     return np.column_stack([bounded, bounded**2])
 
 
-def fit_warp(samples: FloatArray, fine: bool = False) -> Warp | None:
-    """Fit the map to samples (n, d) by maximum likelihood; None when they are too few for it.
-
-    Parameters
-    ----------
-    fine : splines in the coordinates as they are, for draws of a run that has been everywhere;
-        otherwise cubics in principal coordinates, for the few draws of one that is settling.
-    """
+def fit_warp(samples: FloatArray) -> Warp | None:
+    """Fit the map to samples (n, d) by maximum likelihood; None when they are too few for it."""
     dimension = samples.shape[1]
-    most_terms = 1 + sum(_shift_kinds(k, dimension, fine).size for k in range(dimension))
+    most_terms = 1 + sum(_shift_kinds(k, dimension).size for k in range(dimension))
     if dimension < 2 or len(np.unique(samples[:, 0])) < DRAWS_PER_TERM * most_terms:
         return None
     centre = samples.mean(axis=0)
-    variances, directions = _directions(samples, fine)
+    variances, directions = np.linalg.eigh(np.cov(samples, rowvar=False))
+    variances, directions = variances[::-1], directions[:, ::-1]
     if variances[-1] <= 1e-14 * variances[0]:
         return None
     axes = directions / np.sqrt(variances)
     y = (samples - centre) @ axes
-    shifts = np.zeros((dimension, dimension + 2 + len(KNOTS) + len(RATES), dimension))
+    shifts = np.zeros((dimension, dimension + 2, dimension))
     scales = np.zeros((dimension, 2, dimension))
     offsets = np.empty((2, dimension))
     for_shift, for_scale = np.ones((len(y), 1)), np.ones((len(y), 1))
@@ -139,24 +120,12 @@ def fit_warp(samples: FloatArray, fine: bool = False) -> Warp | None:
         offsets[:, k] = shift[0], scale[0]
         shifts[places[:, 0], places[:, 1], k] = shift[1:]
         scales[:k, :, k] = scale[1:].reshape(k, 2)
-        for_shift = np.hstack([for_shift, _shift_terms(y, k, fine)])
+        for_shift = np.hstack([for_shift, _shift_terms(y, k)])
         for_scale = np.hstack([for_scale, _scale_terms(y, k)])
-        kinds = _shift_kinds(k, dimension, fine)
+        kinds = _shift_kinds(k, dimension)
         places = np.concatenate([places, np.column_stack([np.full(len(kinds), k), kinds])])
     inverse_axes = (directions * np.sqrt(variances)).T.copy()
     return Warp(centre, axes, inverse_axes, shifts, scales, offsets)
-
-
-def _directions(samples: FloatArray, fine: bool) -> tuple[FloatArray, FloatArray]:
-    """Variances (d,) along the map's coordinates, widest first, and their directions (d, d)."""
-    covariance = np.cov(samples, rowvar=False)
-    if fine:
-        variances, directions = np.diag(covariance), np.eye(len(covariance))
-        order = np.argsort(-variances)
-    else:
-        variances, directions = np.linalg.eigh(covariance)
-        order = np.argsort(-variances)
-    return variances[order], directions[:, order]
 
 
 def _fit_coordinate(
@@ -214,15 +183,6 @@ def _lead(
         for later in range(k + 1, dimension):
             shift[later] += term * shifts[k, j, later]
     cube = bounded**3
-    for index, knot in enumerate(KNOTS):
-        beyond = bounded - knot if knot > 0 else knot - bounded
-        if beyond > 0:
-            for later in range(k + 1, dimension):
-                shift[later] += beyond**2 * shifts[k, dimension + 2 + index, later]
-    for index, rate in enumerate(RATES):
-        term = exp(rate * bounded)
-        for later in range(k + 1, dimension):
-            shift[later] += term * shifts[k, dimension + 2 + len(KNOTS) + index, later]
     near = min(max(y[k], -SCALE_LIMIT), SCALE_LIMIT)
     for later in range(k + 1, dimension):
         shift[later] += bounded * shifts[k, dimension, later]
