@@ -27,6 +27,7 @@ from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.problem import Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
+from deabayes.sampling.tempering import EveryDrawFailed
 from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 
@@ -204,13 +205,12 @@ def _warm_up(run: _Run) -> State:
 def _populations(run: _Run) -> Arrays:
     problem, settings = run.problem, run.settings
     target = Target(problem.rough or problem.log_likelihood)
-    found = warm_up(
-        problem,
-        target,
-        (settings.ensembles, max(settings.particles, settings.walkers)),
-        run.stream(WARM_UP),
-        run.progress,
-    )
+    shape = settings.ensembles, max(settings.particles, settings.walkers)
+    try:
+        found = warm_up(problem, target, shape, run.stream(WARM_UP), run.progress)
+    except EveryDrawFailed:
+        target = Target(problem.log_likelihood)
+        found = warm_up(problem, target, shape, run.stream(WARM_UP), run.progress)
     return {
         "particles": found.particles,
         "broad": found.broad,

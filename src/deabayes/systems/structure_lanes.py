@@ -59,6 +59,7 @@ def integrate(
     times: FloatArray,
     draws: FloatArray,
     units: FloatArray,
+    most_steps: int,
     angle: FloatArray,
     steps: IndexArray,
     ended: FloatArray,
@@ -72,6 +73,7 @@ def integrate(
     restart : (S,) whether the drive jumps or turns at the start of the piece (1) or not (0).
     times : (N,) ascending, from edges[0] to edges[S].
     draws : (W, DRAW_COLUMNS), units : (W, n, 4).
+    most_steps : of a draw, which is lost where it needs more.
     angle : (W, N) result; a row of NaN where a draw leaves its limits or fails.
     steps : (W,) result: steps tried.
     ended : (W,) result: when a draw left its limits or failed; NaN for one that did not.
@@ -112,7 +114,7 @@ def integrate(
                 continue
             steps[w] += 1
             h, factor, first = c[k.STEP + i], c[k.FACTOR + i], draws[w, OF_STEP]
-            lost = steps[w] > MOST_STEPS
+            lost = steps[w] > most_steps
             if c[k.ERROR + i] <= 1.0:
                 after = edges[piece[i] + 1]
                 last = h == after - now[i]

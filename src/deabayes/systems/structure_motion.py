@@ -45,7 +45,12 @@ class Motion:
 
 
 def follow(
-    structure: Structure, history: Drive, times: FloatArray, tolerance: float, start: FloatArray
+    structure: Structure,
+    history: Drive,
+    times: FloatArray,
+    tolerance: float,
+    start: FloatArray,
+    most_steps: int | None = None,
 ) -> Motion:
     """Integrate draws through a voltage history, from rest at the angles `start` (W,).
 
@@ -53,8 +58,9 @@ def follow(
     ----------
     times : (N,) ascending [s].
     tolerance : error of the displacement relative to its range.
+    most_steps : of a draw, which is lost where it needs more.
     """
-    from deabayes.systems.structure_lanes import integrate
+    from deabayes.systems.structure_lanes import MOST_STEPS, integrate
 
     walkers = structure.rest.size
     found = Motion(
@@ -63,7 +69,7 @@ def follow(
     constants, units = constants_of(structure, history, tolerance, start)
     integrate(
         history.edges, history.coefficients, history.restart, times, constants, units,
-        found.angle, found.steps, found.ended,
+        most_steps or MOST_STEPS, found.angle, found.steps, found.ended,
     )  # fmt: skip
     return found
 
