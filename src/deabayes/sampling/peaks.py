@@ -4,8 +4,9 @@ Records with little noise make a posterior a thin curved sheet in which tempered
 lost, tens of nats below the bulk. Climbs are quick. Each is made in coordinates whitened by the
 curvature at its start, and again at where it has led.
 
-A second wave of climbs starts at the best peaks with some of their coordinates drawn anew: of
-parts that fit well, such as two units of three, it keeps some.
+Where few climbs have come to the highest peak, further waves of climbs start at the best ones with
+some of their coordinates drawn anew: of parts that fit well, such as two units of three, these keep
+some.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ STARTS, FINISHED, TURNS = 64, 16, 3
 """Of a wave: starts; how many of these climbs are finished; and how often their coordinates are
 made anew."""
 PARENTS, REDRAWN = 4, 0.3
-"""Peaks that the second wave starts at, and the share of coordinates drawn anew."""
+"""Peaks that a further wave starts at, and the share of coordinates drawn anew."""
+CONFIRMED, MOST_WAVES = 4, 4
+"""Climbs that have come to the highest peak when no further wave is made; and most waves."""
 DIP = 1.0
 """Nats that the density falls by half way between climbs that are at different peaks."""
 SHORT, LONG = 20, 30
@@ -37,7 +40,7 @@ DIFFERENCE = 5e-3
 LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
 """Of a step, tried side by side."""
 LONGEST = 10.0
-GAIN, QUIET = 1e-3, 3
+GAIN, QUIET = 1e-2, 3
 """Nats that an iteration gains at least; after so many that do not the climb has ended."""
 
 
@@ -49,11 +52,14 @@ def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Point
     EveryDrawFailed : the density is zero at every start.
     """
     found = _wave(target, rng.standard_normal((STARTS, dimension)))
-    parents = found.z[np.arange(STARTS) % min(PARENTS, len(found.z))]
-    anew = rng.random(parents.shape) < REDRAWN
-    starts = np.where(anew, rng.standard_normal(parents.shape), parents)
-    found = Points.joined(found, _wave(target, starts))
-    found = found[np.argsort(-found.value)]
+    for _ in range(MOST_WAVES - 1):
+        if (found.value > found.value[0] - DIP).sum() >= CONFIRMED:
+            break
+        parents = found.z[np.arange(STARTS) % min(PARENTS, len(found.z))]
+        anew = rng.random(parents.shape) < REDRAWN
+        starts = np.where(anew, rng.standard_normal(parents.shape), parents)
+        found = Points.joined(found, _wave(target, starts))
+        found = found[np.argsort(-found.value)]
     top, mass = found.value.max(), found.log_mass
     return found[(found.value > top - NEAR) | (mass > mass.max() - NEAR)]
 

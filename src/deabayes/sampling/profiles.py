@@ -19,9 +19,9 @@ from deabayes.sampling.laplace import Points, laplace_factors, triangular
 from deabayes.sampling.peaks import climb
 from deabayes.sampling.problem import LogDensity
 
-REACH = 12.0
+REACH = 7.0
 """Nats below the highest point at which a walk ends."""
-MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 8, 2
+MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 6, 2
 """Of a walk; of each climb; and of steps in turn that leave the ridge."""
 FALL, LARGEST_FALL = 2.0, 4.0
 """Nats that a step should go down, and at most."""
