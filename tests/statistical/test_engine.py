@@ -127,6 +127,15 @@ def test_a_budget_too_small_is_said():
     assert any("sample longer" in reason for reason in result.convergence.reasons)
 
 
+def test_a_rough_likelihood_that_always_fails_is_done_without():
+    def exact(z):
+        return -0.5 * ((z - 0.5) ** 2).sum(1) / 0.1**2
+
+    result = sampled(exact, 2, rough=lambda z: np.full(len(z), np.nan), max_steps=600)
+    assert result.convergence.converged
+    assert result.convergence.table["mean"].to_numpy() == pytest.approx(0.495, abs=0.02)
+
+
 def test_a_rough_likelihood_serves_what_is_dropped_only():
     calls = []
 

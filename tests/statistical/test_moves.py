@@ -77,11 +77,11 @@ def curved_lines(dimension):
     return Lines(Coordinates(), fit_warp(draws))
 
 
-def bent_proposal(dimension, fine=True):
+def bent_proposal(dimension):
     """Fitted to half of the Gaussian in coordinates with walls, which it reaches beyond."""
     draws = gaussian(dimension)[0](8000, 3)
     half = draws[draws[:, 0] > -0.5]
-    return fit(half, 2, np.random.default_rng(4), fine=fine, coordinates=COORDINATES)
+    return fit(half, 2, np.random.default_rng(4), coordinates=COORDINATES)
 
 
 def of_its_own(dimension):
@@ -106,7 +106,7 @@ MOVES = {
         25,
     ),
     "independence": (lambda d: IndependenceMove(wide_proposal(d)), 15),
-    "independence with walls": (lambda d: IndependenceMove(bent_proposal(d, fine=False)), 25),
+    "independence with walls": (lambda d: IndependenceMove(bent_proposal(d)), 25),
     "independence, a proposal for each": (lambda d: IndependenceMove(*of_its_own(d)), 15),
     "hops": (
         lambda d: [

@@ -58,7 +58,7 @@ def test_crossed_populations_are_moved_by_what_is_fitted_to_the_other_half():
     start = np.random.default_rng(9).standard_normal((4, 200, 2))
     start += np.array([-6.0, -2.0, 2.0, 6.0])[:, None, None]
     seed = np.random.SeedSequence(10)
-    cloud = _Cloud(start, log_standard_normal, narrow, seed, Coordinates(), ())
+    cloud = _Cloud(start, log_standard_normal, narrow, None, seed, Coordinates(), ())
     rng = np.random.default_rng(11)
     fitted = [each.sample(rng, 2000).mean() for each in cloud.proposals(crossed=True)]
     assert fitted == pytest.approx([2.0, -2.0, 2.0, -2.0], abs=0.3)
@@ -122,6 +122,32 @@ def test_nothing_but_the_temperature_and_the_proposal_is_shared():
     found = temper(start, far_apart, lambda z: -z[:, 0] ** 2 % 1.0, np.random.SeedSequence(7),
                    schedule)  # fmt: skip
     np.testing.assert_allclose(found.particles.mean(axis=(1, 2)), [-5.0, 0.0, 5.0], atol=0.1)
+
+
+def test_the_final_density_is_asked_for_alone_once_it_is_reached():
+    """Not base and increment, which together may cost more."""
+    asked = {"base": 0, "increment": 0, "final": 0}
+
+    def counted(name, density):
+        def count(z):
+            asked[name] += 1
+            return density(z)
+
+        return count
+
+    start = np.random.default_rng(3).standard_normal((2, 200, 2))
+    increment = lambda z: -0.5 * ((z - 1.0) ** 2).sum(axis=1) / 0.5**2
+    final = lambda z: log_standard_normal(z) + increment(z)
+    found = temper(
+        start,
+        counted("base", log_standard_normal),
+        counted("increment", increment),
+        np.random.SeedSequence(8),
+        log_final=counted("final", final),
+    )
+    assert asked["base"] == asked["increment"] and asked["final"] > 0
+    np.testing.assert_allclose(found.log_density.ravel(), final(found.particles.reshape(-1, 2)))
+    np.testing.assert_allclose(found.particles.mean(axis=(0, 1)), 0.8, atol=0.1)
 
 
 def test_systematic_resampling_repeats_as_weights_say():

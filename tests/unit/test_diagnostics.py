@@ -56,18 +56,12 @@ def test_a_constant_is_converged_and_a_nan_is_not():
 GOOD = {"mu": autoregression(seed=1), "tau": autoregression(0.3, seed=2)}
 
 
-def judged(quantities, settings=SETTINGS, log_posterior=None, dropped=0.5):
-    """As the engine judges: with draws, how much was dropped, and the log-posterior."""
+def judged(quantities, settings=SETTINGS, log_posterior=None):
+    """As the engine judges: with draws and the log-posterior."""
     draws = np.stack(list(quantities.values()), axis=-1)
     if log_posterior is None:
         log_posterior = -0.5 * (draws**2).sum(-1)
-    return assess(
-        quantities,
-        settings,
-        dropped=np.full(len(draws), dropped),
-        log_posterior=log_posterior,
-        draws=draws,
-    )
+    return assess(quantities, settings, log_posterior=log_posterior, draws=draws)
 
 
 def test_good_runs_pass_every_gate():
@@ -89,14 +83,14 @@ def not_a_number():
 def one_run_elsewhere():
     values = autoregression()
     values[2] += 0.35
-    return assess({"mu": values}, SETTINGS, dropped=np.full(4, 0.5))
+    return assess({"mu": values}, SETTINGS)
 
 
 def one_run_wider():
     """With the same median: only the folded draws tell."""
     values = autoregression(0.0)
     values[2] *= 1.4
-    return assess({"mu": values}, SETTINGS, dropped=np.full(4, 0.5))
+    return assess({"mu": values}, SETTINGS)
 
 
 def slow_bulk():
@@ -114,10 +108,6 @@ def slow_tails():
 
 def short_runs():
     return assess({"mu": autoregression(0.96, (4, 300, 64), seed=1)}, SETTINGS)
-
-
-def little_dropped():
-    return judged(GOOD, dropped=0.03)
 
 
 def one_walker_frozen():
@@ -148,8 +138,7 @@ def two_runs_turned():
         (one_run_wider, "r_hat", "mu", "the independent runs disagree"),
         (slow_bulk, "ess_bulk", "mu", "the bulk of the distribution rests on"),
         (slow_tails, "ess_tail", "mu", "the tail of the distribution rests on"),
-        (short_runs, "length", "run 1", "autocorrelation times long, fewer than 10"),
-        (little_dropped, "burn_in", "run 1", "were dropped at its start, fewer than 5"),
+        (short_runs, "length", "the runs", "autocorrelation times long, fewer than 10"),
         (one_walker_frozen, "stuck", "run 2", "1 of 16 walkers are stuck"),
         (one_walker_far_below, "stuck", "run 1", "1 of 16 walkers are stuck"),
         (two_runs_turned, "modes", "part", "weigh the modes differently"),
@@ -161,7 +150,7 @@ def test_each_gate_catches_what_no_other_does(case, gate, of, text):
     assert {each.gate for each in verdict.failed} == {gate}
     assert any(each.of.startswith(of) for each in verdict.failed)
     assert all(text in reason for reason in verdict.reasons)
-    length = gate in ("ess_bulk", "ess_tail", "length", "burn_in")
+    length = gate in ("ess_bulk", "ess_tail", "length")
     assert verdict.agree == length
     assert all(("sample longer" in reason) == (gate not in ("finite", "stuck"))
                for reason in verdict.reasons)  # fmt: skip

@@ -10,14 +10,8 @@ from tests.unit.fake_results import write_study
 
 from deabayes import figures
 from deabayes.figures import style
-from deabayes.figures.convergence import run_lengths
 from deabayes.figures.results import StudyResults
 
-FAILED = [
-    {"gate": "r_hat", "of": "E_0", "badness": 1.3},
-    {"gate": "length", "of": "run 2", "badness": -28.0},
-]
-OLDER = {"failed_gates": FAILED, "autocorrelation_times_min": 28.0}
 
 
 @pytest.mark.parametrize("converged", [True, False])
@@ -33,19 +27,9 @@ def test_every_run_is_shown_against_the_limit(converged: bool, tmp_path: Path) -
     ]
     colours = [to_hex(each) for each in points.get_facecolors()]
     assert colours == [
-        (style.BLUE if each >= 50.0 else style.VERMILLION).lower() for each in lengths
+        (style.BLUE if each >= 10.0 else style.VERMILLION).lower() for each in lengths
     ]
     assert (style.VERMILLION.lower() in colours) is not converged
-    assert list(ax.lines[0].get_xdata()) == [50.0, 50.0]
+    assert list(ax.lines[0].get_xdata()) == [10.0, 10.0]
     low, high = ax.get_xlim()
     assert low < min(lengths) and high > max(lengths)
-
-
-def test_older_files_show_the_runs_of_which_they_know_the_length() -> None:
-    assert run_lengths(OLDER | {"autocorrelation_times": [70.0, 28.0]}) == {
-        "run 1": 70.0,
-        "run 2": 28.0,
-    }
-    assert run_lengths(OLDER) == {"run 2": 28.0}
-    assert run_lengths({"autocorrelation_times_min": 61.0}) == {"shortest run": 61.0}
-    assert run_lengths({}) == {}

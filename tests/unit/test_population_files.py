@@ -54,7 +54,7 @@ def content(members):
     table = summarise({p.name: theta[..., k, None] for k, p in enumerate(means)})
     convergence = SimpleNamespace(
         converged=True, failed=[], table=table, mode_shares=None,
-        autocorrelation_times=np.array([60.0]),
+        autocorrelation_times=np.array([60.0]), length=60.0,
     )  # fmt: skip
     pooled = Sampled(
         theta[:, :, None], np.zeros((2, 40, 1)), convergence,

@@ -57,13 +57,13 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     shares = pd.DataFrame({"run 1": [0.9, 0.1], "run 2": [0.8, 0.2]})
     convergence = SimpleNamespace(
         converged=False, failed=[SHORT], table=table, mode_shares=shares,
-        autocorrelation_times=np.array([60.0, 40.0]),
+        autocorrelation_times=np.array([60.0, 40.0]), length=48.0,
     )  # fmt: skip
     assert convergence_summary(sampled(80, convergence=convergence)) == {
         "converged": False, "reasons": ["run 1: too short; sample longer"],
         "failed_gates": [asdict(SHORT)], "r_hat_max": 1.02, "ess_bulk_min": 500.0,
         "ess_tail_min": 300.0, "autocorrelation_times": [60.0, 40.0],
-        "autocorrelation_times_min": 40.0, "tau_max": 2.0, "steps": 240,
+        "length": 48.0, "tau": 80.0 / 48.0, "steps": 240,
         "walkers": 2, "ensembles": 2, "acceptance": 0.3, "refitted": True,
         "failures": {"evaluations": 1500, "failed": 11},
         "mode_shares": [[0.9, 0.8], [0.1, 0.2]],

@@ -54,7 +54,7 @@ class Sampled:
             "r_hat": f"{summary['r_hat_max']:.5f}",
             "ess_bulk": f"{summary['ess_bulk_min']:.0f}",
             "ess_tail": f"{summary['ess_tail_min']:.0f}",
-            "tau": f"{summary['tau_max']:.1f}",
+            "tau": f"{summary['tau']:.1f}",
             "steps": summary["steps"],
             "evaluations": failures["evaluations"],
             "failed": failures["failed"],

@@ -21,10 +21,11 @@ Densities = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArra
 """z (N, d) and the piece (N,) that each row is without -> log density without it, log-likelihood
 of it given the rest, (N,) each; NaN or -inf where there is no response."""
 
-AT_THE_TURN = Schedule(final_rounds=(15, 60), crossed=True)
+AT_THE_TURN = Schedule(final_rounds=(10, 30), crossed=True)
 """Where draws settle without what is left out."""
-ON_THE_WAY = Schedule(rounds=(2, 60), final_rounds=(0, 0), crossed=True)
-"""For a ratio of normalising constants: no draw at the end of the way counts."""
+ON_THE_WAY = Schedule(rounds=(2, 8), final_rounds=(0, 0), crossed=True)
+"""For a ratio of normalising constants: no draw at the end of the way counts. The ratio is unbiased
+with any number of rounds; with few it scatters more."""
 PAIR = 2
 """Populations of each piece: every other one is moved by proposals fitted to the rest."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -79,9 +77,9 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
 
 def _lengths(ax: Axes, results: CandidateResults) -> None:
     """How many autocorrelation times each run covers."""
-    limit = results.gate("autocorrelation_times", 50.0)
-    found = run_lengths(results.convergence)
-    lengths, rows = np.array(list(found.values())), np.arange(len(found))
+    limit = results.gate("autocorrelation_times", 10.0)
+    lengths = np.array(results.convergence["autocorrelation_times"], dtype=float)
+    rows = np.arange(lengths.size)
     ax.scatter(lengths, rows, c=np.where(lengths >= limit, style.BLUE, style.VERMILLION), s=9)
     ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
     if scales.spans_much(np.append(lengths, limit)):
@@ -89,20 +87,9 @@ def _lengths(ax: Axes, results: CandidateResults) -> None:
     else:
         # markers of the longest run stand clear of the axis' end
         ax.set_xlim(0.0, 1.1 * np.append(lengths, limit).max())
-    ax.set_yticks(rows, list(found), fontsize=6.0)
-    ax.set_ylim(max(len(found), 1) - 0.5, -0.5)
-    ax.set_xlabel(f"run in autocorrelation times\n(limit {limit:g})")
-
-
-def run_lengths(convergence: Mapping[str, Any]) -> dict[str, float]:
-    """Run -> its length in autocorrelation times; of older files the runs that are too short."""
-    if "autocorrelation_times" in convergence:
-        lengths = convergence["autocorrelation_times"]
-        return {f"run {k}": float(each) for k, each in enumerate(lengths, start=1)}
-    failed = convergence.get("failed_gates") or ()
-    short = {str(e["of"]): -float(e["badness"]) for e in failed if e["gate"] == "length"}
-    least = convergence.get("autocorrelation_times_min")
-    return short or ({} if least is None else {"shortest run": float(least)})
+    ax.set_yticks(rows, [f"run {k + 1}" for k in rows], fontsize=6.0)
+    ax.set_ylim(max(lengths.size, 1) - 0.5, -0.5)
+    ax.set_xlabel(f"run in autocorrelation times\n(on average at least {limit:g})")
 
 
 def _name(results: CandidateResults, name: str) -> str:

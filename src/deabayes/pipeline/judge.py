@@ -19,7 +19,10 @@ ANNEALED_DRAWS = 512
 
 
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
-    """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json."""
+    """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json.
+
+    A study's only candidate is compared with none, and no experiment is left out.
+    """
     from deabayes.comparison import scoring
     from deabayes.comparison.left_out import leave_one_experiment_out
     from deabayes.posteriors.problem import problem_of
@@ -39,7 +42,9 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     points = sum(r.experiment.coordinate.size for r in target.records)
     thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
     stream = seed_of(study, candidate, "leave one experiment out")
-    left_out = leave_one_experiment_out(target, problem_of(target), thinned, stream)
+    left_out: dict[str, float] = {}
+    if len(study.candidates) > 1:
+        left_out = leave_one_experiment_out(target, problem_of(target), thinned, stream)
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,

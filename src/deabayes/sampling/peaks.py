@@ -35,12 +35,12 @@ SHORT, LONG = 20, 30
 NEAR = 10.0
 """Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
 Climbs along a ridge end a few apart."""
-DIFFERENCE = 5e-3
+DIFFERENCE = 1e-3
 """Of the gradient, in standard deviations of the start's coordinates."""
 LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
 """Of a step, tried side by side."""
 LONGEST = 10.0
-GAIN, QUIET = 1e-2, 3
+GAIN, QUIET = 1e-3, 3
 """Nats that an iteration gains at least; after so many that do not the climb has ended."""
 
 
