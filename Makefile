@@ -29,7 +29,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 .DEFAULT_GOAL := all
-.PHONY: all setup test quick bench lint docs validate data clean help
+.PHONY: all setup test quick extended bench lint docs validate data clean help
 
 all: $(READY)  ## run every shipped study, build the report
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/default
@@ -53,6 +53,10 @@ test: $(READY)  ## the whole test suite
 quick: $(READY)  ## a preview run of the tubular study, about two minutes
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
 	@echo "Preview report: $(CURDIR)/$(QUICK_REPORT)"
+
+extended: $(READY)  ## also the studies that fit all records at once, half an hour or more
+	@$(SNAKEMAKE) --workflow-profile workflow/profiles/extended
+	@echo "Report: $(CURDIR)/$(REPORT)"
 
 bench: $(READY)  ## time against other solvers and samplers
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python -m "benchmarks.$$(basename "$$script" .py)" || exit 1; done
