@@ -158,7 +158,7 @@ def test_refits_are_few_and_what_they_replace_is_dropped(tmp_path):
         chunks = sorted((tmp_path / f"round_{number}").glob("chunk_*.npz"))
         lengths.append(sum(len(read_arrays(chunk)["chain"]) for chunk in chunks))
     assert result.rounds == len(list(tmp_path.glob("round_*"))) == 4
-    assert lengths[:3] == [200, 300, 450] and sum(lengths) == result.steps == 1500
+    assert lengths[:2] == [300, 450] and sum(lengths) == result.steps == 1500
     kept = result.chain.shape[1]
     assert kept == pytest.approx(2 / 3 * lengths[-1], abs=1)
     assert result.burn_in == 1500 - kept
@@ -167,11 +167,11 @@ def test_refits_are_few_and_what_they_replace_is_dropped(tmp_path):
 def test_the_budget_is_thinned_to_what_is_stored(tmp_path):
     """Every third step: all are made, and each costs a draw of every walker."""
     result = sampled(lambda z: -0.5 * (z**2).sum(1), 2, folder=tmp_path, max_steps=15000)
-    assert (result.thin, result.steps, result.chain.shape[1]) == (3, 201, 44)
+    assert (result.thin, result.steps, result.chain.shape[1]) == (3, 300, 66)
     chunks = [read_arrays(path) for path in (tmp_path / "round_0").glob("chunk_*.npz")]
-    assert sum(len(chunk["chain"]) for chunk in chunks) == 67
+    assert sum(len(chunk["chain"]) for chunk in chunks) == 100
     first = 2 * 4 * 32
-    assert sum(chunk["counts"][0] for chunk in chunks) == 201 * 4 * 32 + first
+    assert sum(chunk["counts"][0] for chunk in chunks) == 300 * 4 * 32 + first
 
 
 @pytest.mark.parametrize(("given", "used"), [(4, 14), (20, 20)])

@@ -42,8 +42,8 @@ def test_public_data_at_hand_are_planned(shipped: Path) -> None:
     assert "left out" not in run.stderr
     assert "results/vhb4910/kv_gm_4/posterior.nc" in run.stdout
     assert (
-        run.stdout.count("rule prepare:") == 19
-    )  # tubular four times, membrane and structure twice, vhb4910, treloar, eight silicones
+        run.stdout.count("rule prepare:") == 17
+    )  # tubular three times, membrane and structure twice, vhb4910, treloar, eight silicones
 
 
 @pytest.mark.parametrize(

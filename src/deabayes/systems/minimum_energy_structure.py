@@ -43,7 +43,7 @@ from deabayes.systems.structure_static import STEEPEST, Structure
 from deabayes.systems.voltage_history import voltage_history
 
 DEFAULT_TOLERANCE = 1e-6
-LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE = 1e-5, 3e-4
+LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE = 1e-5, 1e-4
 ROUGH_STEPS = 40
 """Of the integration, per sample of the record: a draw of the prior that needs more is lost in a
 rough solution. One such draw took as long as a thousand others."""
