@@ -136,8 +136,13 @@ def test_the_final_density_is_asked_for_alone_once_it_is_reached():
         return count
 
     start = np.random.default_rng(3).standard_normal((2, 200, 2))
-    increment = lambda z: -0.5 * ((z - 1.0) ** 2).sum(axis=1) / 0.5**2
-    final = lambda z: log_standard_normal(z) + increment(z)
+
+    def increment(z):
+        return -0.5 * ((z - 1.0) ** 2).sum(axis=1) / 0.5**2
+
+    def final(z):
+        return log_standard_normal(z) + increment(z)
+
     found = temper(
         start,
         counted("base", log_standard_normal),

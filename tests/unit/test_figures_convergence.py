@@ -13,7 +13,6 @@ from deabayes.figures import style
 from deabayes.figures.results import StudyResults
 
 
-
 @pytest.mark.parametrize("converged", [True, False])
 def test_every_run_is_shown_against_the_limit(converged: bool, tmp_path: Path) -> None:
     study = write_study(tmp_path, Fake(candidates=(1,), converged=converged))

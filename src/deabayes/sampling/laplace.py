@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.problem import LogDensity
@@ -14,7 +15,8 @@ CURVATURE_STEP = 0.03
 MOST_SCALINGS = 12
 
 
-class Points(NamedTuple):
+@dataclass(frozen=True)
+class Points:
     """Points of a density with the Laplace approximations there.
 
     Attributes
@@ -28,13 +30,18 @@ class Points(NamedTuple):
     factors: FloatArray
     value: FloatArray
 
-    def __getitem__(self, which: object) -> Points:  # type: ignore[override]
-        return Points(self.z[which], self.factors[which], self.value[which])  # type: ignore[index]
+    def at(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
+        """Some of the points."""
+        return Points(self.z[which], self.factors[which], self.value[which])
 
     @classmethod
     def joined(cls, *parts: Points) -> Points:
         """All points of several sets."""
-        return cls(*(np.concatenate(each) for each in zip(*map(tuple, parts), strict=True)))
+        return cls(
+            np.concatenate([part.z for part in parts]),
+            np.concatenate([part.factors for part in parts]),
+            np.concatenate([part.value for part in parts]),
+        )
 
     @property
     def log_mass(self) -> FloatArray:

@@ -59,9 +59,9 @@ def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Point
         anew = rng.random(parents.shape) < REDRAWN
         starts = np.where(anew, rng.standard_normal(parents.shape), parents)
         found = Points.joined(found, _wave(target, starts))
-        found = found[np.argsort(-found.value)]
+        found = found.at(np.argsort(-found.value))
     top, mass = found.value.max(), found.log_mass
-    return found[(found.value > top - NEAR) | (mass > mass.max() - NEAR)]
+    return found.at((found.value > top - NEAR) | (mass > mass.max() - NEAR))
 
 
 def _wave(target: LogDensity, starts: FloatArray) -> Points:

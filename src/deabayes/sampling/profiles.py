@@ -47,14 +47,14 @@ def profiles(target: LogDensity, peak: Points, coordinates: Coordinates | None =
     if coordinates is None:
         return _profiles(target, peak)
     u = coordinates.straighten(peak.z)[0]
-    factors = np.linalg.solve(_slopes(coordinates, u), peak.factors)
+    factors = np.asarray(np.linalg.solve(_slopes(coordinates, u), peak.factors), dtype=np.float64)
     found = _profiles(lambda u: _bent(target, coordinates, u), Points(u, factors, peak.value))
     roots = _slopes(coordinates, found.z) @ found.factors
     usable = np.isfinite(roots).all(axis=(1, 2))
     factors = triangular(roots[usable])
-    thick = (np.diagonal(factors, axis1=1, axis2=2) > 0.0).all(axis=1)
+    thick = np.asarray((np.diagonal(factors, axis1=1, axis2=2) > 0.0).all(axis=1))
     z = coordinates.bend(found.z[usable])
-    return Points(z, factors, found.value[usable])[thick]
+    return Points(z, factors, found.value[usable]).at(thick)
 
 
 def _bent(target: LogDensity, coordinates: Coordinates, u: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ class _Walks:
 
     column: NDArray[np.intp]
     sign: FloatArray
-    at: Points
+    here: Points
     length: FloatArray
     failures: NDArray[np.intp]
 
@@ -89,7 +89,7 @@ class _Walks:
         return _Walks(
             self.column[which],
             self.sign[which],
-            self.at[which],
+            self.here.at(which),
             self.length[which],
             self.failures[which],
         )
@@ -98,7 +98,9 @@ class _Walks:
 def _profiles(target: LogDensity, peak: Points) -> Points:
     d = peak.z.shape[1]
     column, sign = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
-    walks = _Walks(column, sign, peak[np.zeros(2 * d, dtype=int)], np.ones(2 * d), 0 * column)
+    walks = _Walks(
+        column, sign, peak.at(np.zeros(2 * d, dtype=np.intp)), np.ones(2 * d), 0 * column
+    )
     found = [peak]
     top = float(peak.value.max())
     for _ in range(MOST_STEPS):
@@ -109,25 +111,25 @@ def _profiles(target: LogDensity, peak: Points) -> Points:
             found.append(reached)
             top = max(top, float(reached.value.max()))
     every = Points.joined(*found)
-    return every[every.value > top - REACH]
+    return every.at(every.value > top - REACH)
 
 
 def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> Points:
     """Take one step of every walk; the new points. Walks that ended are dropped from `walks`."""
-    ways, planes = _ways_and_planes(walks.at.factors, walks.column)
-    starts = walks.at.z + (walks.sign * walks.length)[:, None] * ways
+    ways, planes = _ways_and_planes(walks.here.factors, walks.column)
+    starts = walks.here.z + (walks.sign * walks.length)[:, None] * ways
     z, value = climb(target, starts, planes, ITERATIONS)
     rows = np.arange(len(z))
     held = z[rows, walks.column]
-    fall = np.where(np.isfinite(value), walks.at.value - value, np.inf)
+    fall = np.where(np.isfinite(value), walks.here.value - value, np.inf)
     left = (fall > LARGEST_FALL) | (np.abs(held) > FURTHEST)
     ended = ~left & ((value < top - REACH) | _as_normal(held, value, walks.column, peak))
     ended |= left & (walks.failures >= MOST_FAILURES)
     on = ~left & ~ended
-    factors = laplace_factors(target, z[on], walks.at.factors[on]) if on.any() else planes[on]
+    factors = laplace_factors(target, z[on], walks.here.factors[on]) if on.any() else planes[on]
     reached = Points(z[on], factors, value[on])
-    for whole, part in zip(walks.at, reached, strict=True):
-        whole[on] = part
+    walks.here.z[on], walks.here.factors[on] = reached.z, reached.factors
+    walks.here.value[on] = reached.value
     growth = np.clip(FALL / np.maximum(np.abs(fall), 0.5), 0.5, 2.0)
     walks.length = np.where(left, SHORTER, growth) * walks.length
     walks.length = np.clip(walks.length, 0.1, LONGEST)
@@ -182,4 +184,4 @@ def thinned(points: Points, most: int, apart: float) -> Points:
         chosen.append(int(k))
         if len(chosen) == most:
             break
-    return points[np.array(chosen)]
+    return points.at(np.array(chosen))

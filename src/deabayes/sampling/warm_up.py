@@ -12,9 +12,7 @@ from deabayes.sampling.profiles import profiles, thinned
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
-SCHEDULE = Schedule(
-    effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), final_forgotten=0.1
-)
+SCHEDULE = Schedule(effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), final_forgotten=0.1)
 """The work is at beta = 1: a proposal is as good as the draws it is fitted to are independent."""
 MOST_POINTS, APART = 64, 1.5
 """Of the ridges' points, each with an approximation of its own, and how far apart they are."""
@@ -61,9 +59,9 @@ def ridges(target: Target, problem: Problem, rng: np.random.Generator) -> Mixtur
     Their weights are equal: tempering weighs them.
     """
     tops = peaks(target, problem.dimension, rng)
-    walks = [profiles(target, tops[:1])]
+    walks = [profiles(target, tops.at(slice(1)))]
     if problem.coordinates.parts:
-        walks.append(profiles(target, tops[:1], problem.coordinates))
+        walks.append(profiles(target, tops.at(slice(1)), problem.coordinates))
     points = thinned(Points.joined(tops, *walks), MOST_POINTS, APART)
     weights = np.full(len(points.z), 1.0 / len(points.z))
     return Mixture(weights, points.z, WIDER * points.factors)
