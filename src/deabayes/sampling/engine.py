@@ -41,6 +41,9 @@ e^-5 of what it did."""
 PATIENCE = 2.5
 """A round goes on where it needs at most so many times the steps it has; else it is refitted."""
 MOST_REFITS = 6
+AIM, AFFORDABLE = 2500.0, 400_000
+"""Effective draws that a run which passes its gates goes on to, so that 5 and 95 % ends of two
+seeds agree within 0.15 standard deviations; but not beyond so many evaluations."""
 MARGIN, LEAST_GROWTH = 1.05, 1.25
 """Of the steps that a round is expected to need; and of those it has, before it is judged again."""
 COMPONENTS = 8
@@ -315,6 +318,8 @@ def _first_walkers(run: _Run, target: Target) -> FloatArray:
 def _judged(run: _Run) -> State | None:
     """Apply the gates; sample on, fit a new proposal, or end."""
     run.convergence = _verdict(run)
+    if run.convergence.converged and _goes_on(run):
+        return _sampling
     if run.convergence.converged or run.left <= 0:
         run.needed = 0.0
         _say(run, "converged" if run.convergence.converged else "NOT converged, budget used")
@@ -327,6 +332,17 @@ def _judged(run: _Run) -> State | None:
         return _refitted
     run.goal = int(min(run.needed, PATIENCE * run.steps))
     return _sampling
+
+
+def _goes_on(run: _Run) -> bool:
+    """Whether a run that passes its gates has a further goal: AIM, while that is cheap."""
+    assert run.convergence is not None
+    found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
+    if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
+        return False
+    run.needed = max(MARGIN * AIM / found, LEAST_GROWTH) * run.steps
+    run.goal = int(min(run.needed, PATIENCE * run.steps))
+    return True
 
 
 def _refitted(run: _Run) -> State:
