@@ -54,7 +54,7 @@ quick: $(READY)  ## a preview run of the tubular study, about two minutes
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/quick
 	@echo "Preview report: $(CURDIR)/$(QUICK_REPORT)"
 
-extended: $(READY)  ## also the studies that fit all records at once, half an hour or more
+extended: $(READY)  ## also the studies that fit all records at once; long
 	@$(SNAKEMAKE) --workflow-profile workflow/profiles/extended
 	@echo "Report: $(CURDIR)/$(REPORT)"
 

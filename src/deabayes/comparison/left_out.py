@@ -24,8 +24,8 @@ of it given the rest, (N,) each; NaN or -inf where there is no response."""
 AT_THE_TURN = Schedule(final_rounds=(10, 30), crossed=True)
 """Where draws settle without what is left out."""
 ON_THE_WAY = Schedule(rounds=(2, 8), final_rounds=(0, 0), crossed=True)
-"""For a ratio of normalising constants: no draw at the end of the way counts. The ratio is unbiased
-with any number of rounds; with few it scatters more."""
+"""For a ratio of normalising constants: no draw at the end of the way counts. With
+at most 5 rounds and larger steps the logarithm of the ratio is off by half a nat."""
 PAIR = 2
 """Populations of each piece: every other one is moved by proposals fitted to the rest."""
 

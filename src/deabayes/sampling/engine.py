@@ -318,7 +318,9 @@ def _first_walkers(run: _Run, target: Target) -> FloatArray:
 def _judged(run: _Run) -> State | None:
     """Apply the gates; sample on, fit a new proposal, or end."""
     run.convergence = _verdict(run)
-    if run.convergence.converged and _goes_on(run):
+    further = _further_goal(run) if run.convergence.converged else None
+    if further is not None:
+        run.goal = further
         return _sampling
     if run.convergence.converged or run.left <= 0:
         run.needed = 0.0
@@ -334,15 +336,14 @@ def _judged(run: _Run) -> State | None:
     return _sampling
 
 
-def _goes_on(run: _Run) -> bool:
-    """Whether a run that passes its gates has a further goal: AIM, while that is cheap."""
+def _further_goal(run: _Run) -> int | None:
+    """Steps to which a run that passes its gates goes on: to AIM while that is cheap, else None."""
     assert run.convergence is not None
     found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
     if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
-        return False
-    run.needed = max(MARGIN * AIM / found, LEAST_GROWTH) * run.steps
-    run.goal = int(min(run.needed, PATIENCE * run.steps))
-    return True
+        return None
+    growth = max(MARGIN * AIM / found, LEAST_GROWTH)
+    return int(min(growth, PATIENCE) * run.steps)
 
 
 def _refitted(run: _Run) -> State:

@@ -14,7 +14,6 @@ from deabayes.experiment import FloatArray
 RandomSource = np.random.Generator | np.random.RandomState
 
 DEGREES_OF_FREEDOM = 7.0
-MOST_SAMPLES = 10000
 MOST_ITERATIONS = 20
 """A proposal need not be at the optimum: fits took most of the time of cheap models."""
 
@@ -116,8 +115,6 @@ def fit(
     if len(samples) < 2:
         raise ValueError(f"a mixture needs at least 2 finite samples; {len(samples)} given")
     centre, factor = samples.mean(axis=0), covariance_factor(np.cov(samples, rowvar=False))
-    if len(samples) > MOST_SAMPLES:
-        samples = samples[rng.choice(len(samples), MOST_SAMPLES, replace=False)]
     white = np.linalg.solve(factor, (samples - centre).T).T
     weights, means, covariances = _gaussian_mixture(white, components, rng)
     factors = np.stack([factor @ covariance_factor(covariance) for covariance in covariances])

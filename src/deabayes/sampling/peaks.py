@@ -103,7 +103,8 @@ def climb(
 ) -> tuple[FloatArray, FloatArray]:
     """Maximise by the rule of Broyden, Fletcher, Goldfarb and Shanno, all climbs in lockstep.
 
-    An iteration is two calls: steps of several lengths for all climbs, and their gradients.
+    An iteration is two calls: steps of several lengths for all climbs, and their gradients. These
+    are differences to one side: a climb may end a tenth of a nat below a curved ridge's top.
 
     Parameters
     ----------

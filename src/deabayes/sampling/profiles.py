@@ -8,7 +8,7 @@ What it visits is the profile of the density (Venzon and Moolgavkar 1988, Applie
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
     return slopes.reshape(count, d, d).transpose(0, 2, 1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Walks:
     """Where walks are: one each way along each coordinate."""
 
@@ -98,15 +98,14 @@ class _Walks:
 def _profiles(target: LogDensity, peak: Points) -> Points:
     d = peak.z.shape[1]
     column, sign = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
-    walks = _Walks(
-        column, sign, peak.at(np.zeros(2 * d, dtype=np.intp)), np.ones(2 * d), 0 * column
-    )
+    none = np.zeros(2 * d, dtype=np.intp)
+    walks = _Walks(column, sign, peak.at(none), np.ones(2 * d), none)
     found = [peak]
     top = float(peak.value.max())
     for _ in range(MOST_STEPS):
         if not walks.column.size:
             break
-        reached = _step(target, walks, top, peak)
+        reached, walks = _step(target, walks, top, peak)
         if len(reached.z):
             found.append(reached)
             top = max(top, float(reached.value.max()))
@@ -114,8 +113,8 @@ def _profiles(target: LogDensity, peak: Points) -> Points:
     return every.at(every.value > top - REACH)
 
 
-def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> Points:
-    """Take one step of every walk; the new points. Walks that ended are dropped from `walks`."""
+def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> tuple[Points, _Walks]:
+    """Take one step of every walk: the points reached, and the walks that go on."""
     ways, planes = _ways_and_planes(walks.here.factors, walks.column)
     starts = walks.here.z + (walks.sign * walks.length)[:, None] * ways
     z, value = climb(target, starts, planes, ITERATIONS)
@@ -131,11 +130,9 @@ def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> Points
     walks.here.z[on], walks.here.factors[on] = reached.z, reached.factors
     walks.here.value[on] = reached.value
     growth = np.clip(FALL / np.maximum(np.abs(fall), 0.5), 0.5, 2.0)
-    walks.length = np.where(left, SHORTER, growth) * walks.length
-    walks.length = np.clip(walks.length, 0.1, LONGEST)
-    walks.failures = np.where(left, walks.failures + 1, 0)
-    walks.__dict__.update(walks.only(~ended).__dict__)
-    return reached
+    length = np.clip(np.where(left, SHORTER, growth) * walks.length, 0.1, LONGEST)
+    failures = np.where(left, walks.failures + 1, 0)
+    return reached, replace(walks, length=length, failures=failures).only(~ended)
 
 
 def _as_normal(

@@ -66,6 +66,8 @@ class MinimumEnergyStructure(System):
         (or the frame it follows from) with an sd, `relative_permittivity`, `gravity` (0 for a
         structure that lies on its side).
     tolerance : error of the displacement relative to its range.
+    steps_per_sample : of the integration; a draw that needs more has no response. None: no limit
+        but the integrator's own.
     """
 
     name = "minimum_energy_structure"
@@ -85,11 +87,16 @@ class MinimumEnergyStructure(System):
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     def __init__(
-        self, candidate: str, specimen: Specimen, tolerance: float = DEFAULT_TOLERANCE
+        self,
+        candidate: str,
+        specimen: Specimen,
+        tolerance: float = DEFAULT_TOLERANCE,
+        steps_per_sample: int | None = None,
     ) -> None:
         self.candidate = candidate
         self.specimen = specimen
         self.tolerance = tolerance
+        self.steps_per_sample = steps_per_sample
         self.model = StructureModel.from_name(candidate)
         self.order = self.model.order
         for name in self.required_quantities:
@@ -187,7 +194,7 @@ class MinimumEnergyStructure(System):
         self, structure: Structure, history: Drive, times: FloatArray, held: float
     ) -> Motion:
         start = structure.rest if held == 0.0 else structure.equilibrium(held)
-        most = ROUGH_STEPS * times.size if self.tolerance == ROUGH_TOLERANCE else None
+        most = None if self.steps_per_sample is None else self.steps_per_sample * times.size
         return follow(structure, history, times, self.tolerance, start, most)
 
     def _held(self, excitation: Excitation) -> float:
@@ -212,8 +219,8 @@ class MinimumEnergyStructure(System):
         """Itself, less accurately solved, unless built for more or less than the usual accuracy."""
         if self.tolerance != DEFAULT_TOLERANCE:
             return self
-        tolerance = ROUGH_TOLERANCE if rough else LIKELIHOOD_TOLERANCE
-        return MinimumEnergyStructure(self.candidate, self.specimen, tolerance)
+        accuracy = (ROUGH_TOLERANCE, ROUGH_STEPS) if rough else (LIKELIHOOD_TOLERANCE, None)
+        return MinimumEnergyStructure(self.candidate, self.specimen, *accuracy)
 
     def structure(self, draws: Draws) -> Structure:
         """The constants of the draws."""
