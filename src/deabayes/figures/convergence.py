@@ -75,11 +75,12 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
 
 
 def _lengths(ax: Axes, results: CandidateResults) -> None:
-    """How many autocorrelation times each run covers."""
+    """How many autocorrelation times each run covers; red where all together are too short."""
     limit = results.gate("autocorrelation_times", 10.0)
     lengths = np.array(results.convergence["autocorrelation_times"], dtype=float)
     rows = np.arange(lengths.size)
-    ax.scatter(lengths, rows, c=np.where(lengths >= limit, style.BLUE, style.VERMILLION), s=9)
+    long_enough = results.convergence["length"] >= limit
+    ax.scatter(lengths, rows, c=style.BLUE if long_enough else style.VERMILLION, s=9)
     ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
     if scales.spans_much(np.append(lengths, limit)):
         scales.logarithmic(ax, np.append(lengths, limit), ticks=3)
