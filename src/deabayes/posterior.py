@@ -109,7 +109,7 @@ class LogPosterior:
         draws = self.draws(theta)
         return {
             record.experiment.name: self.noise.pointwise_log_prob(
-                *self._residuals(record, draws), self.noise_draws(draws, record.group)
+                *self.residuals(record, draws), self.noise_draws(draws, record.group)
             )
             + record.scale.log_derivative(record.experiment.response)
             for record in self.records
@@ -130,7 +130,7 @@ class LogPosterior:
             for record in self.records:
                 if experiments is not None and record.experiment.name not in experiments:
                     continue
-                residuals, coordinate, weights = self._residuals(record, draws)
+                residuals, coordinate, weights = self.residuals(record, draws)
                 total += self.noise.log_prob(
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
@@ -178,9 +178,10 @@ class LogPosterior:
         prefix = f"{group}."
         return {name[len(prefix) :]: v for name, v in draws.items() if name.startswith(prefix)}
 
-    def _residuals(
+    def residuals(
         self, record: Record, draws: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As the noise model takes them: residuals (W, N), its coordinate and weights (N,)."""
         experiment = record.experiment
         residuals = record.scale.residuals(experiment.response, record.simulate(draws))
         return residuals, record.noise_coordinate, record.weights

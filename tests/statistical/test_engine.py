@@ -20,7 +20,8 @@ from deabayes.study import Sampling
 
 
 def sampled(log_likelihood, dimension, seed=1, folder=None, rough=None, **changes):
-    problem = Problem(log_likelihood, dimension, rough=rough)
+    cheaper = None if rough is None else Problem(rough, dimension)
+    problem = Problem(log_likelihood, dimension, rough=cheaper)
     return sample(problem, Sampling(**changes), np.random.SeedSequence(seed), folder)
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from deabayes.sampling.laplace import laplace_factors, triangular
 from deabayes.sampling.peaks import climb, peaks
+from deabayes.sampling.problem import Split, Target
 from deabayes.sampling.tempering import EveryDrawFailed
+from tests.densities import LeastSquares, OfNoPoint
 
 DIMENSION = 6
 MEAN = np.linspace(-1.0, 1.0, DIMENSION)
@@ -14,26 +16,24 @@ FACTOR += np.diag(np.geomspace(0.002, 0.3, DIMENSION))
 INVERSE = np.linalg.inv(FACTOR)
 
 
-def thin_normal(z):
-    return 7.0 - 0.5 * np.sum(((z - MEAN) @ INVERSE.T) ** 2, axis=1)
+def thin_scores(z):
+    return (z - MEAN) @ INVERSE.T
 
 
-def valley(z):
+def valley_scores(z):
     """Rosenbrock's in two planes, scaled, ten and a thousand times as steep across as along."""
     x, y = 2.0 * z[:, [0, 2]], np.array([1.0, 3.0]) * z[:, [1, 3]]
-    return -0.5 * np.sum((x - 1.0) ** 2 + [1e2, 1e3] * (y - x**2) ** 2, axis=1)
+    return np.concatenate([x - 1.0, np.sqrt([1e2, 1e3]) * (y - x**2)], axis=1)
+
+
+thin_normal, valley = LeastSquares(thin_scores, 7.0), LeastSquares(valley_scores)
 
 
 PEAK = np.array([0.5, 1.0, 0.5, 1.0 / 3.0])
 
 
-def climbed(target, starts, turns=3):
-    """In coordinates that are made anew, as `peaks` does."""
-    z, value = climb(target, starts, np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1)), 20)
-    for _ in range(turns):
-        every = np.tile(np.eye(z.shape[1]), (len(z), 1, 1))
-        z, value = climb(target, z, laplace_factors(target, z, every), 40)
-    return z, value
+def climbed(target, starts, iterations=80):
+    return climb(target, starts, np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1)), iterations)
 
 
 def test_climbs_follow_a_curved_valley_to_its_maximum():
@@ -45,19 +45,27 @@ def test_climbs_follow_a_curved_valley_to_its_maximum():
 
 
 def test_climbs_in_lockstep_are_the_climbs_alone():
+    """Where all that is of no point is the same everywhere: else the highest of all is shared."""
+
+    def split(z):
+        scores = valley_scores(z)
+        return Split(scores, np.zeros_like(scores), np.zeros(len(z)))
+
+    target = Target(lambda z: split(z).total, split)
     starts = np.random.default_rng(2).standard_normal((5, 4))
     factors = np.tile(np.eye(4), (5, 1, 1))
-    together, _ = climb(valley, starts, factors, 20)
-    alone = [climb(valley, starts[[k]], factors[:1], 20)[0][0] for k in range(5)]
+    together, _ = climb(target, starts, factors, 20)
+    alone = [climb(target, starts[[k]], factors[:1], 20)[0][0] for k in range(5)]
     np.testing.assert_allclose(together, alone, atol=1e-9)
 
 
 def test_points_that_fail_do_not_stop_the_others():
     """Some climbs begin where the density fails, others beside a wall that they meet."""
 
-    def walled(z):
-        return np.where(z[:, 0] > MEAN[0] + 0.5, np.nan, thin_normal(z))
+    def scores(z):
+        return np.where(z[:, :1] > MEAN[0] + 0.5, np.nan, thin_scores(z))
 
+    walled = LeastSquares(scores, 7.0)
     starts = MEAN + 0.3 * np.random.default_rng(3).standard_normal((12, DIMENSION))
     starts[:3, 0] = MEAN[0] + 2.0
     starts[3:6, 0] = MEAN[0] + 0.499
@@ -123,11 +131,11 @@ def test_waves_go_on_until_some_climbs_have_come_to_one_peak(monkeypatch):
         return np.logaddexp(-0.5 * (z**2).sum(axis=1), 40.0 + near)
 
     monkeypatch.setattr("deabayes.sampling.peaks.CONFIRMED", 1)
-    peaks(needle, 4, np.random.default_rng(3))
+    peaks(OfNoPoint(needle), 4, np.random.default_rng(3))
     once = sum(calls)
     calls.clear()
     monkeypatch.setattr("deabayes.sampling.peaks.CONFIRMED", 1000)
-    peaks(needle, 4, np.random.default_rng(3))
+    peaks(OfNoPoint(needle), 4, np.random.default_rng(3))
     assert sum(calls) > 2.5 * once
 
 
@@ -139,7 +147,7 @@ def test_a_lower_peak_is_kept_unless_it_is_far_below(below, kept):
         first, second = (-0.5 * (((z - at) / 0.05) ** 2).sum(axis=1) for at in (-1.0, 1.0))
         return np.logaddexp(first, second - below)
 
-    found = peaks(two, 3, np.random.default_rng(6))
+    found = peaks(OfNoPoint(two), 3, np.random.default_rng(6))
     signs = np.sign(found.z[:, 0])
     assert len(np.unique(signs)) == kept and -1.0 in signs
     np.testing.assert_allclose(np.abs(found.z), 1.0, atol=0.02)
@@ -147,14 +155,14 @@ def test_a_lower_peak_is_kept_unless_it_is_far_below(below, kept):
 
 def test_no_start_with_a_density():
     with pytest.raises(EveryDrawFailed):
-        peaks(lambda z: np.full(len(z), -np.inf), 3, np.random.default_rng(7))
+        peaks(Target(lambda z: np.full(len(z), -np.inf)), 3, np.random.default_rng(7))
 
 
 def test_few_starts_with_a_density_are_enough():
     """A corner that three of a hundred draws of the prior are in."""
 
-    def corner(z):
-        return np.where((z[:, :2] > 0.9).all(axis=1), thin_normal(z - 2.5), np.nan)
+    def scores(z):
+        return np.where((z[:, :2] > 0.9).all(axis=1)[:, None], thin_scores(z - 2.5), np.nan)
 
-    found = peaks(corner, DIMENSION, np.random.default_rng(8))
+    found = peaks(LeastSquares(scores), DIMENSION, np.random.default_rng(8))
     np.testing.assert_allclose(found.z, np.tile(MEAN + 2.5, (len(found.z), 1)), atol=0.1)

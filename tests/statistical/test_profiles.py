@@ -8,6 +8,7 @@ import pytest
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.profiles import REACH, profiles, thinned
+from tests.densities import LeastSquares
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,13 @@ class Bend:
         u[:, 1] += 2.0 * u[:, 0] ** 2
 
 
-def banana(z):
+def scores(z):
     """Peak at z_0 = 1, long along z_0, 0.02 wide across, and z_2 alone."""
-    along = -0.5 * (z[:, 0] - 1.0) ** 2
-    across = -0.5 * ((z[:, 1] - 2.0 * z[:, 0] ** 2) / 0.02) ** 2
-    return along + across - 0.5 * (z[:, 2] / 0.1) ** 2
+    across = (z[:, 1] - 2.0 * z[:, 0] ** 2) / 0.02
+    return np.stack([z[:, 0] - 1.0, across, z[:, 2] / 0.1], axis=1)
+
+
+banana = LeastSquares(scores)
 
 
 def peak_of(target, z):
@@ -52,9 +55,7 @@ def test_walks_follow_a_bent_ridge_to_its_ends(coordinates):
 def test_a_walk_along_a_normal_profile_ends_early():
     """The peak's own approximation says the rest: a step or two each way are kept."""
 
-    def normal(z):
-        return -0.5 * np.sum((z / [0.3, 0.1, 0.5]) ** 2, axis=1)
-
+    normal = LeastSquares(lambda z: z / [0.3, 0.1, 0.5])
     found = profiles(normal, peak_of(normal, [0.0, 0.0, 0.0]))
     assert len(found.z) <= 1 + 2 * 6
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.noise.coordinates import noise_coordinates
-from deabayes.posterior import LogPosterior
+from deabayes.posterior import LogPosterior, Record
 from deabayes.prior.coordinates import prior_coordinates
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.problem import Problem
+from deabayes.sampling.problem import Problem, Split
+from deabayes.systems.batch import Batch
 
 
 def problem_of(target: LogPosterior) -> Problem:
@@ -21,14 +24,50 @@ def problem_of(target: LogPosterior) -> Problem:
     own, free = prior_coordinates(prior)
     noise = noise_coordinates(target.noise, prior, _weights(target), free)
     parts = (*own, *noise, *system.coordinates(prior, experiments, free))
-    return Problem(
+    exact = Problem(
         target.log_likelihood_of_normal,
         target.dimension,
         Coordinates(parts),
         tuple(system.hops(prior, experiments)),
-        target.rough().log_likelihood_of_normal,
-        lambda z: quantities(target, prior.to_parameters(z)),
+        lambda z: split_log_likelihood(target, z),
+        quantities=lambda z: quantities(target, prior.to_parameters(z)),
     )
+    rough = target.rough()
+    if rough is target:
+        return exact
+    return replace(
+        exact,
+        rough=replace(
+            exact,
+            log_likelihood=rough.log_likelihood_of_normal,
+            split=lambda z: split_log_likelihood(rough, z),
+        ),
+    )
+
+
+def split_log_likelihood(target: LogPosterior, z: FloatArray) -> Split:
+    """log [L(theta) p(theta) / q(theta)] of z (W, d) by the points of all records.
+
+    A point's score is its innovation; its scale is what the noise's density leaves beside it.
+    """
+    with np.errstate(all="ignore"):
+        theta = target.prior.to_parameters(z)
+        draws = target.draws(theta)
+        parts = [_record_split(target, record, draws) for record in target.records]
+        rest = target.log_density_beside_records(theta, z)
+    scores, log_scales = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    return Split(scores, log_scales, rest)
+
+
+def _record_split(
+    target: LogPosterior, record: Record, draws: Batch
+) -> tuple[FloatArray, FloatArray]:
+    residuals = target.residuals(record, draws)
+    noise = target.noise_draws(draws, record.group)
+    scores = target.noise.innovations(*residuals, noise)
+    log_prob = target.noise.pointwise_log_prob(*residuals, noise)
+    log_prob = log_prob + record.scale.log_derivative(record.experiment.response)
+    return scores, -log_prob - 0.5 * scores**2
 
 
 def _weights(target: LogPosterior) -> dict[str, FloatArray]:

@@ -27,7 +27,7 @@ from deabayes.sampling.diagnostics import Convergence, assess
 from deabayes.sampling.problem import Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
-from deabayes.sampling.tempering import EveryDrawFailed
+from deabayes.sampling.tempering import EveryDrawFailed, Populations
 from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 
@@ -206,20 +206,24 @@ def _warm_up(run: _Run) -> State:
 
 
 def _populations(run: _Run) -> Arrays:
-    problem, settings = run.problem, run.settings
-    target = Target(problem.rough or problem.log_likelihood)
-    shape = settings.ensembles, max(settings.particles, settings.walkers)
     try:
-        found = warm_up(problem, target, shape, run.stream(WARM_UP), run.progress)
+        found, target = _warmed_up(run, run.problem.rough or run.problem)
     except EveryDrawFailed:
-        target = Target(problem.log_likelihood)
-        found = warm_up(problem, target, shape, run.stream(WARM_UP), run.progress)
+        if run.problem.rough is None:
+            raise
+        found, target = _warmed_up(run, run.problem)
     return {
         "particles": found.particles,
         "broad": found.broad,
         "log_posterior": found.log_density,
         "counts": target.counts,
     }
+
+
+def _warmed_up(run: _Run, problem: Problem) -> tuple[Populations, Target]:
+    settings, target = run.settings, Target(problem.log_likelihood, problem.split)
+    shape = settings.ensembles, max(settings.particles, settings.walkers)
+    return warm_up(problem, target, shape, run.stream(WARM_UP), run.progress), target
 
 
 def _fitted(run: _Run) -> State:
@@ -342,8 +346,9 @@ def _further_goal(run: _Run) -> int | None:
     found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
     if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
         return None
-    growth = max(MARGIN * AIM / found, LEAST_GROWTH)
-    return int(min(growth, PATIENCE) * run.steps)
+    wanted = max(MARGIN * AIM / found, LEAST_GROWTH) * run.steps
+    walkers = run.settings.ensembles * run.settings.walkers
+    return int(min(wanted, run.steps + (AFFORDABLE - run.counts[0]) / walkers)) + 1
 
 
 def _refitted(run: _Run) -> State:

@@ -1,8 +1,7 @@
 """The peaks of a posterior, climbed to from draws of the prior, many at once.
 
 Records with little noise make a posterior a thin curved sheet in which tempered particles get
-lost, tens of nats below the bulk. Climbs are quick. Each is made in coordinates whitened by the
-curvature at its start, and again at where it has led.
+lost, tens of nats below the bulk. Climbs are quick.
 
 Where few climbs have come to the highest peak, further waves of climbs start at the best ones with
 some of their coordinates drawn anew: of parts that fit well, such as two units of three, these keep
@@ -18,33 +17,38 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling.laplace import Points, laplace_factors
-from deabayes.sampling.problem import LogDensity
+from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.problem import Split, Target, log_standard_normal
 from deabayes.sampling.tempering import EveryDrawFailed
 
-STARTS, FINISHED, TURNS = 64, 16, 3
-"""Of a wave: starts; how many of these climbs are finished; and how often their coordinates are
-made anew."""
+STARTS, KEPT = 64, 16
+"""Of a wave: starts, and how many of the ends of these climbs are told on."""
 PARENTS, REDRAWN = 4, 0.3
 """Peaks that a further wave starts at, and the share of coordinates drawn anew."""
 CONFIRMED, MOST_WAVES = 4, 4
 """Climbs that have come to the highest peak when no further wave is made; and most waves."""
 DIP = 1.0
 """Nats that the density falls by half way between climbs that are at different peaks."""
-SHORT, LONG = 20, 30
-"""Iterations of a climb from a start, and of one in each turn."""
+ITERATIONS = 80
+"""Of a climb, at most."""
 NEAR = 10.0
 """Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
 Climbs along a ridge end a few apart."""
-DIFFERENCE = 1e-3
-"""Of the gradient, in standard deviations of the start's coordinates."""
-LENGTHS = np.array([2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3])
-"""Of a step, tried side by side."""
-LONGEST = 10.0
-GAIN, QUIET = 1e-3, 3
+DIFFERENCE, SMALL, DIFFERENCES = 1e-3, 0.02, (1e-7, 0.03)
+"""Of derivatives in u: the first; then so many standard deviations, within these bounds. Much less
+would show the errors of a rough solution, which are no smooth function of the parameters."""
+FACTORS, LENGTHS = np.array([0.03, 1.0, 30.0]), np.array([0.3, 1.0, 3.0])
+"""Of the steps that are tried side by side: times the damping of the step before, and how often
+the step is made that leads to the top of a bowl."""
+DAMPINGS = 1e-4, 1e3
+"""Of the metric's diagonal, added to it: bounds."""
+LONGEST = 3.0
+"""Of a step in u."""
+GAIN, QUIET = 1e-2, 2
 """Nats that an iteration gains at least; after so many that do not the climb has ended."""
 
 
-def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Points:
+def peaks(target: Target, dimension: int, rng: np.random.Generator) -> Points:
     """The highest peaks found, from the highest one down.
 
     Raises
@@ -64,24 +68,20 @@ def peaks(target: LogDensity, dimension: int, rng: np.random.Generator) -> Point
     return found.at((found.value > top - NEAR) | (mass > mass.max() - NEAR))
 
 
-def _wave(target: LogDensity, starts: FloatArray) -> Points:
-    """Climbs from starts (K, d): short ones of all, then those that promise most to their ends."""
+def _wave(target: Target, starts: FloatArray) -> Points:
+    """Ends of climbs from starts (K, d), from the highest one down."""
     every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
-    z, value = climb(target, starts, every, SHORT)
+    z, value = climb(target, starts, every, ITERATIONS)
     usable = np.isfinite(value)
     if not usable.any():
         raise EveryDrawFailed("no draw of the prior has a finite likelihood")
-    z = z[usable]
-    z = z[_promising(target, z, value[usable])]
-    for _ in range(TURNS):
-        z, value = climb(target, z, laplace_factors(target, z, every[: len(z)]), LONG)
-    factors = laplace_factors(target, z, every[: len(z)])
-    order = np.argsort(-value)
-    return Points(z[order], factors[order], value[order])
+    z, value = z[usable], value[usable]
+    kept = _of_every_peak(target, z, value)
+    return Points(z[kept], laplace_factors(target, z[kept], every[: len(kept)]), value[kept])
 
 
-def _promising(target: LogDensity, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
-    """Climbs (K, d) to finish: half of them the highest, the others the highest of other peaks.
+def _of_every_peak(target: Target, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
+    """Ends (K, d) to keep: half of them the highest, the others the highest of other peaks.
 
     Many climbs end at one peak, and would leave no place for another that is a little lower.
     """
@@ -90,33 +90,37 @@ def _promising(target: LogDensity, z: FloatArray, value: FloatArray) -> NDArray[
     middles = 0.5 * (z[order[low]] + z[order[high]])
     apart = np.zeros((len(z), len(z)), dtype=bool)
     apart[low, high] = ~(target(middles) > value[order[low]] - DIP)
-    chosen = list(range(min(FINISHED // 2, len(z))))
+    chosen = list(range(min(KEPT // 2, len(z))))
     for k in range(len(chosen), len(z)):
-        if len(chosen) < FINISHED and apart[k, chosen].all():
+        if len(chosen) < KEPT and apart[k, chosen].all():
             chosen.append(k)
     rest = [k for k in range(len(z)) if k not in chosen]
-    return order[(chosen + rest)[:FINISHED]]
+    return order[np.sort((chosen + rest)[:KEPT])]
 
 
 def climb(
-    target: LogDensity, starts: FloatArray, factors: FloatArray, iterations: int
+    target: Target,
+    starts: FloatArray,
+    factors: FloatArray,
+    iterations: int,
+    coordinates: Coordinates | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Maximise by the rule of Broyden, Fletcher, Goldfarb and Shanno, all climbs in lockstep.
+    """Maximise by Fisher scoring with the damping of Levenberg and Marquardt, all in lockstep.
 
-    An iteration is two calls: steps of several lengths for all climbs, and their gradients. These
-    are differences to one side: a climb may end a tenth of a nat below a curved ridge's top.
+    An iteration is two calls: the derivatives of all climbs, as differences to one side, and steps
+    of several lengths and dampings. (Osborne 1992, International Statistical Review 60, 99.)
 
     Parameters
     ----------
-    starts : (K, d).
-    factors : (K, d, d), steps are taken in u with z = start + factor u. A factor without full rank
+    starts : (K, d), in `coordinates`; those of z by default. Heights are of the density of z.
+    factors : (K, d, d), steps are taken in u with x = start + factor u. A factor without full rank
         keeps the climb in the plane of its columns.
 
     Returns
     -------
-    z (K, d), and the log density there (K,).
+    x (K, d), and the log density of z there (K,).
     """
-    climbs = _Climbs(target, starts, factors)
+    climbs = _Climbs(target, starts, factors, coordinates or Coordinates())
     for _ in range(iterations):
         if not climbs.live.size:
             break
@@ -126,70 +130,96 @@ def climb(
 
 @dataclass
 class _Climbs:
-    """Where K climbs are, with gradients and inverse Hessians of minus the log density in u."""
+    """Where K climbs are in u, and the size of the differences that they take there."""
 
-    target: LogDensity
+    target: Target
     starts: FloatArray
     factors: FloatArray
+    coordinates: Coordinates
 
     def __post_init__(self) -> None:
         count, d = self.starts.shape
-        self.shifts = DIFFERENCE * np.eye(d)
         self.u = np.zeros((count, d))
-        self.inverse = np.tile(np.eye(d), (count, 1, 1))
+        self.differences = np.full((count, d), DIFFERENCE)
+        self.damping = np.full(count, FACTORS[0])
         self.quiet = np.zeros(count, dtype=int)
-        every = np.arange(count)
-        self.value = self._at(every, self.u[:, None])[:, 0]
+        self.highest_rest = -np.inf
+        self.value = self._at(np.arange(count), self.u[:, None])[2][:, 0]
         self.live = np.flatnonzero(np.isfinite(self.value))
-        self.slope = np.zeros((count, d))
-        self.slope[self.live] = self._gradient(self.live)
 
     def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
-        """z (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
+        """x (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
         steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
         return np.asarray(self.starts[which][:, None] + steps)
 
-    def _at(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
-        """Log densities (K, M)."""
-        values = self.target(self.place(which, u).reshape(-1, u.shape[2]))
-        return np.where(np.isfinite(values), values, -np.inf).reshape(u.shape[:2])
-
-    def _gradient(self, which: NDArray[np.intp]) -> FloatArray:
-        """By differences to one side; where that fails, none."""
-        up = self._at(which, self.u[which][:, None] + self.shifts)
-        slope = (up - self.value[which][:, None]) / DIFFERENCE
-        return np.where(np.isfinite(slope), slope, 0.0)
+    def _at(
+        self, which: NDArray[np.intp], u: FloatArray
+    ) -> tuple[Split, FloatArray, FloatArray]:
+        """The log-likelihood by points, z (K, M, d), and the log density (K, M), -inf if lost."""
+        count, many, d = u.shape
+        z = self.coordinates.bend(self.place(which, u).reshape(-1, d))
+        outside = np.isnan(z[:, 0])
+        split = self.target.split(np.where(outside[:, None], 0.0, z))
+        value = split.total + log_standard_normal(z)
+        value = np.where(np.isfinite(value), value, -np.inf).reshape(count, many)
+        by_climb = Split(*(part.reshape(count, many, *part.shape[1:]) for part in split))
+        return by_climb, z.reshape(count, many, d), value
 
     def advance(self) -> None:
         """One iteration of the climbs that have not ended."""
         live = self.live
-        way = np.einsum("kij,kj->ki", self.inverse[live], self.slope[live])
-        size = np.linalg.norm(way, axis=1, keepdims=True)
-        way *= np.minimum(1.0, LONGEST / np.maximum(size, 1e-300))
-        trial = self.u[live][:, None] + LENGTHS[:, None] * way[:, None]
-        found = self._at(live, trial)
+        dampings = self.damping[live][:, None] * FACTORS
+        steps = _damped_steps(*self._slope_and_metric(live), dampings)
+        trial = self.u[live][:, None] + steps
+        found = self._at(live, trial)[2]
         rows, best = np.arange(live.size), found.argmax(axis=1)
         gain = found[rows, best] - self.value[live]
-        self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
         better = gain > 0.0
-        self.inverse[live[~better]] = np.eye(self.u.shape[1])  # this way led nowhere: begin anew
-        step, rising = (trial[rows, best] - self.u[live])[better], live[better]
-        self.u[rising] += step
-        self.value[rising] = found[rows, best][better]
-        if rising.size:
-            before = self.slope[rising].copy()
-            self.slope[rising] = self._gradient(rising)
-            self._update(rising, step, before - self.slope[rising])
+        self.u[live[better]] = trial[rows, best][better]
+        self.value[live[better]] = found[rows, best][better]
+        self.damping[live] = np.clip(dampings[rows, best % len(FACTORS)], *DAMPINGS)
+        self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
         self.live = live[self.quiet[live] < QUIET]
 
-    def _update(self, which: NDArray[np.intp], step: FloatArray, change: FloatArray) -> None:
-        """The rule's inverse Hessians after steps (K, d) that changed the slope by so much."""
-        curvature = np.einsum("ki,ki->k", step, change)
-        norms = np.linalg.norm(step, axis=1) * np.linalg.norm(change, axis=1)
-        usable = curvature > 1e-10 * norms
-        k, s, y, r = which[usable], step[usable], change[usable], 1.0 / curvature[usable]
-        hy = np.einsum("kij,kj->ki", self.inverse[k], y)
-        square = r * (1.0 + r * np.einsum("ki,ki->k", y, hy))
-        self.inverse[k] += square[:, None, None] * s[:, :, None] * s[:, None]
-        both = hy[:, :, None] * s[:, None] + s[:, :, None] * hy[:, None]
-        self.inverse[k] -= r[:, None, None] * both
+    def _slope_and_metric(self, live: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Gradient (K, d) and Fisher information (K, d, d), with the prior's.
+
+        A normal score e with the log scale c has the information (e' + e c')^2 + 2 c'^2. Of what
+        is of no point a bowl is all that is known: half a square that is zero at its highest.
+        """
+        d, steps = self.u.shape[1], self.differences[live]
+        shifts = np.concatenate([np.zeros((1, d)), np.eye(d)]) * steps[:, None]
+        split, z, value = self._at(live, self.u[live][:, None] + shifts)
+        works = np.isfinite(value[:, 1:])
+
+        def derivatives(values: FloatArray) -> FloatArray:
+            shape = (*works.shape, *(1,) * (values.ndim - 2))
+            with np.errstate(invalid="ignore"):
+                slopes = (values[:, 1:] - values[:, :1]) / steps.reshape(shape)
+            return np.where(works.reshape(shape), slopes, 0.0)
+
+        scores, scales, rest, of_z = map(derivatives, (*split, z))
+        self.highest_rest = max(self.highest_rest, float(split.rest[:, 0].max()))
+        bowl = np.maximum(1.0, 2.0 * (self.highest_rest - split.rest[:, 0]))
+        slope = rest - np.einsum("kip,kp->ki", scores, split.scores[:, 0]) - scales.sum(axis=2)
+        slope -= np.einsum("kij,kj->ki", of_z, z[:, 0])
+        means = scores + split.scores[:, :1] * scales
+        metric = rest[:, :, None] * rest[:, None] / bowl[:, None, None]
+        for part, weight in ((means, 1.0), (scales, 2.0), (of_z, 1.0)):
+            metric += weight * part @ part.transpose(0, 2, 1)
+        widths = 1.0 / np.sqrt(np.maximum(np.diagonal(metric, axis1=1, axis2=2), 1e-300))
+        self.differences[live] = np.clip(SMALL * widths, *DIFFERENCES)
+        return slope, metric
+
+
+def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -> FloatArray:
+    """Steps (K, L F, d) of every length, and for each of every damping (K, F)."""
+    d = slope.shape[1]
+    diagonal = np.diagonal(metric, axis1=1, axis2=2)
+    floor = 1e-12 * diagonal.max(axis=1, keepdims=True)  # of a direction out of the plane
+    added = dampings[:, :, None] * diagonal[:, None] + floor[:, None]
+    damped = metric[:, None] + added[..., None] * np.eye(d)
+    way = np.linalg.solve(damped, slope[:, None, :, None])[..., 0]
+    steps = (LENGTHS[:, None, None] * way[:, None]).reshape(len(slope), -1, d)
+    size = np.linalg.norm(steps, axis=2, keepdims=True)
+    return np.asarray(steps * np.minimum(1.0, LONGEST / np.maximum(size, 1e-300)))

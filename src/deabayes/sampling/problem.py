@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import log, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,32 @@ from deabayes.sampling.mixture import RandomSource
 LogDensity = Callable[[FloatArray], FloatArray]
 Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
 """z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+
+
+class Split(NamedTuple):
+    """A log-likelihood by the points of the records: rest + sum_k (-score_k^2 / 2 - log_scale_k).
+
+    Its first derivatives tell nearly all of its curvature, as those of residuals do in least
+    squares.
+
+    Attributes
+    ----------
+    scores : (W, P), standard normal where the model holds.
+    log_scales : (W, P), minus the log derivatives of the scores by the responses.
+    rest : (W,), what is of no point.
+    """
+
+    scores: FloatArray
+    log_scales: FloatArray
+    rest: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """The log-likelihood (W,); NaN where the model fails."""
+        squares = np.einsum("wp,wp->w", self.scores, self.scores)
+        return np.asarray(self.rest - 0.5 * squares - self.log_scales.sum(axis=1))
+
+
 Quantities = Callable[[FloatArray], Mapping[str, FloatArray]]
 
 
@@ -32,7 +59,8 @@ class Problem:
     dimension : d.
     coordinates : in which ridges are straight.
     hops : proposals between modes, such as another numbering of units.
-    rough : a cheaper log_likelihood, nearly the same, for draws that are dropped.
+    split : the log_likelihood by points; without it climbs take the shape of a bowl for granted.
+    rough : a cheaper problem, nearly the same, for draws that are dropped.
     quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and derived ones.
     """
 
@@ -40,7 +68,8 @@ class Problem:
     dimension: int
     coordinates: Coordinates = field(default_factory=Coordinates)
     hops: tuple[Hop, ...] = ()
-    rough: LogDensity | None = None
+    split: Callable[[FloatArray], Split] | None = None
+    rough: Problem | None = None
     quantities: Quantities = _coordinates_of
 
 
@@ -54,12 +83,24 @@ class Target:
     """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value."""
 
     likelihood: LogDensity
+    by_points: Callable[[FloatArray], Split] | None = None
     evaluations: int = 0
     failures: int = 0
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:
         """log L, (W,); -inf where it fails."""
-        values = np.asarray(self.likelihood(z), dtype=float)
+        return self._counted(np.asarray(self.likelihood(z), dtype=float))
+
+    def split(self, z: FloatArray) -> Split:
+        """log L by points; of its total all is counted."""
+        if self.by_points is None:
+            none = np.empty((len(z), 0))
+            return Split(none, none, self.log_likelihood(z))
+        split = self.by_points(z)
+        self._counted(split.total)
+        return split
+
+    def _counted(self, values: FloatArray) -> FloatArray:
         usable = np.isfinite(values)
         self.evaluations += len(values)
         self.failures += int((~usable).sum())

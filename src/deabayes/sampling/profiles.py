@@ -17,11 +17,11 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.laplace import Points, laplace_factors, triangular
 from deabayes.sampling.peaks import climb
-from deabayes.sampling.problem import LogDensity
+from deabayes.sampling.problem import Target
 
 REACH = 7.0
 """Nats below the highest point at which a walk ends."""
-MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 6, 2
+MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 8, 2
 """Of a walk; of each climb; and of steps in turn that leave the ridge."""
 FALL, LARGEST_FALL = 2.0, 4.0
 """Nats that a step should go down, and at most."""
@@ -36,7 +36,7 @@ DIFFERENCE = 1e-4
 """Of coordinates, for their derivatives."""
 
 
-def profiles(target: LogDensity, peak: Points, coordinates: Coordinates | None = None) -> Points:
+def profiles(target: Target, peak: Points, coordinates: Coordinates | None = None) -> Points:
     """Points along the profiles through a peak, with the peak itself.
 
     Parameters
@@ -45,10 +45,10 @@ def profiles(target: LogDensity, peak: Points, coordinates: Coordinates | None =
     coordinates : along which the walks go; z itself when None. Heights are those in z.
     """
     if coordinates is None:
-        return _profiles(target, peak)
+        return _profiles(target, peak, Coordinates())
     u = coordinates.straighten(peak.z)[0]
     factors = np.asarray(np.linalg.solve(_slopes(coordinates, u), peak.factors), dtype=np.float64)
-    found = _profiles(lambda u: _bent(target, coordinates, u), Points(u, factors, peak.value))
+    found = _profiles(target, Points(u, factors, peak.value), coordinates)
     roots = _slopes(coordinates, found.z) @ found.factors
     usable = np.isfinite(roots).all(axis=(1, 2))
     factors = triangular(roots[usable])
@@ -57,7 +57,7 @@ def profiles(target: LogDensity, peak: Points, coordinates: Coordinates | None =
     return Points(z, factors, found.value[usable]).at(thick)
 
 
-def _bent(target: LogDensity, coordinates: Coordinates, u: FloatArray) -> FloatArray:
+def _bent(target: Target, coordinates: Coordinates, u: FloatArray) -> FloatArray:
     z = coordinates.bend(u)
     inside = ~np.isnan(z[:, 0])
     values = np.full(len(u), -np.inf)
@@ -95,7 +95,7 @@ class _Walks:
         )
 
 
-def _profiles(target: LogDensity, peak: Points) -> Points:
+def _profiles(target: Target, peak: Points, coordinates: Coordinates) -> Points:
     d = peak.z.shape[1]
     column, sign = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
     none = np.zeros(2 * d, dtype=np.intp)
@@ -105,7 +105,7 @@ def _profiles(target: LogDensity, peak: Points) -> Points:
     for _ in range(MOST_STEPS):
         if not walks.column.size:
             break
-        reached, walks = _step(target, walks, top, peak)
+        reached, walks = _step(target, walks, top, peak, coordinates)
         if len(reached.z):
             found.append(reached)
             top = max(top, float(reached.value.max()))
@@ -113,11 +113,13 @@ def _profiles(target: LogDensity, peak: Points) -> Points:
     return every.at(every.value > top - REACH)
 
 
-def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> tuple[Points, _Walks]:
+def _step(
+    target: Target, walks: _Walks, top: float, peak: Points, coordinates: Coordinates
+) -> tuple[Points, _Walks]:
     """Take one step of every walk: the points reached, and the walks that go on."""
     ways, planes = _ways_and_planes(walks.here.factors, walks.column)
     starts = walks.here.z + (walks.sign * walks.length)[:, None] * ways
-    z, value = climb(target, starts, planes, ITERATIONS)
+    z, value = climb(target, starts, planes, ITERATIONS, coordinates)
     rows = np.arange(len(z))
     held = z[rows, walks.column]
     fall = np.where(np.isfinite(value), walks.here.value - value, np.inf)
@@ -125,7 +127,11 @@ def _step(target: LogDensity, walks: _Walks, top: float, peak: Points) -> tuple[
     ended = ~left & ((value < top - REACH) | _as_normal(held, value, walks.column, peak))
     ended |= left & (walks.failures >= MOST_FAILURES)
     on = ~left & ~ended
-    factors = laplace_factors(target, z[on], walks.here.factors[on]) if on.any() else planes[on]
+    factors = planes[on]
+    if on.any():
+        factors = laplace_factors(
+            lambda u: _bent(target, coordinates, u), z[on], walks.here.factors[on]
+        )
     reached = Points(z[on], factors, value[on])
     walks.here.z[on], walks.here.factors[on] = reached.z, reached.factors
     walks.here.value[on] = reached.value
