@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.densities import LeastSquares, OfNoPoint
 
 from deabayes.sampling.laplace import laplace_factors, triangular
 from deabayes.sampling.peaks import climb, peaks
 from deabayes.sampling.problem import Split, Target
 from deabayes.sampling.tempering import EveryDrawFailed
-from tests.densities import LeastSquares, OfNoPoint
 
 DIMENSION = 6
 MEAN = np.linspace(-1.0, 1.0, DIMENSION)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from tests.densities import LeastSquares
 
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.profiles import REACH, profiles, thinned
-from tests.densities import LeastSquares
 
 
 @dataclass(frozen=True)

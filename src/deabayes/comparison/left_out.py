@@ -1,7 +1,7 @@
-"""log p(left out | all else), by sampling from the posterior without it.
+"""log p(block left out | all else), by carrying draws to the posterior without it.
 
-All blocks or records of a candidate that are left out, each one alone, are sampled in lockstep:
-each has populations of its own, and one call of the forward model serves all.
+All blocks of a candidate that are left out, each one alone, are sampled in lockstep: each has
+populations of its own, and one call of the forward model serves all.
 """
 
 from __future__ import annotations
@@ -100,28 +100,6 @@ def left_out_log_densities(
     share = np.maximum(share, 0.5 / (PAIR * half))
     both = back.log_evidence.reshape(pieces, PAIR)
     return np.asarray(np.log(share) + np.logaddexp.reduce(both, axis=1) - np.log(PAIR))
-
-
-def leave_one_experiment_out(
-    target: LogPosterior, problem: Problem, z: FloatArray, seed: np.random.SeedSequence
-) -> dict[str, float]:
-    """log p(y_e | all other records) for each calibrated experiment, a gain with its phase.
-
-    Empty for a single experiment. z (S, d) are draws of the posterior.
-    """
-    rows = list(dict.fromkeys(record.experiment.row for record in target.records))
-    if len(rows) < 2:
-        return {}
-    member = np.array([rows.index(record.experiment.row) for record in target.records])
-
-    def densities(z: FloatArray, piece: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        by_record, rest = _terms(target, z)
-        sums = np.stack([points.sum(axis=1) for points in by_record.values()], axis=1)
-        left = member == piece[:, None]
-        return rest + np.where(left, 0.0, sums).sum(axis=1), np.where(left, sums, 0.0).sum(axis=1)
-
-    found = left_out_log_densities(densities, len(rows), z, seed, problem.coordinates, problem.hops)
-    return dict(zip(rows, found.tolist(), strict=True))
 
 
 def leave_blocks_out(

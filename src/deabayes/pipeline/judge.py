@@ -15,7 +15,6 @@ from deabayes.pipeline.identify import seed_of, stored_target
 from deabayes.pipeline.prepare import read_experiments
 
 PREDICTION_DRAWS = 1000
-ANNEALED_DRAWS = 512
 
 
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
@@ -24,8 +23,6 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     A study's only candidate is compared with none, and no experiment is left out.
     """
     from deabayes.comparison import scoring
-    from deabayes.comparison.left_out import leave_one_experiment_out
-    from deabayes.posteriors.problem import problem_of
     from deabayes.posteriors.storage import read_tree
 
     tree = read_tree(posterior)
@@ -40,11 +37,12 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
     best = flat[np.argsort(tree["sample_stats"]["lp"].values.reshape(-1))[-3:]]
     maximum = scoring.maximum_log_likelihood(target, best)
     points = sum(r.experiment.coordinate.size for r in target.records)
-    thinned = flat[np.linspace(0, len(flat) - 1, ANNEALED_DRAWS).astype(int)]
     stream = seed_of(study, candidate, "leave one experiment out")
     left_out: dict[str, float] = {}
     if len(study.candidates) > 1:
-        left_out = leave_one_experiment_out(target, problem_of(target), thinned, stream)
+        left_out = scoring.leave_one_experiment_out(
+            target, evidence.log_evidence, study.sampling, stream
+        )
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,

@@ -24,9 +24,8 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling.problem import Hop
 from deabayes.sampling.proposal import Lines, Proposal
 
-INDEPENDENCE, HOP, UNBENT = 0.4, 0.1, 0.1
-"""Shares of the steps: independence proposals, each hop, differences before any map. The rest are
-differences along maps."""
+INDEPENDENCE, HOP = 0.4, 0.1
+"""Shares of the steps: independence proposals, and each hop. The rest are differences."""
 JUMP, SHORT = 0.1, 0.45
 """Of differences: the whole way from walker to walker, which changes modes, and short steps,
 which a tight ridge accepts."""
@@ -147,22 +146,25 @@ class HopMove(Move):
 
 
 def recipe(
-    frozen: Sequence[Proposal], hops: Sequence[Hop], ensembles: int
+    frozen: Sequence[Proposal], hops: Sequence[Hop], ensembles: int, plain: bool = False
 ) -> list[tuple[Move, float]]:
     """The moves with their shares of the steps.
 
     Parameters
     ----------
     frozen : one proposal for all ensembles, or one for each; differences go along the first one's
-        maps.
+        maps, where it has any.
+    plain : whether to add differences before any map: a map that was fitted to few draws can be
+        wrong where others have to get to.
     """
-    unbent, lines = Lines(frozen[0].coordinates), frozen[0].lines
+    unbent = ((1.0, Lines(frozen[0].coordinates)),)
+    lines = frozen[0].lines or unbent
+    if plain and frozen[0].lines:
+        lines += unbent
     moves: list[tuple[Move, float]] = [(IndependenceMove(*frozen), INDEPENDENCE)]
     moves += [(HopMove(hop), HOP) for hop in hops]
     rest = 1.0 - INDEPENDENCE - HOP * len(hops)
-    alone = UNBENT if lines else rest
-    moves.append((DifferenceMove(unbent, ensembles), alone))
     total = sum(weight for weight, _ in lines)
     for weight, each in lines:
-        moves.append((DifferenceMove(each, ensembles), (rest - alone) * weight / total))
+        moves.append((DifferenceMove(each, ensembles), rest * weight / total))
     return moves

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.problem import Split, Target, log_standard_normal
 from deabayes.sampling.tempering import EveryDrawFailed
 
@@ -152,9 +152,7 @@ class _Climbs:
         steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
         return np.asarray(self.starts[which][:, None] + steps)
 
-    def _at(
-        self, which: NDArray[np.intp], u: FloatArray
-    ) -> tuple[Split, FloatArray, FloatArray]:
+    def _at(self, which: NDArray[np.intp], u: FloatArray) -> tuple[Split, FloatArray, FloatArray]:
         """The log-likelihood by points, z (K, M, d), and the log density (K, M), -inf if lost."""
         count, many, d = u.shape
         z = self.coordinates.bend(self.place(which, u).reshape(-1, d))

@@ -214,7 +214,8 @@ class _Cloud:
         for made in range(1, most + 1):
             if made % REFIT_ROUNDS == 0:
                 proposals = self.proposals(schedule.crossed)
-            for move, _ in recipe(proposals, self._hops, self.shape[0]):
+            moves = recipe(proposals, self._hops, self.shape[0], plain=True)
+            for move, _ in moves:
                 self.state, _ = move.propose(self._model, self.state)
             if made >= fewest and _largest_correlation(start, self.particles) < limit:
                 return made
