@@ -4,7 +4,8 @@
     python -m benchmarks.sampler_suite --only membrane         those whose name holds a word
     python -m benchmarks.sampler_suite --reference OLD         take references from results of other
                                                                code, such as an earlier commit
-    python -m benchmarks.sampler_suite --without hops          leave a part out: what is it worth?
+    python -m benchmarks.sampler_suite --without hops --output docs/benchmarks/sampler_ablation.csv
+                                                               leave a part out: what is it worth?
 
 Posteriors are the candidates of `config.yaml`, with the prepared records in `results/` (run
 `snakemake --cores 2` first), and simulated specimens of the validation: a unit too many, a unit
@@ -19,9 +20,11 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -32,6 +35,7 @@ from deabayes.comparison.scoring import bridge_evidence
 from deabayes.pipeline import build_target
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
+from deabayes.sampling import engine
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.engine import Sampled, sample
 from deabayes.sampling.problem import Problem
@@ -56,7 +60,17 @@ PARTS: Mapping[str, Callable[[Problem], Problem]] = {
     "hops": lambda problem: replace(problem, hops=()),
     "coordinates": lambda problem: replace(problem, coordinates=Coordinates()),
     "rough": lambda problem: replace(problem, rough=None),
+    "points": lambda problem: replace(problem, split=None, rough=None),
 }
+"""Parts of a problem, by what is left of it without."""
+CONSTANTS: Mapping[str, Mapping[str, float]] = {
+    "covering": {"proposal.COVERING": 1e-9},
+    "map": {"proposal.STRAIGHTENED": 1e-9, "proposal.PLAIN": 1.0},
+    "waves": {"peaks.MOST_WAVES": 1},
+    "walks": {"profiles.MOST_STEPS": 0},
+    "further draws": {"engine.AIM": 0.0},
+}
+"""Parts of the sampler, by the constants that leave them out."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +107,24 @@ def _simulated(
 
 
 def run(
-    case: Case, settings: Sampling, seed: int, without: tuple[str, ...]
+    case: Case, settings: Sampling, seed: int, without: str = ""
 ) -> tuple[dict[str, object], pd.DataFrame]:
     """Sample one posterior: what it cost, and the summary of its parameters."""
     target = case.build()
     problem = problem_of(target)
-    for part in without:
-        problem = PARTS[part](problem)
+    problem = PARTS.get(without, lambda problem: problem)(problem)
     problem.log_likelihood(np.zeros((2, target.dimension)))  # compiled before the clock starts
     began = time.process_time()
-    found = sample(problem, settings, np.random.SeedSequence([SEED, seed]))
+    with ExitStack() as changed:
+        for name, value in CONSTANTS.get(without, {}).items():
+            changed.enter_context(patch(f"deabayes.sampling.{name}", value))
+        # AIM by name: as a default of `sample` it would not change.
+        found = sample(problem, settings, np.random.SeedSequence([SEED, seed]), aim=engine.AIM)
     seconds = time.process_time() - began
     table = found.convergence.table.loc[list(target.names)]
     cost: dict[str, object] = {
+        "without": without,
+        "seed": seed,
         "posterior": case.name,
         "parameters": target.dimension,
         "evaluations": found.evaluations,
@@ -153,7 +172,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", default="", help="posteriors whose name holds this")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--without", nargs="*", default=(), choices=list(PARTS))
+    parser.add_argument("--without", default="", choices=[*PARTS, *CONSTANTS])
+    parser.add_argument("--output", type=Path, help="table to add the rows to")
     parser.add_argument("--long", action="store_true", help="run long, and keep as references")
     parser.add_argument("--reference", type=Path, help="keep results of this folder as references")
     given = parser.parse_args()
@@ -166,7 +186,7 @@ def main() -> None:
     for case in cases():
         if given.only not in case.name:
             continue
-        cost, table = run(case, settings, given.seed, tuple(given.without))
+        cost, table = run(case, settings, given.seed, given.without)
         total += float(str(cost["cpu_seconds"]))
         if given.long:
             kept = table.rename_axis("parameter").reset_index()[list(COLUMNS)]
@@ -179,6 +199,9 @@ def main() -> None:
             off = distances(table, float(str(cost["log_evidence"])), known)
             cost |= {f"off_{name}": round(value, 3) for name, value in off.items()}
         print(json.dumps(cost), flush=True)
+        if given.output:
+            there = [pd.read_csv(given.output)] if given.output.is_file() else []
+            pd.concat([*there, pd.DataFrame([cost])]).to_csv(given.output, index=False)
     print(f"{total:.0f} CPU s in all")
 
 
