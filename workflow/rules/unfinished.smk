@@ -3,11 +3,25 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 UNFINISHED = Path(workflow.pathvars.items["results"]) / "logs" / "unfinished.json"
+
+
+INTERRUPTED = []
+
+
+def note_interruption(number, frame):
+    """Snakemake may take a job that was interrupted with it for one that failed."""
+    INTERRUPTED.append(number)
+    raise KeyboardInterrupt
+
+
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, note_interruption)
 
 
 def not_made():
@@ -28,6 +42,8 @@ def left_by_failures():
 
     That is so after an interruption too: then jobs are left that no failed one holds up.
     """
+    if INTERRUPTED:
+        return None
     dag, failed = workflow.dag, workflow.scheduler.failed
     left = set(dag.needrun_jobs())
     rules = {job.rule.name for job in left} - {job.rule.name for job in failed}
