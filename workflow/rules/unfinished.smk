@@ -40,7 +40,7 @@ def not_made():
 def left_by_failures():
     """What failed and what is there, for `deabayes finish`; None if there is no report to build.
 
-    That is so after an interruption too: then jobs are left that no failed one holds up.
+    There is none after an interruption, or where jobs are left that no failed one holds up.
     """
     if INTERRUPTED:
         return None
