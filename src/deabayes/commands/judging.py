@@ -20,7 +20,8 @@ def score(posterior: Path, prepared: Path, output: Path) -> None:
     from deabayes.pipeline import score_candidate
 
     keep_inputs(output, posterior)
-    score_candidate(posterior, prepared, output)
+    for line in score_candidate(posterior, prepared, output):
+        click.echo(line)
 
 
 @click.command()

@@ -17,10 +17,12 @@ from deabayes.pipeline.prepare import read_experiments
 PREDICTION_DRAWS = 1000
 
 
-def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
+def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json.
 
     A study's only candidate is compared with none, and no experiment is left out.
+
+    Returns a line on every experiment without which the posterior did not converge.
     """
     from deabayes.comparison import scoring
     from deabayes.posteriors.storage import read_tree
@@ -53,6 +55,12 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
         "left_out": left_out,
     }
     write_text_atomically(json.dumps(content, indent=1), output)
+    return [
+        f"{candidate}: without {name} the posterior did not converge, so there is no "
+        "leave-one-experiment-out score"
+        for name, value in left_out.items()
+        if not np.isfinite(value)
+    ]
 
 
 def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
