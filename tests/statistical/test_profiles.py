@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 from tests.densities import LeastSquares
 
+from deabayes.sampling.climbs import Points, fisher_factors
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.laplace import Points, laplace_factors
 from deabayes.sampling.profiles import REACH, profiles, thinned
 
 
 @dataclass(frozen=True)
 class Bend:
-    """u_1 = z_1 - 2 z_0^2."""
+    """u_1 = z_1 - 0.7 z_0^2."""
 
     def straighten(self, u):
-        u[:, 1] -= 2.0 * u[:, 0] ** 2
+        u[:, 1] -= 0.7 * u[:, 0] ** 2
         return 0.0
 
     def bend(self, u):
-        u[:, 1] += 2.0 * u[:, 0] ** 2
+        u[:, 1] += 0.7 * u[:, 0] ** 2
 
 
 def scores(z):
-    """Peak at z_0 = 1, long along z_0, 0.02 wide across, and z_2 alone."""
-    across = (z[:, 1] - 2.0 * z[:, 0] ** 2) / 0.02
-    return np.stack([z[:, 0] - 1.0, across, z[:, 2] / 0.1], axis=1)
+    """0.05 wide across z_1 = 0.7 z_0^2, along which only the prior ends it, and z_2 alone."""
+    across = (z[:, 1] - 0.7 * z[:, 0] ** 2) / 0.05
+    return np.stack([across, z[:, 2] / 0.1], axis=1)
 
 
 banana = LeastSquares(scores)
@@ -34,22 +34,32 @@ banana = LeastSquares(scores)
 
 def peak_of(target, z):
     place = np.array([z])
-    return Points(place, laplace_factors(target, place, np.eye(3)[None]), target(place))
+    return Points(
+        place, fisher_factors(target, place, np.eye(3)[None], differences=1e-4), target(place)
+    )
 
 
 @pytest.mark.parametrize("coordinates", [None, Coordinates((Bend(),))])
 def test_walks_follow_a_bent_ridge_to_its_ends(coordinates):
-    """3.7 standard deviations each way are 7 nats: -2.7 and 4.7, beyond the prior's 4."""
-    found = profiles(banana, peak_of(banana, [1.0, 2.0, 0.0]), coordinates)
-    assert found.z[:, 0].min() < -1.5 and found.z[:, 0].max() > 3.0
+    """The prior falls by 7 nats along it to z_0 = 2.1 and -2.1."""
+    found = profiles(banana, peak_of(banana, [0.0, 0.0, 0.0]), coordinates)
+    assert found.z[:, 0].min() < -1.7 and found.z[:, 0].max() > 1.7
     np.testing.assert_allclose(found.value, banana(found.z), atol=1e-9)
-    assert (found.value > -REACH).all()
-    across = found.z[:, 1] - 2.0 * found.z[:, 0] ** 2
-    assert np.abs(across).max() < 0.1
-    exact = laplace_factors(banana, found.z, np.tile(np.eye(3), (len(found.z), 1, 1)))
-    across_sd = 1.0 / np.linalg.norm(np.linalg.inv(found.factors), axis=(1, 2))
-    expected = 1.0 / np.linalg.norm(np.linalg.inv(exact), axis=(1, 2))
-    np.testing.assert_allclose(across_sd, expected, rtol=0.2)
+    assert (found.value > found.value.max() - REACH).all()
+    across = found.z[:, 1] - 0.7 * found.z[:, 0] ** 2
+    assert np.abs(across).max() < 0.25
+    along = np.stack([np.ones(len(across)), 1.4 * found.z[:, 0], np.zeros(len(across))], axis=1)
+    slopes = np.stack([-1.4 * found.z[:, 0], np.ones(len(across))], axis=1) / 0.05
+    information = np.tile(np.diag([1.0, 1.0, 101.0]), (len(across), 1, 1))
+    information[:, :2, :2] += slopes[:, :, None] * slopes[:, None]
+    whitened = np.linalg.inv(found.factors)
+    fishers = whitened.transpose(0, 2, 1) @ whitened
+    for direction in (along, np.tile(np.eye(3)[1], (len(across), 1))):
+        given, exact = (
+            np.einsum("ki,kij,kj->k", direction, matrix, direction)
+            for matrix in (fishers, information)
+        )
+        np.testing.assert_allclose(given, exact, rtol=0.2)
 
 
 def test_a_walk_along_a_normal_profile_ends_early():

@@ -218,28 +218,46 @@ def three_records():
 
 
 def test_every_record_is_left_out_as_a_whole(monkeypatch):
-    target, _ = three_records()
+    target, z = three_records()
     monkeypatch.setattr(
         "deabayes.posteriors.problem.problem_of", lambda t: Problem(t.log_likelihood, 2)
     )
     mean, cov = np.zeros(24), SIGMA**2 * np.eye(24) + line()[0] @ line()[0].T
     whole = multivariate_normal(mean, cov).logpdf(line()[1])
-    found = leave_one_experiment_out(target, whole, Sampling(), np.random.SeedSequence(1))
+    found = leave_one_experiment_out(target, whole, z, Sampling(), np.random.SeedSequence(1))
     assert found == pytest.approx(
         {"a": exact(*line(), slice(0, 12)), "b": exact(*line(), slice(12, 24))}, abs=0.1
     )
     alone = replace(target, records=target.records[:2])
-    assert leave_one_experiment_out(alone, whole, Sampling(), np.random.SeedSequence(1)) == {}
+    assert leave_one_experiment_out(alone, whole, z, Sampling(), np.random.SeedSequence(1)) == {}
 
 
-def test_a_posterior_that_does_not_converge_gives_no_score(monkeypatch):
-    target, _ = three_records()
+def test_an_evidence_that_populations_do_not_agree_on_gives_no_score(monkeypatch):
+    target, z = three_records()
     monkeypatch.setattr(
         "deabayes.posteriors.problem.problem_of", lambda t: Problem(t.log_likelihood, 2)
     )
-    never = Sampling(ess=1e6, max_steps=100)
-    found = leave_one_experiment_out(target, 0.0, never, np.random.SeedSequence(1))
+    monkeypatch.setattr("deabayes.comparison.scoring.LARGEST_MCSE", 1e-6)
+    found = leave_one_experiment_out(target, 0.0, z, Sampling(), np.random.SeedSequence(1))
     assert list(found) == ["a", "b"] and np.isnan(list(found.values())).all()
+
+
+def test_what_a_rough_solution_costs_is_taken_off(monkeypatch):
+    """Rough by a factor of the likelihood that grows along one parameter."""
+    target, z = three_records()
+
+    def problem(target):
+        def rough(z):
+            return target.log_likelihood(z) + 3.0 + 2.0 * z[:, 0]
+
+        return Problem(target.log_likelihood, 2, rough=Problem(rough, 2))
+
+    monkeypatch.setattr("deabayes.posteriors.problem.problem_of", problem)
+    found = leave_one_experiment_out(target, 0.0, z, Sampling(), np.random.SeedSequence(1))
+    rest = multivariate_normal(
+        np.zeros(12), SIGMA**2 * np.eye(12) + line()[0][12:] @ line()[0][12:].T
+    ).logpdf(line()[1][12:])
+    assert found["a"] == pytest.approx(-rest, abs=0.1)
 
 
 def test_a_block_of_a_record_is_left_out():

@@ -43,7 +43,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     left_out: dict[str, float] = {}
     if len(study.candidates) > 1:
         left_out = scoring.leave_one_experiment_out(
-            target, evidence.log_evidence, study.sampling, stream
+            target, evidence.log_evidence, flat, study.sampling, stream
         )
     content = {
         "log_evidence": evidence.log_evidence,

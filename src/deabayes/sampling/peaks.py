@@ -10,19 +10,18 @@ some.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.laplace import Points, laplace_factors
-from deabayes.sampling.problem import Split, Target, log_standard_normal
+from deabayes.sampling.climbs import Points, climb, fisher_factors
+from deabayes.sampling.problem import Target
 from deabayes.sampling.tempering import EveryDrawFailed
 
 STARTS, KEPT = 64, 16
 """Of a wave: starts, and how many of the ends of these climbs are told on."""
+NEAR_STARTS = 16
+"""Where there is a similar posterior: from draws of it, and as many from the prior."""
 PARENTS, REDRAWN = 4, 0.3
 """Peaks that a further wave starts at, and the share of coordinates drawn anew."""
 CONFIRMED, MOST_WAVES = 4, 4
@@ -34,28 +33,26 @@ ITERATIONS = 80
 NEAR = 10.0
 """Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
 Climbs along a ridge end a few apart."""
-DIFFERENCE, SMALL, DIFFERENCES = 1e-3, 0.02, (1e-7, 0.03)
-"""Of derivatives in u: the first; then so many standard deviations, within these bounds. Much less
-would show the errors of a rough solution, which are no smooth function of the parameters."""
-FACTORS, LENGTHS = np.array([0.03, 1.0, 30.0]), np.array([0.3, 1.0, 3.0])
-"""Of the steps that are tried side by side: times the damping of the step before, and how often
-the step is made that leads to the top of a bowl."""
-DAMPINGS = 1e-4, 1e3
-"""Of the metric's diagonal, added to it: bounds."""
-LONGEST = 3.0
-"""Of a step in u."""
-GAIN, QUIET = 1e-2, 2
-"""Nats that an iteration gains at least; after so many that do not the climb has ended."""
 
 
-def peaks(target: Target, dimension: int, rng: np.random.Generator) -> Points:
+def peaks(
+    target: Target, dimension: int, rng: np.random.Generator, similar: FloatArray | None = None
+) -> Points:
     """The highest peaks found, from the highest one down.
+
+    Parameters
+    ----------
+    similar : (N, d) draws of a similar posterior, whose peaks are near.
 
     Raises
     ------
     EveryDrawFailed : the density is zero at every start.
     """
-    found = _wave(target, rng.standard_normal((STARTS, dimension)))
+    starts = rng.standard_normal((STARTS, dimension))
+    if similar is not None:
+        near = similar[rng.integers(len(similar), size=NEAR_STARTS)]
+        starts = np.concatenate([near, starts[:NEAR_STARTS]])
+    found = _wave(target, starts)
     for _ in range(MOST_WAVES - 1):
         if (found.value > found.value[0] - DIP).sum() >= CONFIRMED:
             break
@@ -71,13 +68,16 @@ def peaks(target: Target, dimension: int, rng: np.random.Generator) -> Points:
 def _wave(target: Target, starts: FloatArray) -> Points:
     """Ends of climbs from starts (K, d), from the highest one down."""
     every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
-    z, value = climb(target, starts, every, ITERATIONS)
-    usable = np.isfinite(value)
+    climbs = climb(target, starts, every, ITERATIONS)
+    usable = np.isfinite(climbs.value)
     if not usable.any():
         raise EveryDrawFailed("no draw of the prior has a finite likelihood")
-    z, value = z[usable], value[usable]
+    which = np.flatnonzero(usable)
+    z, value = climbs.x[which], climbs.value[which]
     kept = _of_every_peak(target, z, value)
-    return Points(z[kept], laplace_factors(target, z[kept], every[: len(kept)]), value[kept])
+    differences = climbs.differences[which[kept]]
+    factors = fisher_factors(target, z[kept], every[: len(kept)], differences=differences)
+    return Points(z[kept], factors, value[kept])
 
 
 def _of_every_peak(target: Target, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
@@ -96,128 +96,3 @@ def _of_every_peak(target: Target, z: FloatArray, value: FloatArray) -> NDArray[
             chosen.append(k)
     rest = [k for k in range(len(z)) if k not in chosen]
     return order[np.sort((chosen + rest)[:KEPT])]
-
-
-def climb(
-    target: Target,
-    starts: FloatArray,
-    factors: FloatArray,
-    iterations: int,
-    coordinates: Coordinates | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Maximise by Fisher scoring with the damping of Levenberg and Marquardt, all in lockstep.
-
-    An iteration is two calls: the derivatives of all climbs, as differences to one side, and steps
-    of several lengths and dampings. (Osborne 1992, International Statistical Review 60, 99.)
-
-    Parameters
-    ----------
-    starts : (K, d), in `coordinates`; those of z by default. Heights are of the density of z.
-    factors : (K, d, d), steps are taken in u with x = start + factor u. A factor without full rank
-        keeps the climb in the plane of its columns.
-
-    Returns
-    -------
-    x (K, d), and the log density of z there (K,).
-    """
-    climbs = _Climbs(target, starts, factors, coordinates or Coordinates())
-    for _ in range(iterations):
-        if not climbs.live.size:
-            break
-        climbs.advance()
-    return climbs.place(np.arange(len(starts)), climbs.u[:, None])[:, 0], climbs.value
-
-
-@dataclass
-class _Climbs:
-    """Where K climbs are in u, and the size of the differences that they take there."""
-
-    target: Target
-    starts: FloatArray
-    factors: FloatArray
-    coordinates: Coordinates
-
-    def __post_init__(self) -> None:
-        count, d = self.starts.shape
-        self.u = np.zeros((count, d))
-        self.differences = np.full((count, d), DIFFERENCE)
-        self.damping = np.full(count, FACTORS[0])
-        self.quiet = np.zeros(count, dtype=int)
-        self.highest_rest = -np.inf
-        self.value = self._at(np.arange(count), self.u[:, None])[2][:, 0]
-        self.live = np.flatnonzero(np.isfinite(self.value))
-
-    def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
-        """x (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
-        steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
-        return np.asarray(self.starts[which][:, None] + steps)
-
-    def _at(self, which: NDArray[np.intp], u: FloatArray) -> tuple[Split, FloatArray, FloatArray]:
-        """The log-likelihood by points, z (K, M, d), and the log density (K, M), -inf if lost."""
-        count, many, d = u.shape
-        z = self.coordinates.bend(self.place(which, u).reshape(-1, d))
-        outside = np.isnan(z[:, 0])
-        split = self.target.split(np.where(outside[:, None], 0.0, z))
-        value = split.total + log_standard_normal(z)
-        value = np.where(np.isfinite(value), value, -np.inf).reshape(count, many)
-        by_climb = Split(*(part.reshape(count, many, *part.shape[1:]) for part in split))
-        return by_climb, z.reshape(count, many, d), value
-
-    def advance(self) -> None:
-        """One iteration of the climbs that have not ended."""
-        live = self.live
-        dampings = self.damping[live][:, None] * FACTORS
-        steps = _damped_steps(*self._slope_and_metric(live), dampings)
-        trial = self.u[live][:, None] + steps
-        found = self._at(live, trial)[2]
-        rows, best = np.arange(live.size), found.argmax(axis=1)
-        gain = found[rows, best] - self.value[live]
-        better = gain > 0.0
-        self.u[live[better]] = trial[rows, best][better]
-        self.value[live[better]] = found[rows, best][better]
-        self.damping[live] = np.clip(dampings[rows, best % len(FACTORS)], *DAMPINGS)
-        self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
-        self.live = live[self.quiet[live] < QUIET]
-
-    def _slope_and_metric(self, live: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Gradient (K, d) and Fisher information (K, d, d), with the prior's.
-
-        A normal score e with the log scale c has the information (e' + e c')^2 + 2 c'^2. Of what
-        is of no point a bowl is all that is known: half a square that is zero at its highest.
-        """
-        d, steps = self.u.shape[1], self.differences[live]
-        shifts = np.concatenate([np.zeros((1, d)), np.eye(d)]) * steps[:, None]
-        split, z, value = self._at(live, self.u[live][:, None] + shifts)
-        works = np.isfinite(value[:, 1:])
-
-        def derivatives(values: FloatArray) -> FloatArray:
-            shape = (*works.shape, *(1,) * (values.ndim - 2))
-            with np.errstate(invalid="ignore"):
-                slopes = (values[:, 1:] - values[:, :1]) / steps.reshape(shape)
-            return np.where(works.reshape(shape), slopes, 0.0)
-
-        scores, scales, rest, of_z = map(derivatives, (*split, z))
-        self.highest_rest = max(self.highest_rest, float(split.rest[:, 0].max()))
-        bowl = np.maximum(1.0, 2.0 * (self.highest_rest - split.rest[:, 0]))
-        slope = rest - np.einsum("kip,kp->ki", scores, split.scores[:, 0]) - scales.sum(axis=2)
-        slope -= np.einsum("kij,kj->ki", of_z, z[:, 0])
-        means = scores + split.scores[:, :1] * scales
-        metric = rest[:, :, None] * rest[:, None] / bowl[:, None, None]
-        for part, weight in ((means, 1.0), (scales, 2.0), (of_z, 1.0)):
-            metric += weight * part @ part.transpose(0, 2, 1)
-        widths = 1.0 / np.sqrt(np.maximum(np.diagonal(metric, axis1=1, axis2=2), 1e-300))
-        self.differences[live] = np.clip(SMALL * widths, *DIFFERENCES)
-        return slope, metric
-
-
-def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -> FloatArray:
-    """Steps (K, L F, d) of every length, and for each of every damping (K, F)."""
-    d = slope.shape[1]
-    diagonal = np.diagonal(metric, axis1=1, axis2=2)
-    floor = 1e-12 * diagonal.max(axis=1, keepdims=True)  # of a direction out of the plane
-    added = dampings[:, :, None] * diagonal[:, None] + floor[:, None]
-    damped = metric[:, None] + added[..., None] * np.eye(d)
-    way = np.linalg.solve(damped, slope[:, None, :, None])[..., 0]
-    steps = (LENGTHS[:, None, None] * way[:, None]).reshape(len(slope), -1, d)
-    size = np.linalg.norm(steps, axis=2, keepdims=True)
-    return np.asarray(steps * np.minimum(1.0, LONGEST / np.maximum(size, 1e-300)))

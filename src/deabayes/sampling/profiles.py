@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
+from deabayes.sampling.climbs import Points, climb, fisher_factors, triangular
 from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.laplace import Points, laplace_factors, triangular
-from deabayes.sampling.peaks import climb
 from deabayes.sampling.problem import Target
 
 REACH = 7.0
@@ -55,15 +54,6 @@ def profiles(target: Target, peak: Points, coordinates: Coordinates | None = Non
     thick = np.asarray((np.diagonal(factors, axis1=1, axis2=2) > 0.0).all(axis=1))
     z = coordinates.bend(found.z[usable])
     return Points(z, factors, found.value[usable]).at(thick)
-
-
-def _bent(target: Target, coordinates: Coordinates, u: FloatArray) -> FloatArray:
-    z = coordinates.bend(u)
-    inside = ~np.isnan(z[:, 0])
-    values = np.full(len(u), -np.inf)
-    if inside.any():
-        values[inside] = target(z[inside])
-    return values
 
 
 def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
@@ -119,7 +109,8 @@ def _step(
     """Take one step of every walk: the points reached, and the walks that go on."""
     ways, planes = _ways_and_planes(walks.here.factors, walks.column)
     starts = walks.here.z + (walks.sign * walks.length)[:, None] * ways
-    z, value = climb(target, starts, planes, ITERATIONS, coordinates)
+    climbs = climb(target, starts, planes, ITERATIONS, coordinates)
+    z, value = climbs.x, climbs.value
     rows = np.arange(len(z))
     held = z[rows, walks.column]
     fall = np.where(np.isfinite(value), walks.here.value - value, np.inf)
@@ -129,9 +120,7 @@ def _step(
     on = ~left & ~ended
     factors = planes[on]
     if on.any():
-        factors = laplace_factors(
-            lambda u: _bent(target, coordinates, u), z[on], walks.here.factors[on]
-        )
+        factors = fisher_factors(target, z[on], walks.here.factors[on], coordinates)
     reached = Points(z[on], factors, value[on])
     walks.here.z[on], walks.here.factors[on] = reached.z, reached.factors
     walks.here.value[on] = reached.value

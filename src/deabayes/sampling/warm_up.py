@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.sampling.laplace import Points
+from deabayes.experiment import FloatArray
+from deabayes.sampling.climbs import Points
 from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.peaks import peaks
 from deabayes.sampling.problem import Problem, Target
@@ -26,12 +27,14 @@ def warm_up(
     shape: tuple[int, int],
     seed: np.random.SeedSequence,
     progress: Progress,
+    similar: FloatArray | None = None,
 ) -> Populations:
     """Populations (E, P, d) of the posterior.
 
     Parameters
     ----------
     shape : E, P.
+    similar : (N, d) draws of a similar posterior.
 
     Raises
     ------
@@ -40,7 +43,7 @@ def warm_up(
     first, second = seed.spawn(2)
     rng = np.random.default_rng(first)
     progress.say("warm-up: climbing to peaks")
-    base = ridges(target, problem, rng)
+    base = ridges(target, problem, rng, similar)
     return temper(
         base.sample(rng, shape[0] * shape[1]).reshape(*shape, problem.dimension),
         base.log_density,
@@ -53,12 +56,14 @@ def warm_up(
     )
 
 
-def ridges(target: Target, problem: Problem, rng: np.random.Generator) -> Mixture:
+def ridges(
+    target: Target, problem: Problem, rng: np.random.Generator, similar: FloatArray | None = None
+) -> Mixture:
     """Laplace approximations along the ridges through the highest peak, and at other peaks.
 
     Their weights are equal: tempering weighs them.
     """
-    tops = peaks(target, problem.dimension, rng)
+    tops = peaks(target, problem.dimension, rng, similar)
     walks = [profiles(target, tops.at(slice(1)))]
     if problem.coordinates.parts:
         walks.append(profiles(target, tops.at(slice(1)), problem.coordinates))
