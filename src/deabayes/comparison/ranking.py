@@ -32,7 +32,7 @@ DRAWS_AT_ONCE = 1000
 TRUSTED_K_HAT = 0.5
 """Up to here a block's importance weights are trusted. At 0.7 (1000 draws) one in four of the
 blocks that nearly alone tell a parameter passed, 1 to 3 nats too good (docs/statistics.md)."""
-SAMPLED_DRAWS = 256
+SAMPLED_DRAWS = 128
 """That a block is left out with by sampling, where importance weights are unreliable."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
 FEWEST_BLOCKS = 10
