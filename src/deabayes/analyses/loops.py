@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from deabayes.analyses.drive import Cycles, IntArray, resampled
@@ -31,23 +33,23 @@ class Loops:
         moved = resampled(experiment.coordinate, curves, times)
         return cls(moved, experiment.excitation.at(times), cycles.numbers)
 
-    @property
+    @cached_property
     def area(self) -> FloatArray:
         """-∮ u d|Phi| of each cycle (..., C) [V m]."""
         u, volts = self.displacement, np.abs(self.voltage)
         return np.asarray(-np.sum(0.5 * (u[..., 1:] + u[..., :-1]) * np.diff(volts), axis=-1))
 
-    @property
+    @cached_property
     def mean(self) -> FloatArray:
         """Mean displacement of each cycle (..., C) [m]."""
         return np.asarray(np.mean(self.displacement[..., :-1], axis=-1))
 
-    @property
+    @cached_property
     def peak_to_peak(self) -> FloatArray:
         """Largest minus smallest displacement of each cycle (..., C) [m]."""
         return np.asarray(np.ptp(self.displacement, axis=-1))
 
-    @property
+    @cached_property
     def drift(self) -> FloatArray:
         """Change of the mean per cycle since the cycle before (..., C) [m]; NaN for the first."""
         change = np.diff(self.mean, axis=-1) / np.diff(self.numbers)
