@@ -59,7 +59,6 @@ class Convergence:
     autocorrelation_times : (E,) how many autocorrelation times each run covers.
     length : the same by the mean of the runs' autocorrelation times.
     mode_shares : one row per mode, one column per run, the share of its draws there.
-    agree : no gate failed but those of length: runs do not disagree, and no walker is stuck.
     """
 
     converged: bool
@@ -68,7 +67,6 @@ class Convergence:
     autocorrelation_times: FloatArray
     length: float
     mode_shares: pd.DataFrame | None = None
-    agree: bool = True
 
     @property
     def reasons(self) -> list[str]:
@@ -132,18 +130,16 @@ def assess(
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
     length = float(1.0 / np.mean(1.0 / times))
-    disagreeing = _not_numbers(quantities)
-    lost = {each.of for each in disagreeing}
-    disagreeing += _r_hats(table.drop(index=list(lost)), settings)
-    short = _sizes(table, settings) + _too_short(length, settings)
+    failed = _not_numbers(quantities)
+    failed += _r_hats(table.drop(index=[each.of for each in failed]), settings)
     if log_posterior is not None:
-        disagreeing += _stuck(log_posterior)
+        failed += _stuck(log_posterior)
     shares = None
     if draws is not None:
         shares, weighed_otherwise = mode_shares(draws)
-        disagreeing += weighed_otherwise
-    failed = disagreeing + short
-    return Convergence(not failed, failed, table, times, length, shares, not disagreeing)
+        failed += weighed_otherwise
+    failed += _sizes(table, settings) + _too_short(length, settings)
+    return Convergence(not failed, failed, table, times, length, shares)
 
 
 def _not_numbers(quantities: Mapping[str, FloatArray]) -> list[Failed]:
