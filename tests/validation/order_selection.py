@@ -40,6 +40,7 @@ from deabayes.comparison import scoring
 from deabayes.comparison.decision import Score
 from deabayes.comparison.ranking import Ranked, score_all
 from deabayes.posterior import LogPosterior
+from deabayes.posteriors.problem import split_log_likelihood
 from tests.validation import rows
 from tests.validation.membrane_worlds import membrane
 from tests.validation.order_signal import SHOWN, signal
@@ -118,7 +119,7 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
     effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
     evidence = scoring.bridge_evidence(target, z, effective, seed)
     flat = z.reshape(-1, z.shape[2])
-    maximum = scoring.maximum_log_likelihood(target, flat[np.argsort(target(flat))[-3:]])
+    maximum = scoring.maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
     points = sum(record.experiment.coordinate.size for record in target.records)
     return {
         "log_evidence": evidence.log_evidence,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +12,16 @@ from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior
 from deabayes.study import Sampling
 
+if TYPE_CHECKING:
+    from deabayes.sampling.problem import Split
+
 LogDensity = Callable[[FloatArray], FloatArray]
 REACH, BEYOND = 6.0, 3.0
 """Prior standard deviations within which the likelihood's maximum is looked for, and how far beyond
 a posterior that lies further out."""
+CLIMBS, CLIMB, QUIET = 32, 200, 20
+"""To the likelihood's maximum: climbs, iterations at most, and those that gain next to nothing
+before a climb has ended. Without a prior's density ridges are long and flat."""
 PARTICLES, LARGEST_MCSE = 256, 0.5
 """Without an experiment: per population, and the error up to which an evidence is told."""
 
@@ -163,28 +170,24 @@ def _warmed_up_evidence(
     return float(evidence)
 
 
-def maximum_log_likelihood(target: LogPosterior, starts: FloatArray) -> float:
-    """The highest log-likelihood within the prior's support, climbed from draws z (S, d).
+def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArray) -> float:
+    """The highest log-likelihood within the prior's support, climbed to from some draws z (S, d).
 
     The prior's bounds stay, its density does not count.
+
+    Parameters
+    ----------
+    split : z (W, d) -> the log-likelihood by points.
     """
-    from scipy.optimize import minimize
+    from deabayes.sampling.climbs import climb
+    from deabayes.sampling.problem import Target
 
-    step = 1e-4
+    starts = draws[np.linspace(0, len(draws) - 1, min(CLIMBS, len(draws))).astype(int)]
+    reach = np.maximum(REACH, np.abs(starts).max(axis=0) + BEYOND)
 
-    def objective(z: FloatArray) -> tuple[float, FloatArray]:
-        shifts = step * np.eye(z.size)
-        near = np.vstack([z, z + shifts, z - shifts])
-        values = target.log_likelihood(target.prior.to_parameters(near))
-        if not np.isfinite(values[0]):
-            return 1e300, np.zeros_like(z)
-        gradient = (values[1 : z.size + 1] - values[z.size + 1 :]) / (2 * step)
-        return -float(values[0]), -np.where(np.isfinite(gradient), gradient, 0.0)
+    def within(z: FloatArray) -> Split:
+        return split(np.clip(z, -reach, reach))
 
-    best = -np.inf
-    for start in starts:
-        reach = np.maximum(REACH, np.abs(start) + BEYOND)
-        bounds = list(zip(-reach, reach, strict=True))
-        found = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        best = max(best, -objective(start)[0], -float(found.fun))
-    return best
+    target = Target(lambda z: within(z).total, within, prior=0.0)
+    every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
+    return float(climb(target, starts, every, CLIMB, quiet=QUIET).value.max())

@@ -25,6 +25,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     Returns a line on every experiment without which the posterior did not converge.
     """
     from deabayes.comparison import scoring
+    from deabayes.posteriors.problem import split_log_likelihood
     from deabayes.posteriors.storage import read_tree
 
     tree = read_tree(posterior)
@@ -36,8 +37,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
         target, z, ess, seed_of(study, candidate, "evidence"), components=4
     )
     flat = z.reshape(-1, z.shape[2])
-    best = flat[np.argsort(tree["sample_stats"]["lp"].values.reshape(-1))[-3:]]
-    maximum = scoring.maximum_log_likelihood(target, best)
+    maximum = scoring.maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
     points = sum(r.experiment.coordinate.size for r in target.records)
     stream = seed_of(study, candidate, "leave one experiment out")
     left_out: dict[str, float] = {}

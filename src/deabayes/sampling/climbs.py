@@ -22,7 +22,7 @@ DAMPINGS = 1e-4, 1e3
 LONGEST = 3.0
 """Of a step in u."""
 GAIN, QUIET = 1e-2, 2
-"""Nats that an iteration gains at least; after so many that do not the climb has ended."""
+"""Nats that an iteration gains at least; and after how many that do not a climb has ended."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ def climb(
     factors: FloatArray,
     iterations: int,
     coordinates: Coordinates | None = None,
+    quiet: int = QUIET,
 ) -> Climbs:
     """Maximise by Fisher scoring with the damping of Levenberg and Marquardt, all in lockstep.
 
@@ -77,12 +78,13 @@ def climb(
     starts : (K, d), in `coordinates`; those of z by default. Heights are of the density of z.
     factors : (K, d, d), steps are taken in u with x = start + factor u. A factor without full rank
         keeps the climb in the plane of its columns.
+    quiet : iterations in turn that gain next to nothing, after which a climb has ended.
 
     Returns
     -------
     climbs : at their ends, with x (K, d) and the log density of z there, `value` (K,).
     """
-    climbs = Climbs(target, starts, factors, coordinates or Coordinates())
+    climbs = Climbs(target, starts, factors, coordinates or Coordinates(), quiet)
     for _ in range(iterations):
         if not climbs.live.size:
             break
@@ -121,6 +123,7 @@ class Climbs:
     starts: FloatArray
     factors: FloatArray
     coordinates: Coordinates
+    most_quiet: int = QUIET
 
     def __post_init__(self) -> None:
         count, d = self.starts.shape
@@ -148,7 +151,7 @@ class Climbs:
         z = self.coordinates.bend(self.place(which, u).reshape(-1, d))
         outside = np.isnan(z[:, 0])
         split = self.target.split(np.where(outside[:, None], 0.0, z))
-        value = split.total + log_standard_normal(z)
+        value = split.total + self.target.prior * log_standard_normal(z)
         value = np.where(np.isfinite(value), value, -np.inf).reshape(count, many)
         by_climb = Split(*(part.reshape(count, many, *part.shape[1:]) for part in split))
         return by_climb, z.reshape(count, many, d), value
@@ -167,7 +170,7 @@ class Climbs:
         self.value[live[better]] = found[rows, best][better]
         self.damping[live] = np.clip(dampings[rows, best % len(FACTORS)], *DAMPINGS)
         self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
-        self.live = live[self.quiet[live] < QUIET]
+        self.live = live[self.quiet[live] < self.most_quiet]
 
     def slope_and_metric(self, live: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Gradient (K, d) and Fisher information (K, d, d), with the prior's.
@@ -190,10 +193,10 @@ class Climbs:
         self.highest_rest = max(self.highest_rest, float(split.rest[:, 0].max()))
         bowl = np.maximum(1.0, 2.0 * (self.highest_rest - split.rest[:, 0]))
         slope = rest - np.einsum("kip,kp->ki", scores, split.scores[:, 0]) - scales.sum(axis=2)
-        slope -= np.einsum("kij,kj->ki", of_z, z[:, 0])
+        slope -= self.target.prior * np.einsum("kij,kj->ki", of_z, z[:, 0])
         means = scores + split.scores[:, :1] * scales
         metric = rest[:, :, None] * rest[:, None] / bowl[:, None, None]
-        for part, weight in ((means, 1.0), (scales, 2.0), (of_z, 1.0)):
+        for part, weight in ((means, 1.0), (scales, 2.0), (of_z, self.target.prior)):
             metric += weight * part @ part.transpose(0, 2, 1)
         widths = 1.0 / np.sqrt(np.maximum(np.diagonal(metric, axis1=1, axis2=2), 1e-300))
         self.differences[live] = np.clip(SMALL * widths, *DIFFERENCES)
@@ -204,7 +207,9 @@ def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -
     """Steps (K, L F, d) of every length, and for each of every damping (K, F)."""
     d = slope.shape[1]
     diagonal = np.diagonal(metric, axis1=1, axis2=2)
-    floor = 1e-12 * diagonal.max(axis=1, keepdims=True)  # of a direction out of the plane
+    floor = np.maximum(
+        1e-12 * diagonal.max(axis=1, keepdims=True), 1e-300
+    )  # of a direction out of the plane
     added = dampings[:, :, None] * diagonal[:, None] + floor[:, None]
     damped = metric[:, None] + added[..., None] * np.eye(d)
     way = np.linalg.solve(damped, slope[:, None, :, None])[..., 0]

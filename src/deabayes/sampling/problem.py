@@ -80,10 +80,17 @@ def log_standard_normal(z: FloatArray) -> FloatArray:
 
 @dataclass
 class Target:
-    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value."""
+    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value.
+
+    Attributes
+    ----------
+    by_points : log L by points.
+    prior : power of N(z; 0, I); 0 where the likelihood alone is climbed.
+    """
 
     likelihood: LogDensity
     by_points: Callable[[FloatArray], Split] | None = None
+    prior: float = 1.0
     evaluations: int = 0
     failures: int = 0
 
@@ -107,7 +114,7 @@ class Target:
         return np.where(usable, values, -np.inf)
 
     def __call__(self, z: FloatArray) -> FloatArray:
-        return self.log_likelihood(z) + log_standard_normal(z)
+        return self.log_likelihood(z) + self.prior * log_standard_normal(z)
 
     @property
     def counts(self) -> FloatArray:
