@@ -186,3 +186,16 @@ def test_few_starts_with_a_density_are_enough():
 
     found = peaks(LeastSquares(scores), DIMENSION, np.random.default_rng(8))
     np.testing.assert_allclose(found.z, np.tile(MEAN + 2.5, (len(found.z), 1)), atol=0.4)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_wall_too_steep_for_numbers_stops_no_climb():
+    """Derivatives whose squares are no numbers any more."""
+
+    def scores(z):
+        steep = np.where(z[:, :1] > 0.5, 1e152 * np.sin(1e6 * z[:, :1]), 0.0)
+        return np.concatenate([z / 0.1, steep], axis=1)
+
+    found = peaks(LeastSquares(scores), 3, np.random.default_rng(5))
+    np.testing.assert_allclose(found.z[0], 0.0, atol=0.05)
+    assert np.isfinite(found.factors).all()

@@ -21,6 +21,8 @@ DAMPINGS = 1e-4, 1e3
 """Of the metric's diagonal, added to it: bounds."""
 LONGEST = 3.0
 """Of a step in u."""
+HUGE = 1e100
+"""Of a derivative, at most: its square is a number still."""
 GAIN, QUIET = 1e-2, 2
 """Nats that an iteration gains at least; and after how many that do not a climb has ended."""
 
@@ -187,14 +189,14 @@ class Climbs:
             shape = (*works.shape, *(1,) * (values.ndim - 2))
             with np.errstate(invalid="ignore"):
                 slopes = (values[:, 1:] - values[:, :1]) / steps.reshape(shape)
-            return np.where(works.reshape(shape), slopes, 0.0)
+            return np.where(works.reshape(shape), np.clip(slopes, -HUGE, HUGE), 0.0)
 
         scores, scales, rest, of_z = map(derivatives, (*split, z))
         self.highest_rest = max(self.highest_rest, float(split.rest[:, 0].max()))
         bowl = np.maximum(1.0, 2.0 * (self.highest_rest - split.rest[:, 0]))
         slope = rest - np.einsum("kip,kp->ki", scores, split.scores[:, 0]) - scales.sum(axis=2)
         slope -= self.target.prior * np.einsum("kij,kj->ki", of_z, z[:, 0])
-        means = scores + split.scores[:, :1] * scales
+        means = np.clip(scores + split.scores[:, :1] * scales, -HUGE, HUGE)
         metric = rest[:, :, None] * rest[:, None] / bowl[:, None, None]
         for part, weight in ((means, 1.0), (scales, 2.0), (of_z, self.target.prior)):
             metric += weight * part @ part.transpose(0, 2, 1)

@@ -41,7 +41,7 @@ e^-5 of what it did."""
 PATIENCE = 2.5
 """A round goes on where it needs at most so many times the steps it has; else it is refitted."""
 MOST_REFITS = 6
-AIM, AFFORDABLE = 2500.0, 400_000
+AIM, AFFORDABLE = 4000.0, 400_000
 """Effective draws that a run which passes its gates goes on to, so that 5 and 95 % ends of two
 seeds agree within 0.15 standard deviations; but not beyond so many evaluations."""
 MARGIN, LEAST_GROWTH = 1.05, 1.25
