@@ -22,7 +22,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
 
     A study's only candidate is compared with none, and no experiment is left out.
 
-    Returns a line on every experiment without which the posterior did not converge.
+    Returns a line on every experiment without which the evidence is not known.
     """
     from deabayes.comparison import scoring
     from deabayes.posteriors.problem import split_log_likelihood
@@ -56,7 +56,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     }
     write_text_atomically(json.dumps(content, indent=1), output)
     return [
-        f"{candidate}: without {name} the posterior did not converge, so there is no "
+        f"{candidate}: the evidence without {name} is not known to half a nat, so there is no "
         "leave-one-experiment-out score"
         for name, value in left_out.items()
         if not np.isfinite(value)
