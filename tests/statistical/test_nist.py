@@ -15,6 +15,6 @@ def test_posterior_mean_and_sd_reproduce_the_certified_ones():
     draws = dict(zip(sampled.target.names, sampled.theta.T, strict=True))
     b = np.column_stack([draws[parameter] for parameter in found.names])
     expected = found.sds * np.sqrt(found.freedom / (found.freedom - 2.0))
-    # Curvature moves the mean by 0.028 sds; the Monte Carlo error is 0.006.
-    np.testing.assert_array_less(np.abs(b.mean(axis=0) - found.estimates) / found.sds, 0.05)
+    # Curvature moves the mean by 0.028 sds; 5000 effective draws have errors of 0.014 and of 1 %.
+    np.testing.assert_array_less(np.abs(b.mean(axis=0) - found.estimates) / found.sds, 0.07)
     np.testing.assert_allclose(b.std(axis=0), expected, rtol=0.03)
