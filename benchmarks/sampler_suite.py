@@ -35,7 +35,6 @@ from deabayes.comparison.scoring import bridge_evidence
 from deabayes.pipeline import build_target
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
-from deabayes.sampling import engine
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.engine import Sampled, sample
 from deabayes.sampling.problem import Problem
@@ -118,8 +117,7 @@ def run(
     with ExitStack() as changed:
         for name, value in CONSTANTS.get(without, {}).items():
             changed.enter_context(patch(f"deabayes.sampling.{name}", value))
-        # AIM by name: as a default of `sample` it would not change.
-        found = sample(problem, settings, np.random.SeedSequence([SEED, seed]), aim=engine.AIM)
+        found = sample(problem, settings, np.random.SeedSequence([SEED, seed]))
     seconds = time.process_time() - began
     table = found.convergence.table.loc[list(target.names)]
     cost: dict[str, object] = {

@@ -22,7 +22,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
 
     A study's only candidate is compared with none, and no experiment is left out.
 
-    Returns a line on every experiment without which the evidence is not known.
+    Returns a line on every experiment that has no such score.
     """
     from deabayes.comparison import scoring
     from deabayes.posteriors.problem import split_log_likelihood
@@ -42,9 +42,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     stream = seed_of(study, candidate, "leave one experiment out")
     left_out: dict[str, float] = {}
     if len(study.candidates) > 1:
-        left_out = scoring.leave_one_experiment_out(
-            target, evidence.log_evidence, flat, study.sampling, stream
-        )
+        left_out = scoring.leave_one_experiment_out(target, evidence.log_evidence, flat, stream)
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,

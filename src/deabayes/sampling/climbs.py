@@ -29,7 +29,7 @@ GAIN, QUIET = 1e-2, 2
 
 @dataclass(frozen=True)
 class Points:
-    """Points of a density with the Laplace approximations there.
+    """Points of a density, each with a normal approximation.
 
     Attributes
     ----------

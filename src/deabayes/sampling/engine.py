@@ -103,21 +103,19 @@ def sample(
     seed: np.random.SeedSequence,
     folder: Path | None = None,
     progress: Progress | None = None,
-    aim: float = AIM,
 ) -> Sampled:
     """Sample a posterior until every gate passes or the budget ends; the verdict says which.
 
     Parameters
     ----------
     folder : checkpoints, to be keyed by data, settings and code by the caller; None for none.
-    aim : effective draws that a run which passes its gates goes on to.
 
     Raises
     ------
     EveryDrawFailed : no draw of the prior has a finite likelihood.
     """
     settings = replace(settings, walkers=max(settings.walkers, 2 * problem.dimension))
-    run = _Run(problem, settings, seed, Store(folder), progress or Progress(), aim)
+    run = _Run(problem, settings, seed, Store(folder), progress or Progress())
     state: State | None = _warm_up
     while state is not None:
         state = state(run)
@@ -134,7 +132,6 @@ class _Run:
     seed: np.random.SeedSequence
     store: Store
     progress: Progress
-    aim: float
     warm: Arrays = field(default_factory=dict)
     refits: int = 0
     steps_before: int = 0
@@ -347,9 +344,9 @@ def _further_goal(run: _Run) -> int | None:
     """Steps to which a run that passes its gates goes on: to AIM while that is cheap, else None."""
     assert run.convergence is not None
     found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
-    if found >= run.aim or run.counts[0] >= AFFORDABLE or run.left <= 0:
+    if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
         return None
-    wanted = max(MARGIN * run.aim / found, LEAST_GROWTH) * run.steps
+    wanted = max(MARGIN * AIM / found, LEAST_GROWTH) * run.steps
     walkers = run.settings.ensembles * run.settings.walkers
     return int(min(wanted, run.steps + (AFFORDABLE - run.counts[0]) / walkers)) + 1
 

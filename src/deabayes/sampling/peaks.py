@@ -31,7 +31,7 @@ DIP = 1.0
 ITERATIONS = 80
 """Of a climb, at most."""
 NEAR = 10.0
-"""Nats that a peak, or its Laplace evidence, may be below the largest for draws to start from it.
+"""Nats that a peak, or the mass of its approximation, may be below the largest to be kept.
 Climbs along a ridge end a few apart."""
 
 

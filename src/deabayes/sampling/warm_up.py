@@ -18,7 +18,7 @@ SCHEDULE = Schedule(effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), f
 MOST_POINTS, APART = 64, 1.5
 """Of the ridges' points, each with an approximation of its own, and how far apart they are."""
 WIDER = 1.2
-"""Times the Laplace widths, for draws that tempering narrows: it widens badly."""
+"""Times the widths of the approximations, for draws that tempering narrows: it widens badly."""
 
 
 def warm_up(
@@ -34,7 +34,7 @@ def warm_up(
     Parameters
     ----------
     shape : E, P.
-    similar : (N, d) draws of a similar posterior.
+    similar : (N, d) draws of a similar posterior, from which climbs start too.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def warm_up(
 def ridges(
     target: Target, problem: Problem, rng: np.random.Generator, similar: FloatArray | None = None
 ) -> Mixture:
-    """Laplace approximations along the ridges through the highest peak, and at other peaks.
+    """Normal approximations along the ridges through the highest peak, and at other peaks.
 
     Their weights are equal: tempering weighs them.
     """
