@@ -116,7 +116,7 @@ def leave_one_experiment_out(
     """log p(y_e | all other records) of each calibrated experiment, a gain with its phase.
 
     It is the log evidence of all records minus that of the other records. A warm-up to the
-    posterior of the others gives the latter, up to 0.6 nat off. (Draws of the posterior of all
+    posterior of the others gives the latter, to about a nat. (Draws of the posterior of all
     cannot be carried there: a membrane's step of 4 kV came out seven nats too good.) It is NaN
     where the populations of the warm-up do not agree. Empty for a single experiment.
 
