@@ -7,11 +7,12 @@
     python -m benchmarks.sampler_suite --without hops --output docs/benchmarks/sampler_ablation.csv
                                                                leave a part out: what is it worth?
 
-Posteriors are the candidates of `config.yaml`, with the prepared records in `results/` (run
-`snakemake --cores 2` first), and simulated specimens of the validation: a unit too many, a unit
-that is hardly seen, terms that share a stress. References are in `sampler_references.csv`: means,
-standard deviations, 5 and 95 % ends of every parameter, and the log evidence, of long runs. Of a
-simulated specimen there is a reference only where one was made (`--long`).
+Posteriors are the candidates of `config.yaml` and of the extended profile, with the prepared
+records in `results/` (run `snakemake --cores 2` first), and simulated specimens of the validation:
+a unit too many, a unit that is hardly seen, terms that share a stress. References are in
+`sampler_references.csv`: means, standard deviations, 5 and 95 % ends of every parameter, and the
+log evidence, of long runs. Of a simulated specimen there is a reference only where one was made
+(`--long`).
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ WORLDS: Mapping[str, tuple[Callable[[], World], int, int]] = {
     "forces of 1 term with 2": (structure_worlds.at_rest, 1, 2),
 }
 """World, order of the truth, order that is fitted."""
+FILES = (Path("config.yaml"), Path("workflow/profiles/extended/studies.yaml"))
 SPECIMENS = 3
 PARTS: Mapping[str, Callable[[Problem], Problem]] = {
     "hops": lambda problem: replace(problem, hops=()),
@@ -81,8 +83,8 @@ class Case:
 
 
 def cases() -> Iterator[Case]:
-    """The shipped candidates whose records are prepared, then the simulated specimens."""
-    for study in load_studies(Path("config.yaml")):
+    """The candidates of `FILES` whose records are prepared, then the simulated specimens."""
+    for study in (study for file in FILES for study in load_studies(file)):
         prepared = RESULTS / study.name / "prepared"
         if prepared.is_dir():
             for candidate in study.candidates:

@@ -125,7 +125,7 @@ def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
     assert analyses.run_all(context(), study / "analyses") == []
     assert json.loads((study / "analyses" / "index.json").read_text()) == []
     assert StudyResults(study).analyses == ()
-    page = render([StudyResults(study)], {study: []}, [], (1300, 96))
+    page = render([StudyResults(study)], {study: []}, [], {})
     assert "What the paper reports" not in page
 
 
@@ -135,7 +135,7 @@ def test_an_analysis_with_nothing_to_show_has_no_heading(registered, tmp_path):
     index = study / "analyses" / "index.json"
     (entry,) = json.loads(index.read_text())
     index.write_text(json.dumps([{**entry, "tables": [], "curves": []}]))
-    page = render([StudyResults(study)], {study: []}, [], (1300, 96))
+    page = render([StudyResults(study)], {study: []}, [], {})
     assert "Mean modulus" not in page and "Of the draws." not in page
 
 
@@ -143,7 +143,7 @@ def test_the_report_shows_tables_and_keeps_them_whole(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
     analyses.run_all(context(), study / "analyses")
     results = StudyResults(study)
-    page = render([results], {results.folder: []}, [], (1300, 96))
+    page = render([results], {results.folder: []}, [], {})
     text = page[page.index("What the paper reports") :]
     assert (
         text.index("Mean modulus") < text.index("<th>candidate</th>") < text.index("Of the draws")

@@ -242,7 +242,10 @@ def test_an_evidence_that_populations_do_not_agree_on_gives_no_score(monkeypatch
 
 
 def test_what_a_rough_solution_costs_is_taken_off(monkeypatch):
-    """Rough by a factor of the likelihood that grows along one parameter."""
+    """Rough by a factor of the likelihood that grows along one parameter.
+
+    One run scatters by 0.08, sixteen seeds, so that the mean of eight has a standard error of 0.03.
+    """
     target, z = three_records()
 
     def problem(target):
@@ -252,11 +255,12 @@ def test_what_a_rough_solution_costs_is_taken_off(monkeypatch):
         return Problem(target.log_likelihood, 2, rough=Problem(rough, 2))
 
     monkeypatch.setattr("deabayes.posteriors.problem.problem_of", problem)
-    found = leave_one_experiment_out(target, 0.0, z, np.random.SeedSequence(1))
+    streams = np.random.SeedSequence(1).spawn(8)
+    found = np.mean([leave_one_experiment_out(target, 0.0, z, each)["a"] for each in streams])
     rest = multivariate_normal(
         np.zeros(12), SIGMA**2 * np.eye(12) + line()[0][12:] @ line()[0][12:].T
     ).logpdf(line()[1][12:])
-    assert found["a"] == pytest.approx(-rest, abs=0.1)
+    assert found == pytest.approx(-rest, abs=0.1)
 
 
 def test_a_block_of_a_record_is_left_out():

@@ -90,13 +90,29 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     monkeypatch.setattr(ranking, "leave_blocks_out", leave_blocks_out)
     monkeypatch.setattr(ranking, "problem_of", lambda target: ("problem of", target))
     edges = {name: np.array([0, 10]) for name in "ab"}
-    loo = ranking.block_loo(one, edges, np.random.SeedSequence(1))
+    loo = ranking._sampled(one, ranking.block_loo(one, edges), edges, np.random.SeedSequence(1))
     blocks = [("b", slice(0, 10)), ("b", slice(10, 20))]
     assert asked == [(one.target, ("problem of", one.target), blocks)]
     assert loo.terms.tolist()[2:] == [-77.0, -77.0]
     assert 0.5 < loo.k_hat[2] < 0.7 < loo.k_hat[3]
     np.testing.assert_allclose(loo.terms[:2], 0.0, atol=0.2)
     assert loo.names[2:] == ("the beginning of b, time 0 to 18 s", "the end of b, time 20 to 38 s")
+
+
+@pytest.mark.parametrize(
+    ("elpd", "evidence", "sampled"),
+    [
+        ({"a": 0.0, "b": 40.0, "c": 80.0}, {"a": 0.0, "b": 40.0, "c": 80.0}, ["b", "c"]),
+        ({"a": 0.0, "b": 80.0}, {"a": 0.0, "b": 20.0}, ["a", "b"]),  # evidence is close
+        ({"a": 20.0, "b": 40.0}, {"a": 0.0, "b": 80.0}, ["a", "b"]),  # elpd is close
+        ({"a": 0.0, "b": 80.0}, {"a": 0.0, "b": 80.0}, []),  # b alone: nothing to tell it from
+        ({"a": 0.0, "b": 80.0}, {"a": np.nan, "b": 80.0}, ["a", "b"]),  # not known
+        ({}, {}, []),
+    ],
+)
+def test_who_is_far_behind_is_not_sampled(elpd, evidence, sampled):
+    loos = {name: BlockLoo(np.full(10, value / 10), np.zeros(10)) for name, value in elpd.items()}
+    assert ranking._close_calls(evidence, loos) == sampled
 
 
 def test_a_place_without_a_unit_is_a_number() -> None:
@@ -141,11 +157,12 @@ TERMS = {"k_1": 0.0, "k_2": 1.0, "k_3": 1.6}
 def table(monkeypatch):
     """Of four candidates: the third gains 6 nats of elpd over the second and loses evidence."""
 
-    def loo(candidate, edges, seed):
+    def loo(candidate, edges):
         assert list(edges) == ["a", "b"]
         return BlockLoo(np.full(10, TERMS[candidate.candidate]), np.array([0.1] * 9 + [0.6]))
 
     monkeypatch.setattr(ranking, "block_loo", loo)
+    monkeypatch.setattr(ranking, "_sampled", lambda candidate, loo, edges, seed: loo)
     records = [record(), record("b", 2.0)]
     flat = np.zeros((3, 200))
     apart = flat.copy()

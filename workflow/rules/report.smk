@@ -33,7 +33,7 @@ rule report:
         tables=directory("<results>/report/tables"),
     log:
         "<results>/logs/report.log",
-    threads: 1
+    threads: 2
     params:
         folders=study_folders,
         left_out=left_out_options(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +34,9 @@ TRUSTED_K_HAT = 0.5
 blocks that nearly alone tell a parameter passed, 1 to 3 nats too good (docs/statistics.md)."""
 SAMPLED_DRAWS = 128
 """That a block is left out with by sampling, where importance weights are unreliable."""
+FAR_BEHIND = 50.0
+"""Nats of log evidence and of elpd by which a candidate is so far behind the best that sampling
+without a block, which changes a few nats, cannot matter."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
 FEWEST_BLOCKS = 10
 
@@ -86,30 +89,41 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
     return edges
 
 
-def block_loo(
-    ranked: Ranked, edges: Mapping[str, NDArray[np.intp]], seed: np.random.SeedSequence
-) -> BlockLoo:
-    """Block-LOO of one candidate over all calibrated records.
-
-    By importance weights, and by sampling without the block where these are not trusted.
-    """
+def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo:
+    """Block-LOO of one candidate over all calibrated records, by importance weights."""
     target = ranked.target
     theta = ranked.theta(LOO_DRAWS)
     parts = np.array_split(theta, -(-len(theta) // DRAWS_AT_ONCE))
     terms = np.concatenate([_terms(target, part, edges) for part in parts])
-    places = [
+    experiments = {r.experiment.name: r.experiment for r in target.records}
+    return leave_one_block_out(terms, block_names(experiments, _places(target, edges)))
+
+
+def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[tuple[str, slice]]:
+    """The record and the points of every block."""
+    return [
         (r.experiment.name, slice(*ends))
         for r in target.records
         for ends in pairwise((*edges[r.experiment.name], r.experiment.coordinate.size))
     ]
-    names = block_names({r.experiment.name: r.experiment for r in target.records}, places)
-    loo = leave_one_block_out(terms, names)
+
+
+def _sampled(
+    ranked: Ranked,
+    loo: BlockLoo,
+    edges: Mapping[str, NDArray[np.intp]],
+    seed: np.random.SeedSequence,
+) -> BlockLoo:
+    """The same, with sampling without those blocks whose importance weights are not trusted."""
     doubtful = np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT))
-    if doubtful.size:
-        z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
-        blocks = [places[block] for block in doubtful]
-        loo.terms[doubtful] = leave_blocks_out(target, problem_of(target), blocks, z, seed)
-    return loo
+    if not doubtful.size:
+        return loo
+    target, terms = ranked.target, loo.terms.copy()
+    z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
+    places = _places(target, edges)
+    blocks = [places[block] for block in doubtful]
+    terms[doubtful] = leave_blocks_out(target, problem_of(target), blocks, z, seed)
+    return replace(loo, terms=terms)
 
 
 def _terms(
@@ -142,6 +156,11 @@ def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> lis
     """The scores of all candidates; block-LOO only of the converged ones."""
     converged = [c for c in candidates if c.converged]
     edges = common_blocks(converged) if converged else {}
+    loos = {c.candidate: block_loo(c, edges) for c in converged}
+    close = _close_calls({c.candidate: c.scores["log_evidence"] for c in converged}, loos)
+    for c, stream in zip(candidates, seed.spawn(len(candidates)), strict=True):
+        if c.candidate in close:
+            loos[c.candidate] = _sampled(c, loos[c.candidate], edges, stream)
     return [
         Score(
             candidate=c.candidate,
@@ -152,12 +171,20 @@ def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> lis
             log_evidence_mcse=c.scores["log_evidence_mcse"],
             bic=c.scores["bic"],
             leave_one_experiment_out=c.scores["elpd_leave_one_experiment_out"],
-            loo=block_loo(c, edges, stream) if c.converged else None,
+            loo=loos.get(c.candidate),
             log_evidence_nested=c.scores.get("log_evidence_nested", float("nan")),
             log_evidence_nested_error=c.scores.get("log_evidence_nested_error", float("nan")),
         )
-        for c, stream in zip(candidates, seed.spawn(len(candidates)), strict=True)
+        for c in candidates
     ]
+
+
+def _close_calls(log_evidence: Mapping[str, float], loos: Mapping[str, BlockLoo]) -> list[str]:
+    """The candidates not far behind the best; none where that one is alone, or nobody ranked."""
+    elpd = {name: loo.elpd for name, loo in loos.items()}
+    least = [max(each.values(), default=0.0) - FAR_BEHIND for each in (log_evidence, elpd)]
+    close = [n for n in loos if not (log_evidence[n] < least[0] and elpd[n] < least[1])]
+    return close if len(close) > 1 else []
 
 
 def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> pd.DataFrame:

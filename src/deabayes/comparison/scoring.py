@@ -148,12 +148,12 @@ def _warmed_up_evidence(
     from deabayes.posteriors.problem import problem_of
     from deabayes.sampling.problem import Target
     from deabayes.sampling.progress import Progress
-    from deabayes.sampling.warm_up import warm_up
+    from deabayes.sampling.warm_up import FOR_EVIDENCE, warm_up
 
     problem = problem_of(target)
     used = problem.rough or problem
     density, shape = Target(used.log_likelihood, used.split), (POPULATIONS, PARTICLES)
-    found = warm_up(used, density, shape, seed, Progress(), similar)
+    found = warm_up(used, density, shape, seed, Progress(), similar, FOR_EVIDENCE)
     estimates = found.log_evidence
     if used is not problem:
         z = found.particles.reshape(-1, problem.dimension)

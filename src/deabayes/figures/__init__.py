@@ -204,8 +204,7 @@ def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
         stem = "_".join(filter(None, (candidate, name, str(sheet) if len(figures) > 1 else "")))
         svg, png = out / f"{stem}.svg", out / f"{stem}.png"
         with style.applied():
-            figure.savefig(svg, metadata={"Date": None})
-            figure.savefig(png)
+            style.write(figure, svg, png)
         labels = source.TITLE, source.CAPTION
         analysis = getattr(source, "ANALYSIS", "")
         saved.append(SavedFigure(name, candidate, sheet, *labels, svg, png, analysis))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -111,3 +112,12 @@ def header(figure: Figure, text: str) -> None:
         engine.execute(figure)
         figure.set_layout_engine("none")
     figure.text(0.005, 1 - 0.05 / height, text, fontsize=6.5, color=GREY, va="top")
+
+
+def write(figure: Figure, svg: Path, png: Path) -> None:
+    """Write both files; `Figure.savefig` would draw each twice, to find a layout that is known."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    FigureCanvasAgg(figure).print_png(png)  # first: the other leaves another resolution behind
+    FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})

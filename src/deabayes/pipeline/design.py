@@ -14,7 +14,7 @@ from deabayes.pipeline.identify import seed_of
 from deabayes.pipeline.prepare import read_experiments
 from deabayes.study import Settings, from_settings
 
-DRAWS = 750
+DRAWS = 500
 
 
 def further_experiments(results: Path, asked: Mapping[str, Settings], output: Path) -> None:

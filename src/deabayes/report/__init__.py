@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from deabayes.figures.results import StudyResults
     from deabayes.report.notices import Notice
 
-LARGEST_PAGE = 14_000_000
-"""Bytes; mail servers commonly refuse more than 20 MB after their own encoding."""
-
 
 def build(
     study_folders: Sequence[str | Path],
@@ -52,7 +49,7 @@ def build(
     from deabayes.figures.results import StudyResults
     from deabayes.files import write_text_atomically
     from deabayes.report import populations as report_of_populations
-    from deabayes.report.images import QUALITIES
+    from deabayes.report.images import embed_all
     from deabayes.report.page import render
     from deabayes.report.tables import write_csv
 
@@ -64,10 +61,8 @@ def build(
     figures = {each.folder: _figures(each) for each in found}  # or a fault, nothing written
     write_csv(studies, Path(tables_folder))
     report_of_populations.write_csv(populations, Path(tables_folder))
-    for quality in QUALITIES:
-        page = render(studies, figures, left_out, quality, populations, Path(tables_folder), failed)
-        if len(page.encode()) <= LARGEST_PAGE:
-            break
+    images = embed_all([sheet for sheets in figures.values() for sheet in sheets])
+    page = render(studies, figures, left_out, images, populations, Path(tables_folder), failed)
     output = Path(output)
     write_text_atomically(page, output)
     return output

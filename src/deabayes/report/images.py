@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +24,13 @@ DOUBLE_COLUMN = 2161
 """Pixels of a figure as wide as two columns of a journal, at 300 dpi."""
 SAMPLED = 3
 """Every so many pixels either way are looked at for the rarer colours."""
+LARGEST = 13_000_000
+"""Bytes of all sheets: mail servers commonly refuse more than 20 MB after their own encoding."""
+TRIED, FAR_TOO_LARGE = 8, 1.4
+"""Every so many sheets are scaled to see whether all would fit; and the factor of `LARGEST` beyond
+which the others are not."""
+THREADS = 2
+"""Nothing else runs when the report is made."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,25 @@ class Image:
     width: int
     height: int
     text: str
+
+
+def embed_all(figures: Sequence[SavedFigure]) -> dict[Path, Image]:
+    """All sheets by their PNG, as well as they can be within `LARGEST`."""
+    images: list[Image] = []
+    with ThreadPoolExecutor(THREADS) as pool:
+        for width, colours in QUALITIES:
+            embedded = partial(embed, width=width, colours=colours)
+            tried = TRIED * _size(pool.map(embedded, figures[::TRIED]))
+            if tried > FAR_TOO_LARGE * LARGEST and (width, colours) != QUALITIES[-1]:
+                continue
+            images = list(pool.map(embedded, figures))
+            if _size(images) <= LARGEST:
+                break
+    return {figure.png: image for figure, image in zip(figures, images, strict=True)}
+
+
+def _size(images: Iterable[Image]) -> int:
+    return sum(len(image.source) for image in images)
 
 
 def embed(figure: SavedFigure, width: int, colours: int) -> Image:

@@ -13,7 +13,7 @@ from deabayes.figures import OF_OTHERS, SavedFigure
 from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.report import analyses, further, notices, orders, populations, tables
-from deabayes.report.images import Image, embed
+from deabayes.report.images import Image
 
 PACKAGES = ("deabayes", "numpy", "scipy", "numba", "emcee", "xarray", "arviz-stats", "matplotlib")
 SECTIONS = (
@@ -25,19 +25,26 @@ SECTIONS = (
 )
 
 Figures = Sequence[SavedFigure]
-Quality = tuple[int, int]
+Images = Mapping[Path, Image]
 
 
 def render(
     studies: Sequence[StudyResults],
     figures: Mapping[Path, Figures],
     left_out: Sequence[str],
-    quality: Quality,
+    images: Images,
     populations_: Sequence[PopulationResults] = (),
     tables_folder: Path = Path("tables"),
     failed: Sequence[notices.Notice] = (),
 ) -> str:
-    """The page as HTML; `figures` are those of every results folder, `failed` what is missing."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    figures : those of every results folder.
+    images : sheet -> as it is embedded.
+    failed : what is missing.
+    """
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(
@@ -50,10 +57,10 @@ def render(
     shown = {s.name for s in studies} | {each.name for each in populations_}
     return template.render(
         css=(folder / "style.css").read_text(encoding="utf-8"),
-        studies=[_study(s, figures[s.folder], quality) for s in studies],
+        studies=[_study(s, figures[s.folder], images) for s in studies],
         populations=[
             populations.section(each)
-            | {"figures": _embedded(figures[each.folder], populations.FIGURES, quality)}
+            | {"figures": _embedded(figures[each.folder], populations.FIGURES, images)}
             for each in populations_
         ],
         serious=[n for n in found if n.serious],
@@ -78,7 +85,7 @@ def figure_folders(
     return list(dict.fromkeys((f.parent / word / "figures").as_posix() for f, word in places))
 
 
-def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+def _study(study: StudyResults, figures: Figures, images: Images) -> dict[str, Any]:
     best = study.recommended
     specimen = best.attributes.get("specimen") or {}
     of_study = [f for f in figures if not f.candidate]
@@ -94,19 +101,19 @@ def _study(study: StudyResults, figures: Figures, quality: Quality) -> dict[str,
         "comparison": orders.rows(study),
         "nested": orders.asked_for_nested(study),
         "may_hide": orders.may_hide(study),
-        "comparison_figures": _embedded(of_study, ("comparison",), quality),
+        "comparison_figures": _embedded(of_study, ("comparison",), images),
         "further": further.sentence(study),
         "further_rows": further.rows(study),
-        "further_figures": _embedded(of_study, ("further_experiments",), quality),
-        "errors_figures": _embedded(of_study, ("errors",), quality),
-        "analyses": _analyses(study, figures, quality),
-        "preparation_figures": _embedded(figures, ("preparation",), quality),
-        "best": _candidate(best, figures, quality),
-        "others": [_other(c, figures, quality) for c in study.candidates if c is not best],
+        "further_figures": _embedded(of_study, ("further_experiments",), images),
+        "errors_figures": _embedded(of_study, ("errors",), images),
+        "analyses": _analyses(study, figures, images),
+        "preparation_figures": _embedded(figures, ("preparation",), images),
+        "best": _candidate(best, figures, images),
+        "others": [_other(c, figures, images) for c in study.candidates if c is not best],
     }
 
 
-def _analyses(study: StudyResults, figures: Figures, quality: Quality) -> list[dict[str, Any]]:
+def _analyses(study: StudyResults, figures: Figures, images: Images) -> list[dict[str, Any]]:
     """What the paper of the system reports: each analysis with its figures and tables, if any."""
     shown = {"", study.recommended.name}
     readable = analyses.tables(study)
@@ -120,7 +127,7 @@ def _analyses(study: StudyResults, figures: Figures, quality: Quality) -> list[d
             {
                 "title": each.title,
                 "caption": each.caption,
-                "figures": _embedded(own, names, quality),
+                "figures": _embedded(own, names, images),
                 "tables": readable[each.name],
             }
         )
@@ -147,20 +154,20 @@ def verdict(study: StudyResults) -> str:
     return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
 
 
-def _candidate(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+def _candidate(results: CandidateResults, figures: Figures, images: Images) -> dict[str, Any]:
     own = [f for f in figures if f.candidate == results.name]
-    sections = [(title, _embedded(own, names, quality)) for title, names in SECTIONS]
+    sections = [(title, _embedded(own, names, images)) for title, names in SECTIONS]
     return _common(results) | {
-        "sections": {title: images for title, images in sections if images},
+        "sections": {title: pictures for title, pictures in sections if pictures},
         "errors": tables.errors(results),
         "parameters": tables.parameters(results),
     }
 
 
-def _other(results: CandidateResults, figures: Figures, quality: Quality) -> dict[str, Any]:
+def _other(results: CandidateResults, figures: Figures, images: Images) -> dict[str, Any]:
     own = [f for f in figures if f.candidate == results.name]
     return _common(results) | {
-        "figures": _embedded(own, (*OF_OTHERS, "convergence"), quality),
+        "figures": _embedded(own, (*OF_OTHERS, "convergence"), images),
         "errors": tables.errors(results),
         "parameters": tables.parameters(results),
         "notices": [*notices.unconverged(results), *notices.of_candidate(results)],
@@ -185,15 +192,15 @@ def _common(results: CandidateResults) -> dict[str, Any]:
 
 
 def _embedded(
-    figures: Figures, names: Sequence[str], quality: Quality
+    figures: Figures, names: Sequence[str], images: Images
 ) -> list[tuple[str, str, list[Image]]]:
     """(title, caption, sheets) of each named figure that was drawn."""
     found = []
     for name in names:
         sheets = [f for f in figures if f.name == name]
         if sheets:
-            images = [embed(sheet, *quality) for sheet in sheets]
-            found.append((sheets[0].title, sheets[0].caption, images))
+            pictures = [images[sheet.png] for sheet in sheets]
+            found.append((sheets[0].title, sheets[0].caption, pictures))
     return found
 
 

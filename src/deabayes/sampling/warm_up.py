@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from deabayes.experiment import FloatArray
@@ -15,6 +17,8 @@ from deabayes.sampling.tempering import Populations, Schedule, temper
 
 SCHEDULE = Schedule(effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), final_forgotten=0.1)
 """The work is at beta = 1: a proposal is as good as the draws it is fitted to are independent."""
+FOR_EVIDENCE = replace(SCHEDULE, final_rounds=(3, 3))
+"""Where only the log evidence is wanted, which is known before beta = 1 is reached."""
 MOST_POINTS, APART = 64, 1.5
 """Of the ridges' points, each with an approximation of its own, and how far apart they are."""
 WIDER = 1.2
@@ -28,6 +32,7 @@ def warm_up(
     seed: np.random.SeedSequence,
     progress: Progress,
     similar: FloatArray | None = None,
+    schedule: Schedule = SCHEDULE,
 ) -> Populations:
     """Populations (E, P, d) of the posterior.
 
@@ -49,7 +54,7 @@ def warm_up(
         base.log_density,
         lambda z: target(z) - base.log_density(z),
         second,
-        SCHEDULE,
+        schedule,
         problem.coordinates,
         log_final=target,
         report=lambda beta, rounds: progress.say(f"warm-up: {100 * beta:.0f} %"),
