@@ -8,7 +8,7 @@ import pytest
 from emcee.state import State
 from scipy.special import ndtr
 
-from deabayes.sampling import moves
+from deabayes.sampling import engine, moves
 from deabayes.sampling.checkpoint import read_arrays, write_arrays
 from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.diagnostics import assess
@@ -64,6 +64,22 @@ def test_two_modes_get_their_shares(share):
     assert shares.mean() == pytest.approx(share, abs=0.02)
     assert np.ptp(shares) < 0.1
     assert len(result.convergence.mode_shares) == 2
+
+
+def test_a_walker_in_a_mode_of_no_mass_starts_elsewhere(monkeypatch):
+    """It would stay there for all the budget, and the run not pass its gate for stuck walkers."""
+    first = engine._first_walkers
+
+    def one_lost(run, target):
+        z = first(run, target)
+        z[3] = -1.0
+        return z
+
+    monkeypatch.setattr(engine, "_first_walkers", one_lost)
+    result = sampled(two_modes(1.0 - 1e-6), 4, max_steps=3000)
+    assert result.convergence.converged, result.convergence.reasons
+    assert result.rounds == 2 and result.steps < 2500
+    assert (result.chain[..., 0] > 0).all()
 
 
 def ridge(z):
@@ -202,7 +218,8 @@ def two_rates(b):
 
 def test_the_bulk_is_reached_where_the_noise_is_unknown():
     """The noise's sd may be anything from 1e-7 to 10: tempered draws settle for a large one, where
-    two rates are not told apart. Climbs find the bulk, which is a thousand times thinner.
+    two rates are not told apart. The bulk is a thousand times thinner; after a hundred steps four
+    seeds of twelve are within 6 nats of it, after a thousand all five that were tried within 2.
     """
     truth = np.array([[0.375, 1.936, -1.465, 0.0129, 0.0221]])
     records = two_rates(truth) + 1e-3 * np.random.default_rng(1).standard_normal(TIMES.size)
@@ -216,7 +233,7 @@ def test_the_bulk_is_reached_where_the_noise_is_unknown():
             values = -0.5 * squares * np.exp(-2 * log_sigma) - TIMES.size * log_sigma
         return np.where(b[:, 3] < b[:, 4], values, -np.inf)
 
-    found = sampled(log_likelihood, 6, max_steps=100)
+    found = sampled(log_likelihood, 6, max_steps=1000)
     residual = records - two_rates(truth)
     at_truth = -TIMES.size * (0.5 + 0.5 * np.log(np.mean(residual**2)))
     values = log_likelihood(found.chain.reshape(-1, 6)).reshape(found.chain.shape[:3])

@@ -73,6 +73,11 @@ class Convergence:
         """One sentence per gate and quantity, run or mode that did not pass it."""
         return [str(each) for each in self.failed]
 
+    @property
+    def has_stuck(self) -> bool:
+        """Whether walkers are stuck."""
+        return any(each.gate == "stuck" for each in self.failed)
+
 
 def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
     """The table of `Convergence` for quantities (E, S, W)."""

@@ -23,7 +23,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
-from deabayes.sampling.diagnostics import Convergence, assess
+from deabayes.sampling.diagnostics import Convergence, assess, stuck_walkers
 from deabayes.sampling.problem import Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
@@ -31,7 +31,7 @@ from deabayes.sampling.tempering import EveryDrawFailed, Populations
 from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 
-WARM_UP, FIT, SAMPLING = range(3)
+WARM_UP, FIT, SAMPLING, RESTART = range(4)
 """Random streams."""
 FIRST_ROUND, GROWTH = 300, 1.5
 """Steps of the first round, and of a round over those of the one before."""
@@ -330,6 +330,9 @@ def _judged(run: _Run) -> State | None:
         run.needed = 0.0
         _say(run, "converged" if run.convergence.converged else "NOT converged, budget used")
         return None
+    if run.convergence.has_stuck and run.refits < MOST_REFITS:
+        _say(run, "starting stuck walkers elsewhere")
+        return _refitted
     times = max(run.convergence.length, 0.1)
     run.needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
     run.needed = max(run.needed, LEAST_GROWTH * run.steps)
@@ -352,10 +355,24 @@ def _further_goal(run: _Run) -> int | None:
 
 
 def _refitted(run: _Run) -> State:
-    """Begin another round; the draws of this one serve for its proposal only."""
+    """Begin another round; the draws of this one serve for its proposal only.
+
+    Walkers that were stuck start where others of their ensemble are: in a mode that has next to
+    no mass one walker of 32 would stay for good.
+    """
     z, log_posterior = run.draws(0.5)
-    run.earlier.append((z.reshape(-1, z.shape[3]), log_posterior.ravel()))
-    run.last = run.chunks[-1]
+    run.last = dict(run.chunks[-1])
+    stuck = stuck_walkers(log_posterior)
+    if stuck.any():
+        rng = np.random.default_rng(run.stream(RESTART, run.refits))
+        source = np.arange(stuck.size).reshape(stuck.shape)
+        for which, walkers in zip(stuck, source, strict=True):
+            if not which.all():
+                walkers[which] = rng.choice(walkers[~which], which.sum())
+        for name in ("chain", "log_posterior"):
+            run.last[name] = run.last[name][:, source.ravel()]
+    kept = np.broadcast_to(~stuck[:, None], log_posterior.shape)
+    run.earlier.append((z[kept], log_posterior[kept]))
     run.steps_before += run.steps
     run.refits += 1
     return _fitted
