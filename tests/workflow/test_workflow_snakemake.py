@@ -42,7 +42,7 @@ def test_public_data_at_hand_are_planned(shipped: Path) -> None:
     assert "left out" not in run.stderr
     assert "results/vhb4910/kv_gm_4/posterior.nc" in run.stdout
     assert (
-        run.stdout.count("rule prepare:") == 17
+        run.stdout.count("rule prepare:") == 16
     )  # tubular three times, membrane and structure twice, vhb4910, treloar, eight silicones
 
 
