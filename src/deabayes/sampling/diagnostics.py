@@ -198,7 +198,7 @@ def _too_short(length: float, settings: Sampling) -> list[Failed]:
     return [Failed("length", "the runs", text, -length)]
 
 
-def stuck_walkers(log_posterior: FloatArray) -> FloatArray:
+def stuck_walkers(log_posterior: FloatArray) -> NDArray[np.bool_]:
     """Which walkers (E, W) stayed put over half the steps, or far below all the others.
 
     Far below: the time average is under what the median walker goes below in half a per
