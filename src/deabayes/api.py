@@ -63,6 +63,11 @@ class Posterior:
         """Whether every convergence gate was passed; if not, the numbers are not to be trusted."""
         return bool(self._tree["summary"]["converged"].values.all())
 
+    @property
+    def leaning(self) -> tuple[str, ...]:
+        """A sentence on every parameter that leans on a bound of its prior, with what to write."""
+        return tuple(json.loads(self._tree.attrs.get("leaning", "[]")))
+
     def summary(self) -> pd.DataFrame:
         """One row per quantity: mean, sd, quantiles, diagnostics, units (as summary.csv)."""
         table = self._tree["summary"].to_dataset().to_dataframe().reset_index()

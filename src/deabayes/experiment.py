@@ -101,6 +101,24 @@ class Excitation:
 
 
 @dataclass(frozen=True)
+class Nodes:
+    """Where the model is evaluated for each point, whose samples were averaged.
+
+    Attributes
+    ----------
+    offsets : (N, K) from the point's coordinate on.
+    shares : (N, K) of the model's values there in what is compared with the point.
+    """
+
+    offsets: FloatArray
+    shares: FloatArray
+
+    def at(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Nodes:
+        """Those of some points."""
+        return Nodes(self.offsets[which], self.shares[which])
+
+
+@dataclass(frozen=True)
 class Experiment:
     """One prepared record.
 
@@ -109,6 +127,8 @@ class Experiment:
     coordinate : (N,) where the response was taken: time [s], or the excitation
         itself for a quasi-static record, the frequency for a frequency response.
     response : (N,) measured response, SI, each the mean of `samples_averaged` raw samples.
+    nodes : where the model is averaged as the samples were; None where it is taken at
+        `coordinate` itself.
     metadata : further columns of experiments.csv.
     steps : the preparation steps with their settings, in order.
     warnings : what a user must know before trusting the record.
@@ -127,6 +147,7 @@ class Experiment:
     response: FloatArray
     samples_averaged: FloatArray
     excitation: Excitation
+    nodes: Nodes | None = None
     metadata: Mapping[str, float | str] = field(default_factory=dict)
     provenance: str = "measured"
     record_sha256: str = ""

@@ -112,9 +112,7 @@ class Fitted:
 
     def responses(self, experiment: Experiment) -> FloatArray:
         """The model's response to a record, (S, N)."""
-        return self.system_for(experiment).predict(
-            experiment.excitation, experiment.coordinate, experiment.response_name, self.draws
-        )
+        return self.system_for(experiment).simulator_of(experiment)(self.draws)
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
         """Whose noise an experiment is taken to have (see `find_noise`)."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from deabayes.default_priors import following
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.noise import REGISTRY as NOISE_MODELS
 from deabayes.noise.base import NoiseModel
@@ -42,12 +43,7 @@ class Record:
 
     def solved_by(self, system: System) -> Record:
         """The same record with the forward model of a system."""
-        return replace(self, simulate=simulator_of(system, self.experiment))
-
-
-def simulator_of(system: System, experiment: Experiment) -> Simulator:
-    """The forward model of an experiment at its own points."""
-    return system.simulator(experiment.excitation, experiment.coordinate, experiment.response_name)
+        return replace(self, simulate=system.simulator_of(self.experiment))
 
 
 @dataclass
@@ -215,14 +211,16 @@ def build(
     records = tuple(
         Record(
             e,
-            simulator_of(solved, e),
+            solved.simulator_of(e),
             noise_group(study, e),
             record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),
         )
         for e in calibrate
     )
-    parameters = (*system.parameters(), *noise_parameters(study, noise, calibrate, system))
+    names = () if inherited is None else inherited.names
+    material = following(system.parameters(), system, calibrate, study.priors, names)
+    parameters = (*material, *noise_parameters(study, noise, calibrate, system))
     prior = Prior.from_parameters(parameters, study.priors, names_of_all(study, specimen))
     if inherited is not None and not only_for_predictions(inherited, prior, study, specimen):
         prior = prior.inherit(*inherited)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deabayes.faults import UserError, closest
+from deabayes.faults import UserError
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +50,10 @@ MEANINGS = {
     "K": "a temperature",
 }
 NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+POWER = re.compile(r"(?<=[A-Za-zµ])([23])(?![A-Za-z0-9])")
+"""A power as it is written without a sign: N/m2."""
+WITH_FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*(?:[eE][+-]?\d+)?)?)\s*\*?\s*([A-Za-zµμΩ°%].*?)\s*")
+"""A number, or a sign, before a unit: a monitor's `2 kV`, a position `-mm` counted downwards."""
 DECIMAL_COMMA = re.compile(r",\d")
 """How what follows a whole number begins, if it was to be a fraction."""
 
@@ -80,7 +84,8 @@ def to_si(
     """
     expected_unit = si_unit(unit, where) if expected_unit is None else expected_unit
     _check_dimension(unit, expected_unit, where)
-    quantity = registry().Quantity(np.asarray(values, dtype=float), _parse(unit, where))
+    scaled = _factor(unit) * np.asarray(values, dtype=float)
+    quantity = registry().Quantity(scaled, _parse(unit, where))
     return np.asarray(quantity.m_as(_parse(expected_unit, where)), dtype=float)
 
 
@@ -104,6 +109,8 @@ def parse_quantity(text: str | float, expected_unit: str, where: str) -> float:
         raise UserError(f"{where}: {text!r} has a decimal comma; write a point, as in {point!r}")
     if not unit and expected_unit != "1":
         raise UserError(f"{where}: {text!r} has no unit; write '{number} {expected_unit}'")
+    if unit[:1].isdigit() or unit[:1] in ("+", "-"):
+        raise UserError(f"{where}: {text!r} has two numbers; write one and its unit")
     return float(to_si(float(number), unit, expected_unit, where))
 
 
@@ -157,13 +164,11 @@ def _parse(unit: str, where: str) -> Any:
     Every failure of pint's parser means the same to a user, and it has many types. Its `px` is
     that of web pages, 1/96 inch.
     """
-    text = unit.strip()
+    match = WITH_FACTOR.fullmatch(unit)
+    text = match[2] if match else unit.strip()
     if text.lower() in DIMENSIONLESS:
         return registry().dimensionless
-    try:
-        parsed = registry().parse_units(text)
-    except Exception:
-        parsed = None
+    parsed = _parsed(text) or _parsed(POWER.sub(r"^\1", text))
     if "pixel" in f"{text} {parsed}".lower():
         raise UserError(f"{where}: unit {unit!r}: a pixel has no size; give values in mm")
     if parsed is None:
@@ -171,17 +176,26 @@ def _parse(unit: str, where: str) -> Any:
     return parsed
 
 
+def _factor(unit: str) -> float:
+    """The number before a unit: 2 of `2 kV`, -1 of `-mm`."""
+    match = WITH_FACTOR.fullmatch(unit)
+    if match is None or match[1] in ("", "+"):
+        return 1.0
+    return -1.0 if match[1] == "-" else float(match[1])
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return registry().parse_units(text)
+    except Exception:
+        return None
+
+
 def _nearest_unit(text: str) -> str:
+    """The same unit in other letters, `kpa`, `Newton`: what is alike only may be another one."""
     meant = [usual for usual in USUAL_UNITS if usual.lower() == text.lower()]
-    meant = meant or _in_small_letters(text) or [closest(text, USUAL_UNITS) or ""]
-    if meant[0]:
+    small = _parsed(text.lower())
+    meant += [] if small is None else [f"{small:~C}"]
+    if meant:
         return f"; did you mean {meant[0]!r}?"
     return "; write it as pint does, such as 'kV' or 'mm^2'"
-
-
-def _in_small_letters(text: str) -> list[str]:
-    """The symbol of a unit whose name was written with capitals: `Newton` is `N`."""
-    try:
-        return [f"{registry().parse_units(text.lower()):~C}"]
-    except Exception:  # as in `_parse`
-        return []

@@ -1,4 +1,4 @@
-"""The usual preparation alters no response: amplitudes and ringing are kept, or it is said."""
+"""The usual preparation keeps amplitudes and ringing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.preparation import REGISTRY, prepare
-from deabayes.preparation.flattening import flattening, width_for
+from deabayes.preparation.flattening import width_for
 from deabayes.preparation.sine_steps import _every
 from deabayes.reading.raw import ExperimentRow, RawRecord
 
@@ -77,20 +77,9 @@ def test_thinned_bins_do_not_stand_at_the_same_few_phases(share: float, least: f
     assert phases.size >= min(round(1.0 / share), 5)
 
 
-def test_wide_bins_that_config_asks_for_are_warned_of_in_numbers() -> None:
-    wide = {"average": {"grid": "uniform", "points": 400}}
-    experiment = sine(1.0, 50.0, 1e3, 2, wide)
-    (warning,) = [each for each in experiment.warnings if "flatten" in each]
-    assert "bins of 0.125 s flatten a response at the 1 Hz of the voltage by 2.6%" in warning
-    assert "at twice that by 10.0%" in warning
-    assert 1.0 - kept(experiment, 2.0) == pytest.approx(0.1, abs=2e-3)
-    assert not sine(1.0, 4.0, 1e3, 2, wide).warnings
-
-
-def test_flattening_is_that_of_a_mean() -> None:
-    time = np.linspace(-0.05, 0.05, 100_001)
-    assert flattening(0.1, 3.0) == pytest.approx(1.0 - np.cos(6.0 * np.pi * time).mean(), rel=1e-3)
-    assert flattening(width_for(1e-3, 3.0), 3.0) == pytest.approx(1e-3, rel=1e-2)
+def test_a_bin_of_the_width_for_a_share_takes_that_off_a_sine() -> None:
+    time = np.linspace(-0.5, 0.5, 100_001) * width_for(1e-3, 3.0)
+    assert 1.0 - np.cos(6.0 * np.pi * time).mean() == pytest.approx(1e-3, rel=1e-2)
 
 
 def ringing_step(
@@ -117,13 +106,10 @@ def test_a_ringing_response_keeps_its_ringing(protocol: str, noise: float) -> No
     assert 250 < experiment.coordinate.size < 450 and not experiment.warnings
 
 
-def test_a_long_record_that_rings_says_what_its_bins_flatten() -> None:
+def test_a_long_record_that_rings_keeps_the_usual_bins() -> None:
     time, volts, moved, _ = ringing_step(20.0, 0.016, 0.05)
     experiment = recorded(time, volts, moved, protocol="creep")
-    (warning,) = experiment.warnings
-    assert "displacement rings with a period of 0.016 s until 0.2" in warning
-    assert "`average: {widest: 0.00039 s}`" in warning
-    assert "widest" not in str(experiment.steps)
+    assert not experiment.warnings and "widest" not in str(experiment.steps)
 
 
 @pytest.mark.parametrize("hum", [0.0, 0.05])

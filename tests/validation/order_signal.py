@@ -68,7 +68,7 @@ def true_curves(world: World, order: int, truth: Mapping[str, FloatArray]) -> li
     return [
         replace(
             each,
-            response=system.predict(each.excitation, each.coordinate, each.response_name, truth)[0],
+            response=system.simulator_of(each)(truth)[0],
         )
         for each in world.records
     ]

@@ -131,9 +131,7 @@ def responded(
     rng: np.random.Generator,
 ) -> Experiment:
     """An experiment with the noisy response of one specimen; NaN where the specimen fails."""
-    clean = target.system.predict(
-        experiment.excitation, experiment.coordinate, experiment.response_name, truth
-    )
+    clean = target.system.simulator_of(experiment)(truth)
     weights = 1.0 / experiment.samples_averaged
     correlated, white = target.noise.sample(rng, experiment.coordinate, weights, noise)
     scale = ResidualScale(1.0, experiment.response_name in target.system.proportional)

@@ -91,7 +91,7 @@ def mean_square(
     system: System, records: Sequence[Experiment], names: Sequence[str]
 ) -> Callable[[FloatArray], FloatArray]:
     """Mean squared error of the forces [N^2] of populations (P, S); huge where there is none."""
-    models = [system.simulator(e.excitation, e.coordinate, e.response_name) for e in records]
+    models = [system.simulator_of(e) for e in records]
     measured = np.concatenate([e.response for e in records])
     worst = 1e6 * float(np.mean(measured**2))
 

@@ -70,7 +70,30 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
         lines, found = _record_lines(read, row)
         understood += lines
         warnings += found
+    if not faults:
+        more_faults, more_warnings = _as_studied(read, data_root)
+        faults, warnings = [*faults, *more_faults], [*warnings, *more_warnings]
     return CheckReport(Path(folder), tuple(understood), tuple(faults), tuple(warnings))
+
+
+def _as_studied(read: StudyFolder, data_root: Path | None) -> tuple[list[str], list[str]]:
+    """What a study of all records would be told, by the first candidate that has a model of them.
+
+    Its model may have to be compiled.
+    """
+    from deabayes.checks.study import check_study
+    from deabayes.study import Study
+    from deabayes.systems import OWN, candidates
+
+    system = read.specimen.system
+    for candidate in () if system in OWN else candidates(system):
+        study = Study(read.path.name, read.path, (candidate,), data_root=data_root)
+        faults, warnings = check_study(study, compare=True)
+        said = f"study {study.name}, "
+        if any(f.startswith((f"{said}{candidate}", f"{said}candidates")) for f in faults):
+            continue
+        return [f.removeprefix(said) for f in faults], [w.removeprefix(said) for w in warnings]
+    return [], []
 
 
 def _specimen_lines(read: StudyFolder) -> list[str]:

@@ -13,6 +13,7 @@ from deabayes.checks.predictable import without_candidate
 from deabayes.checks.prepared import prepared_records
 from deabayes.checks.prior_scale import unexpected
 from deabayes.checks.priors import check_priors
+from deabayes.checks.unmodelled import unmodelled
 from deabayes.faults import UserError, nearest
 from deabayes.further import planned
 from deabayes.own_models.trial import try_models
@@ -50,7 +51,9 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
     if study.calibrate is not None or study.validate is not None:
         every = ((row, read.record(row)) for row in rows)
         faults += repeated_records(every, f"study {study.name}")
-    records = [(row, read.record(row)) for row in rows if row.role == "calibrate"]
+    used = [(row, read.record(row)) for row in rows]
+    faults += unmodelled(system_class(read.specimen.system), used, study.name)
+    records = [(row, raw) for row, raw in used if row.role == "calibrate"]
     warnings: list[str] = []
     systems = built_candidates(study, read.specimen, faults)
     unused = unused_steps(
@@ -110,7 +113,7 @@ def _without_model(
             held_out = each.role == "validate"
             predicts = wider.get(each.protocol, system) if held_out else system
             try:
-                predicts.simulator(each.excitation, each.coordinate, each.response_name)
+                predicts.simulator_of(each)
             except UserError as error:
                 where = f"study {study.name}, {candidate}, {each.name}"
                 found.setdefault(str(error), f"{where}: {error}")

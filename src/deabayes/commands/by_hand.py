@@ -70,8 +70,9 @@ def fit_by_name(
         _keep_settings(found, results / found.name / "study.yaml")
         prepare_study(found, prepared)
     fit_candidate(found, candidate, prepared, output, summary, progress=True)
-    verdict = "converged" if open_posterior(output).converged else "NOT converged"
-    return f"{output}: {verdict}; parameters in {summary}"
+    posterior = open_posterior(output)
+    verdict = "converged" if posterior.converged else "NOT converged"
+    return "\n".join([*posterior.leaning, f"{output}: {verdict}; parameters in {summary}"])
 
 
 def compare_posteriors(

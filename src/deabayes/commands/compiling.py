@@ -65,7 +65,7 @@ def _use_wider_systems(
     for protocol, system in wider_systems(study, target.system).items():
         for each in experiments:
             if each.protocol == protocol:
-                system.predict(each.excitation, each.coordinate, each.response_name, draws)
+                system.simulator_of(each)(draws)
 
 
 def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
@@ -76,7 +76,7 @@ def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -
     target.pointwise_log_likelihood(theta)
     target.system.derived(draws)
     for each in experiments:
-        target.system.predict(each.excitation, each.coordinate, each.response_name, draws)
+        target.system.simulator_of(each)(draws)
     record, random = target.records[0], np.random.default_rng(0)
     coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
     correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)

@@ -151,7 +151,7 @@ def _not_resolved(chosen: Score, others: Sequence[Score]) -> str:
     words = f"not resolved by these data against {', '.join(s.candidate for s in others)}"
     smaller = [s.candidate for s in others if s.n_parameters < chosen.n_parameters]
     if not smaller:
-        return f"{words}; smallest adequate order"
+        return f"{words}; the smallest order"
     return f"{words}; shown, though {', '.join(smaller)} has fewer parameters and may do"
 
 

@@ -82,8 +82,8 @@ def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment
     excitation held. No reading is known.
     """
     factors = {key: float(str(value)) for key, value in settings.items() if key != "like"}
-    result = replace(experiment, name=name, role="validate", steps=(), warnings=(), metadata={},
-                     record_sha256="")  # fmt: skip
+    result = replace(experiment, name=name, role="validate", nodes=None, steps=(), warnings=(),
+                     metadata={}, record_sha256="")  # fmt: skip
     result = _driven(result, factors.get("excitation", 1.0))
     result = _run(result, factors.get("speed", 1.0))
     result = _held(result, factors.get("duration", 1.0))

@@ -12,6 +12,7 @@ from deabayes.experiment import FloatArray, Specimen
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.counted_records import CountedRecord
 from deabayes.posteriors.inheritance import Inheritance
+from deabayes.posteriors.leaning import leaning
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
 from deabayes.sampling.engine import Sampled
@@ -33,7 +34,8 @@ class PosteriorContent:
     prior's standard-normal coordinate, `log_posterior` (E, S) their density;
     `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
     is the prior of parameters that only predictions need (see `predict_with.further_prior`);
-    `counted_before` are the records that the prior knows.
+    `counted_before` are the records that the prior knows; `leaning` says which parameters lean on
+    a bound of their prior.
     """
 
     study: Study
@@ -48,6 +50,7 @@ class PosteriorContent:
     seed: np.random.SeedSequence
     further: Prior | None = None
     counted_before: Sequence[CountedRecord] = ()
+    leaning: Sequence[str] = ()
 
     @classmethod
     def of(
@@ -87,6 +90,7 @@ class PosteriorContent:
             seed,
             further,
             inherited.counted if inherited else (),
+            leaning(target.prior, theta),
         )
 
 

@@ -148,5 +148,6 @@ def _attributes(content: PosteriorContent) -> dict[str, str]:
         ATTRIBUTE: to_json([*counted, *content.counted_before]),
         "convergence": json.dumps(content.convergence),
         "warnings": json.dumps(list(content.warnings)),
+        "leaning": json.dumps(list(content.leaning)),
         "deabayes_version": deabayes.__version__,
     }

@@ -72,9 +72,7 @@ def sample_response(
     along : (N,) the coordinate along which the noise is correlated, in the group's terms.
     seen : whether the draws were fitted to this record.
     """
-    mean = system.predict(
-        experiment.excitation, experiment.coordinate, experiment.response_name, draws
-    )
+    mean = system.simulator_of(experiment)(draws)
     kept = np.all(np.isfinite(mean), axis=1)
     failure = _why_failed(system, experiment, draws, ~kept)
     observed = np.all(np.isfinite(experiment.response))

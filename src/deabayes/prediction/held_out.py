@@ -10,6 +10,9 @@ if TYPE_CHECKING:
 
 NARROW_COVERAGE = 0.7
 """Share of a record's points in its 90 % band below which the band is too narrow."""
+REJECTED = 1e-3
+"""p of the probability integral transforms of a record that was fitted, below which its own
+residuals reject the model."""
 MOST_NAMED = 4
 SCORED_DRAWS = "posterior_draws"
 """Column of errors.csv: of which draws the scores are."""
@@ -20,6 +23,12 @@ def missed(errors: pd.DataFrame) -> pd.DataFrame:
     """The rows of errors.csv of held-out records that the 90 % predictive band misses."""
     held_out = errors[errors["role"] == "validate"]
     return held_out[held_out["coverage_90"] < NARROW_COVERAGE]
+
+
+def rejected(errors: pd.DataFrame) -> pd.DataFrame:
+    """The rows of errors.csv of fitted records whose residuals, or bands, reject the model."""
+    fitted = errors[errors["role"] == "calibrate"]
+    return fitted[(fitted["coverage_90"] < NARROW_COVERAGE) | (fitted["pit_p"] < REJECTED)]
 
 
 def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:

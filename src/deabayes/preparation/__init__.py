@@ -12,8 +12,11 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.preparation.defaults import DEFAULT_STEPS, with_default_steps
+from deabayes.preparation.defaults import DEFAULT_STEPS, default_steps
+from deabayes.preparation.late import begins_late
 from deabayes.preparation.opening import conditions, open_record
+from deabayes.preparation.rest import reading_at_rest
+from deabayes.preparation.take_up_slack import slack_left_in
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.measured import measured_rows
 from deabayes.reading.raw import ExperimentRow, RawRecord
@@ -40,6 +43,7 @@ REGISTRY: Mapping[str, Step] = load(
         "mask_ramp_end": "mask_ramp_end",
         "mask_slack": "mask_slack",
         "scale": "scale",
+        "take_up_slack": "take_up_slack",
     },
 )
 """Step -> its function in the module of the same name."""
@@ -80,10 +84,18 @@ def prepare(
     Faults : what is wrong with the record's values.
     """
     record = open_record(row, raw, specimen)
-    if steps is None:
-        record, steps = with_default_steps(record)
-    for entry in steps:
+    slack, late = slack_left_in(record), begins_late(record)
+    rest, usual = reading_at_rest(record), steps is None
+    offset = rest is not None and rest.is_offset
+    for entry in default_steps(record, offset and rest.seen) if steps is None else steps:
         record = _apply(entry, record)
+    corrected = any(done["step"] == "baseline" for done in record.steps)
+    if offset and (usual or not corrected):
+        record = record.with_warning(rest.sentence(corrected))
+    if slack and not any(done["step"] == "take_up_slack" for done in record.steps):
+        record = record.with_warning(slack)
+    if late and not any(done["step"] == "delay" for done in record.steps):
+        record = record.with_warning(late)
     return _experiment(record, raw)
 
 
@@ -158,6 +170,7 @@ def _experiment(record: WorkingRecord, raw: RawRecord) -> Experiment:
         response_unit=record.response_unit,
         response=record.response[used],
         samples_averaged=record.samples_averaged[used],
+        nodes=record.nodes and record.nodes.at(used),
         excitation=Excitation(
             row.excitation,
             record.excitation_unit,

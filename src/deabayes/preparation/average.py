@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from deabayes.experiment import FloatArray
-from deabayes.preparation.flattening import warned
+from deabayes.experiment import FloatArray, Nodes
 from deabayes.preparation.grid import geometric_edges, uniform_edges
+from deabayes.preparation.nodes import gauss_nodes
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import IntArray, WorkingRecord
 
@@ -25,15 +25,14 @@ def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRec
 
     A point of n samples stands at their mean coordinate, has their mean
     response and `samples_averaged` n: its white noise has the variance
-    sigma_white^2 / n, and the likelihood is told so. The correlated part of the
-    noise is not divided: the discrepancy hardly changes within a bin that is
-    narrow against its correlation time, and its value at the mean coordinate
-    stands for the bin.
+    sigma_white^2 / n, and the likelihood is told so. What is compared with it is the mean of the
+    model over the same samples (`gauss_nodes`), so that a response which bends or swings within a
+    bin is no worse for it. The correlated part of the noise is not divided: the discrepancy
+    hardly changes within a bin that is narrow against its correlation time, and its value at the
+    mean coordinate stands for the bin.
 
     No bin reaches across a masked stretch or a jump of the excitation.
-    A record with no more samples than the grid has bins is left as it is. Bins of width w flatten
-    a response of frequency f by about (pi w f)^2 / 6: a warning says so where uniform ones, or a
-    sine's, take more than 0.5 % off one that follows a periodic excitation, or its square.
+    A record with no more samples than the grid has bins is left as it is.
 
     Settings
     --------
@@ -56,9 +55,7 @@ def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRec
     edges = _geometric(record, read) if kind == "geometric" else _uniform(record, read)
     if int(record.used.sum()) <= edges.size - 1 and kind == "uniform":
         return record
-    means, spread = _means(record, edges)
-    driven = record.in_time and (kind == "uniform" or record.row.protocol == "sine")
-    return warned(means, spread) if driven else means
+    return _means(record, edges)
 
 
 def _geometric(record: WorkingRecord, read: Settings) -> FloatArray:
@@ -86,8 +83,8 @@ def _uniform(record: WorkingRecord, read: Settings) -> FloatArray:
     return uniform_edges(record, first, last, width)
 
 
-def _means(record: WorkingRecord, edges: FloatArray) -> tuple[WorkingRecord, FloatArray]:
-    """Bin means over runs of visible samples that share a bin; the spread of their coordinates."""
+def _means(record: WorkingRecord, edges: FloatArray) -> WorkingRecord:
+    """Bin means over runs of visible samples that share a bin."""
     visible = np.flatnonzero(record.used)
     bins = np.searchsorted(edges, record.coordinate[visible], side="right")
     starts = _run_starts(bins, visible)
@@ -99,14 +96,30 @@ def _means(record: WorkingRecord, edges: FloatArray) -> tuple[WorkingRecord, Flo
 
     coordinate = mean(record.coordinate)
     away = record.coordinate[visible] - np.repeat(coordinate, np.diff([*starts, visible.size]))
-    means = replace(
+    return replace(
         record,
         coordinate=coordinate,
         response=mean(record.response),
         used=np.ones(starts.size, dtype=bool),
         samples_averaged=total,
+        nodes=_nodes(record, visible, away, weights, starts),
     )
-    return means, np.sqrt(np.add.reduceat(weights * away**2, starts) / total)
+
+
+def _nodes(
+    record: WorkingRecord,
+    visible: IntArray,
+    away: FloatArray,
+    weights: FloatArray,
+    starts: IntArray,
+) -> Nodes:
+    """Where a model has the mean over the bins; of samples that are means, over theirs."""
+    if record.nodes is not None:
+        inner = record.nodes.at(visible)
+        away = (away[:, None] + inner.offsets).ravel()
+        weights = (weights[:, None] * inner.shares).ravel()
+        starts = starts * inner.offsets.shape[1]
+    return gauss_nodes(away, weights, starts)
 
 
 def _run_starts(bins: IntArray, visible: IntArray) -> IntArray:

@@ -151,6 +151,7 @@ def _reduced(
         response=response[whole],
         used=np.ones(int(whole.sum()), dtype=bool),
         samples_averaged=samples[whole],
+        nodes=None,
     )
 
 

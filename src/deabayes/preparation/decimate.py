@@ -34,4 +34,5 @@ def decimate(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
         response=record.response[kept],
         used=np.ones(kept.size, dtype=bool),
         samples_averaged=record.samples_averaged[kept],
+        nodes=record.nodes and record.nodes.at(kept),
     )

@@ -1,4 +1,4 @@
-"""Hide the end of a ramp, where a machine's crosshead overshoots and springs back."""
+"""Hide the ends of ramps, where a machine's crosshead overshoots and springs back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_TURN = 0.25
 
 
 def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Hide the response around the end of the ramp.
+    """Hide the response around the end of every ramp.
 
     What is hidden is the response only: the overshoot is a motion that the
     specimen went through and stays in the excitation. The load cell's own
@@ -26,17 +26,18 @@ def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> Work
     Settings
     --------
     before, after : widths on both sides of the ramp's end; default 0.1 s and 0.3 s.
-    at : the ramp's end, where it should not be detected.
+    at : the end of the only ramp, where it should not be detected.
     """
     read = Settings("mask_ramp_end", settings, record, ("before", "after", "at"))
-    end = read.quantity("at", record.coordinate_unit, ramp_end(record))
+    ends = [read.quantity("at", record.coordinate_unit)] if read.has("at") else ramp_ends(record)
     before = read.quantity("before", record.coordinate_unit, 0.1)
     after = read.quantity("after", record.coordinate_unit, 0.3)
-    return record.mask((record.coordinate >= end - before) & (record.coordinate <= end + after))
+    past = record.coordinate - np.array(ends)[:, None]
+    return record.mask(np.any((past >= -before) & (past <= after), axis=0))
 
 
-def ramp_end(record: WorkingRecord) -> float:
-    """The last turn reached at more than half of the ramp's largest speed.
+def ramp_ends(record: WorkingRecord) -> list[float]:
+    """The turns reached at more than half of the largest speed and left at less.
 
     Speed is that of the excitation's departure from its first value, so the
     way back of a triangle does not count, nor does a slow spring back. It is taken between turns
@@ -46,8 +47,8 @@ def ramp_end(record: WorkingRecord) -> float:
     knots = turns(time, values, min(_unseen(values), LARGEST_TURN * record.excitation_range))
     departure = np.abs(values[knots] - values[0])
     speed = np.diff(departure) / np.diff(time[knots])
-    fast = np.flatnonzero(speed > 0.5 * speed.max())
-    return float(time[knots[fast[-1] + 1]])
+    fast = np.append(speed > 0.5 * speed.max(), False)
+    return [float(end) for end in time[knots[1:][fast[:-1] & ~fast[1:]]]]
 
 
 def _unseen(values: FloatArray) -> float:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Excitation, Experiment, FloatArray, Nodes
 from deabayes.faults import UserError
 from deabayes.files import write_netcdf_atomically
 from deabayes.preparation.opening import EXCITATION_COLUMN
@@ -50,7 +50,7 @@ def write_prepared(experiment: Experiment, path: Path, raw: RawRecord | None = N
 
 
 def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Dataset:
-    """The prepared record as a Dataset: `observation`, `knot` and `raw_sample` dimensions."""
+    """The prepared record: dimensions `observation`, `node`, `knot` and `raw_sample`."""
     import xarray as xr
 
     coordinate, excitation = experiment.coordinate_unit, experiment.excitation
@@ -61,6 +61,10 @@ def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Datas
         "excitation_coordinate": _variable("knot", excitation.coordinate, coordinate),
         "excitation": _variable("knot", excitation.values, excitation.unit),
     }
+    if experiment.nodes is not None:
+        both = ("observation", "node")
+        variables["node_offset"] = (both, experiment.nodes.offsets, {"units": coordinate})
+        variables["node_share"] = (both, experiment.nodes.shares, {"units": "1"})
     if raw is not None:
         overview = overview_of(experiment, raw)
         variables |= {
@@ -124,11 +128,18 @@ def read_prepared(path: Path) -> Experiment:
                 conditions=json.loads(attributes["conditions"]),
                 noisy=True,
             ),
+            nodes=_nodes(file),
             metadata=json.loads(attributes["metadata"]),
             record_sha256=str(attributes["record_sha256"]),
             steps=tuple(json.loads(attributes["steps"])),
             warnings=tuple(json.loads(attributes["warnings"])),
         )
+
+
+def _nodes(file: h5py.File) -> Nodes | None:
+    if "node_offset" not in file:
+        return None
+    return Nodes(file["node_offset"][()], file["node_share"][()])
 
 
 def read_overview(path: Path) -> RawOverview | None:

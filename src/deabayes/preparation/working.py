@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.experiment import FloatArray, Specimen
+from deabayes.experiment import FloatArray, Nodes, Specimen
 from deabayes.reading.held import excitation_range
 from deabayes.reading.raw import ExperimentRow
 
@@ -33,6 +33,7 @@ class WorkingRecord:
     response_unit, excitation_unit : SI units of the channels.
     coordinate, response, used : (M,) the response, and which samples the likelihood may see.
     samples_averaged : (M,) raw samples behind each value of the response.
+    nodes : where a model is averaged as these were; None where nothing was averaged.
     excitation_coordinate, excitation : (K,) the driving channel, linear between its knots.
     delay : how far the response has been shifted towards earlier times [coordinate].
     steps : per step done: `step`, `settings`, `effect` and `masked`, the masked
@@ -54,6 +55,7 @@ class WorkingRecord:
     samples_averaged: FloatArray
     excitation_coordinate: FloatArray
     excitation: FloatArray
+    nodes: Nodes | None = None
     delay: float = 0.0
     steps: tuple[Mapping[str, object], ...] = ()
     warnings: tuple[str, ...] = ()

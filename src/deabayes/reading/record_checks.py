@@ -6,16 +6,23 @@ import numpy as np
 
 from deabayes.experiment import Specimen
 from deabayes.instruments import instrument
+from deabayes.passes import alike, passes
 from deabayes.quantities import with_unit
 from deabayes.reading import checks, sensor_checks, voltage_checks
 from deabayes.reading.beginning import is_near, knows_prehistory, value_before
 from deabayes.reading.columns import COMMANDS
+from deabayes.reading.contradictions import contradictions
 from deabayes.reading.held import STEPS, excitation_range, is_step_from_the_start
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.single_samples import glitches, named, standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
+FEWEST_SWINGS, PULSES = 4, 0.7
+"""Of an excitation at even distances, that is no step; and the share of a record near the ends of
+its range above which it is pulses. Of a sine it is 0.41."""
+HELD = 0.02
+"""Of an excitation's distance from none: what it changes by in a hold."""
 BEYOND_SENSOR = 0.05
 """How far beyond its stated range a clipped sensor may read; more is another unit."""
 
@@ -44,13 +51,23 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
     if "time" in needed:
         faults += checks.time_goes_back(raw.columns["time"], where)
         faults += checks.time_repeats(raw.columns["time"], where)
+    held = _hold_without_its_ramp(row, raw, where)
+    faults += held
     for name in (row.excitation, row.response):
-        if not _is_step_from_the_start(row, raw, name):
+        if not held and not _is_step_from_the_start(row, raw, name):
             faults += checks.constant_channel(raw.columns[name], name, where)
         if name in POSITIVE:
             faults += checks.not_positive(raw.columns[name], name, where)
     faults += _stated_voltage_faults(row, raw, specimen, where)
     faults += _range_faults(row, raw, specimen, where)
+    sensor = instrument(specimen, "range", row.response, raw.units[row.response])
+    faults += sensor_checks.mostly_clipped(
+        raw.columns[row.response], sensor and sensor.value, row.response, raw.units[row.response],
+        where,
+    )  # fmt: skip
+    faults += _sine_called_a_step(row, raw, where)
+    if not faults:
+        faults += contradictions(row, raw, specimen, where)
     noise = instrument(specimen, "noise", row.response, raw.units[row.response])
     if noise is not None:
         values = raw.columns[row.response]
@@ -127,6 +144,36 @@ def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> l
         f"{where}, {named(at, time, raw.columns[name], name, units[name], remedy)}"
         for at, name, remedy in found
         if at.size
+    ]
+
+
+def _sine_called_a_step(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """A creep or step whose excitation swings as a sine does; pulses stay at their ends."""
+    if row.protocol not in STEPS or row.excitation not in raw.columns:
+        return []
+    driven = raw.columns[row.excitation]
+    times = passes(raw.columns["time"], driven)
+    place = (driven - driven.min()) / (float(np.ptp(driven)) or 1.0)
+    at_ends = float(np.mean(np.abs(place - 0.5) > 0.4))
+    if times.size < FEWEST_SWINGS or not alike(times).all() or at_ends > PULSES:
+        return []
+    return [
+        f"{where}: is called a {row.protocol}, and its {row.excitation} swings {times.size} times "
+        "at even distances; if it is a sine, set its protocol to sine"
+    ]
+
+
+def _hold_without_its_ramp(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """A relaxation from the end of its ramp on: the model would take the strip for relaxed."""
+    if row.protocol != "relaxation" or row.excitation not in ("stretch", "displacement"):
+        return []
+    values = raw.columns[row.excitation]
+    departure = np.abs(values - (1.0 if row.excitation == "stretch" else 0.0))
+    if float(np.ptp(values)) > HELD * float(departure.max()):
+        return []
+    return [
+        f"{where}, column {row.excitation}: hardly changes; a relaxation needs the ramp that led "
+        "to it, on which the stress depends: add its rows"
     ]
 
 

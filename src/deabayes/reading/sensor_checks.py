@@ -14,6 +14,8 @@ from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
 
 Flags = NDArray[np.bool_]
+MOSTLY = 0.5
+"""Share of a record at its sensor's limit from which it says nothing of the rest."""
 QUANTISED = 0.5
 """Share of neighbours that are equal, from which a record is quantised more coarsely than noisy."""
 FEWEST_HELD = 5
@@ -46,6 +48,19 @@ def clipped_sensor(
         f"{where}, column {channel}: the {name} value {with_unit(end, unit, channel)} is held for "
         f"{run} samples in a row ({np.mean(values == end):.0%} of all), the sensor may be clipped"
         for name, end, run in _held_ends(values)
+    ]
+
+
+def mostly_clipped(
+    values: FloatArray, limit: float | None, channel: str, unit: str, where: str
+) -> list[str]:
+    """Fault: a channel that is at its instrument's limit for most of the record."""
+    share = 0.0 if limit is None else float(np.mean(np.abs(values) >= 0.999 * limit))
+    if limit is None or share <= MOSTLY:
+        return []
+    return [
+        f"{where}, column {channel}: {share:.0%} of the values lie at the sensor's range of "
+        f"{with_unit(limit, unit, channel)}; record it with a wider range, or cut the record there"
     ]
 
 

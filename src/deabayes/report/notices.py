@@ -10,7 +10,7 @@ import numpy as np
 
 from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.prediction.held_out import missed
+from deabayes.prediction.held_out import missed, rejected
 from deabayes.quantities import plain, with_unit
 from deabayes.report.reasons import grouped
 
@@ -81,6 +81,26 @@ def evidence(results: StudyResults) -> Iterator[Notice]:
     details = [f"{n}: {v}" for n, v in verdicts.items() if "bridge and nested" in v]
     if details:
         yield Notice(results.name, "", "Evidence uncertain", tuple(details))
+
+
+def leaning(results: CandidateResults) -> Iterator[Notice]:
+    """Parameters at a bound of their prior: they and others are wrong, whatever else is said."""
+    details = [str(text) for text in results.attributes.get("leaning") or []]
+    if details:
+        yield _notice(results, "A prior's bound decides", details)
+
+
+def not_adequate(results: CandidateResults) -> Iterator[Notice]:
+    """Records to which the candidate was fitted, and which reject it all the same."""
+    if results.errors is None:
+        return
+    details = [
+        f"{row['experiment']}: its residuals are not those of the noise model (p = "
+        f"{row['pit_p']:.1g}), the 90 % band holds {100 * row['coverage_90']:.0f} % of it"
+        for _, row in rejected(results.errors).iterrows()
+    ]
+    if details:
+        yield _notice(results, "The records that were fitted reject the model", details)
 
 
 def extrapolation(results: CandidateResults) -> Iterator[Notice]:
@@ -245,6 +265,8 @@ def _listed(names: list[str], most: int = 6) -> str:
 
 
 CHECKS: tuple[Callable[[CandidateResults], Iterator[Notice]], ...] = (
+    leaning,
+    not_adequate,
     extrapolation,
     noise_took_physics,
     noise_at_its_bound,

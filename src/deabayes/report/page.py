@@ -12,6 +12,7 @@ from typing import Any
 from deabayes.figures import OF_OTHERS, SavedFigure
 from deabayes.figures.population_results import PopulationResults
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.prediction.held_out import rejected
 from deabayes.report import analyses, further, notices, orders, populations, tables
 from deabayes.report.images import Image
 
@@ -135,6 +136,18 @@ def _analyses(study: StudyResults, figures: Figures, images: Images) -> list[dic
 
 
 def verdict(study: StudyResults) -> str:
+    """Which candidate to use, and whether the records that it was fitted to reject it."""
+    best = study.recommended
+    lost = [] if best.errors is None else list(rejected(best.errors)["experiment"])
+    if not lost:
+        return _choice(study)
+    return (
+        f"{_choice(study)} But the records it was fitted to reject it ({', '.join(lost)}): "
+        "something in them is in none of these models, and parameters may be off by more than said."
+    )
+
+
+def _choice(study: StudyResults) -> str:
     """One sentence on which candidate to use."""
     best, count = study.recommended, len(study.candidates)
     if not any(c.converged for c in study.candidates):

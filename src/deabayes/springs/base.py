@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -52,10 +52,19 @@ def principal_stretches(stretch: FloatArray, deformation: str) -> PrincipalStret
         return PrincipalStretches(stretch, stretch, stretch**-2)
     if deformation == "pure_shear":
         return PrincipalStretches(stretch, np.ones_like(stretch), 1.0 / stretch)
-    raise UserError(f"unknown deformation {deformation!r}{nearest(deformation, DEFORMATIONS)}")
+    raise unknown_deformation(deformation)
 
 
 DEFORMATIONS = ("uniaxial", "equibiaxial", "pure_shear")
+OTHER_NAMES = {"biaxial": "equibiaxial", "tension": "uniaxial", "planar": "pure_shear"}
+
+
+def unknown_deformation(name: str) -> UserError:
+    """Names alike may be other deformations: simple shear is not pure shear."""
+    usual = OTHER_NAMES.get(name.lower().replace("planar_tension", "planar"), "")
+    known = ", ".join(DEFORMATIONS)
+    hint = f"; did you mean {usual!r}?" if usual else f"; known: {known} (simple shear is none)"
+    return UserError(f"unknown deformation {name!r}{hint}")
 
 
 def column(values: FloatArray) -> FloatArray:

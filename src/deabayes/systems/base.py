@@ -77,6 +77,8 @@ class System(ABC):
     with the calibrated, and others refused; None where it is not told."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
+    zero_at_rest: ClassVar[tuple[str, ...]] = ()
+    """Response channels that are zero until the excitation begins."""
     proportional: ClassVar[tuple[str, ...]] = ()
     """Response channels whose errors are in proportion to the response (see `ResidualScale`)."""
     units_add: ClassVar[Literal["moduli", "compliances"] | None] = None
@@ -158,6 +160,37 @@ class System(ABC):
         `coordinate`. A draw that fails numerically gives a row of NaN; no draw
         changes another's row.
         """
+
+    def simulator_of(self, experiment: Experiment) -> Simulator:
+        """The forward model of a record: the mean over the samples behind each point.
+
+        Returns a function of draws (name -> (W,)) giving what is compared with the record, (W, N).
+        """
+        excitation, response, nodes = (
+            experiment.excitation,
+            experiment.response_name,
+            experiment.nodes,
+        )
+        if nodes is None:
+            return self.simulator(excitation, experiment.coordinate, response)
+        at = experiment.coordinate[:, None] + nodes.offsets
+        distinct, places = np.unique(at, return_inverse=True)
+        simulate = self.simulator(excitation, distinct, response)
+        columns = places.reshape(at.shape).T
+
+        def averaged(draws: Draws) -> FloatArray:
+            values = simulate(draws)
+            return sum(
+                share * values[:, column]
+                for share, column in zip(nodes.shares.T, columns, strict=True)
+            )
+
+        return averaged
+
+    @property
+    def time_scale(self) -> float:
+        """Times the time in which a relaxation unit relaxes at rest: its time parameter."""
+        return 1.0
 
     @property
     def massless(self) -> bool:

@@ -79,6 +79,7 @@ class Membrane(System):
     even = ("voltage",)
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"stretch": "1", "displacement": "m", "area": "m^2"}
+    zero_at_rest = ("displacement",)
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",
         "permittivity": "F/m",
@@ -124,6 +125,11 @@ class Membrane(System):
     def candidates(cls) -> list[str]:
         """Candidates that can be built."""
         return examples()
+
+    @property
+    def time_scale(self) -> float:
+        """A unit relaxes with tau lambda_p^2/6 at the pre-stretch lambda_p."""
+        return 6.0 / self.specimen.quantities["prestretch"].value ** 2
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Material parameters, then the specimen's quantities that carry an sd and are used."""

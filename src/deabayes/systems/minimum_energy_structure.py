@@ -82,6 +82,7 @@ class MinimumEnergyStructure(System):
     }
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"force": "N", "displacement": "m"}
+    zero_at_rest = ("displacement",)
     required_quantities: ClassVar[Mapping[str, str]] = REQUIRED
     optional_quantities: ClassVar[Mapping[str, str]] = OPTIONAL
     meanings: ClassVar[Mapping[str, str]] = MEANINGS

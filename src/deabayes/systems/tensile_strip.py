@@ -18,9 +18,14 @@ from typing import ClassVar
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError
 from deabayes.parameter import Parameter
-from deabayes.springs.base import DEFORMATIONS, column, principal_stretches
+from deabayes.springs.base import (
+    DEFORMATIONS,
+    column,
+    principal_stretches,
+    unknown_deformation,
+)
 from deabayes.systems.base import Derived, Draws, Simulator, System
 from deabayes.systems.conditions import Conditions
 from deabayes.systems.solid import Solid
@@ -67,6 +72,7 @@ class TensileStrip(System):
     }
     units_add = "moduli"
     responses: ClassVar[Mapping[str, str]] = {"nominal_stress": "Pa", "force": "N"}
+    zero_at_rest = ("nominal_stress", "force")
     required_quantities: ClassVar[Mapping[str, str]] = {}
     optional_quantities: ClassVar[Mapping[str, str]] = {"gauge_length": "m", "cross_section": "m^2"}
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
@@ -238,9 +244,7 @@ class TensileStrip(System):
     def _deformation(self, excitation: Excitation) -> str:
         deformation = str(excitation.conditions.get("deformation", DEFORMATIONS[0]))
         if deformation not in DEFORMATIONS:
-            raise UserError(
-                f"unknown deformation {deformation!r}{nearest(deformation, DEFORMATIONS)}"
-            )
+            raise unknown_deformation(deformation)
         if deformation != "uniaxial" and self.model.units > 0:
             raise UserError(
                 f"candidate {self.candidate!r} has relaxation units, whose equations are given "

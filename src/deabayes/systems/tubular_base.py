@@ -79,6 +79,7 @@ class TubularBase(System):
         "gain": "1/V",
         "phase": "rad",
     }
+    zero_at_rest = ("strain", "displacement")
     proportional: ClassVar[tuple[str, ...]] = ("gain",)
     required_quantities: ClassVar[Mapping[str, str]] = {
         "thickness": "m",

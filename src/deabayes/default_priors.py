@@ -1,0 +1,123 @@
+"""Default priors that know the records: times as long as these, moduli as stiff as the specimen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from deabayes.distributions import Distribution, LogNormal, LogUniform
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.parameter import Parameter
+from deabayes.prior.joint import Prior
+from deabayes.systems.base import System
+
+STIFF = ("Pa", "Pa s", "N/m", "N s/m")
+"""Units of moduli, stiffnesses and viscosities."""
+LENGTHS = 4.0
+"""Of the longest record: a unit that is slower than that looks like a spring."""
+DECADES = np.arange(-2, 3)
+"""By which a material may be stiffer than the literature's."""
+ALIKE = 0.5
+"""Decades by which a record and the prior's median may differ before moduli are moved."""
+
+
+def following(
+    parameters: Sequence[Parameter],
+    system: System,
+    experiments: Sequence[Experiment],
+    overrides: Mapping[str, object],
+    inherited: Collection[str] = (),
+) -> tuple[Parameter, ...]:
+    """A system's parameters with default priors that follow the records to calibrate on.
+
+    Times of relaxation units are log-uniform from the shortest interval between points to
+    four lengths of the longest record, in the system's own measure of a time. Moduli, stiffnesses
+    and viscosities are as many decades larger than in the literature as the model must be
+    stiffer to move, or to pull, as the records do. Priors of a system of one's own are its own.
+
+    Parameters
+    ----------
+    overrides : priors of the study, by parameter or group.
+    inherited : names of parameters whose prior is another study's posterior.
+    """
+    from deabayes.systems import OWN
+
+    timed = [each for each in experiments if each.coordinate_name == "time"]
+    if not experiments or type(system) in OWN.values():
+        return tuple(parameters)
+    if timed:
+        prior, source = _times(timed, system.time_scale)
+        parameters = [
+            replace(p, prior=prior, source=source)
+            if p.is_time_constant and p.name not in inherited
+            else p
+            for p in parameters
+        ]
+    return _stiffened(parameters, system, experiments, overrides, inherited)
+
+
+def _times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
+    shortest = min(float(_steps(each.coordinate).min()) for each in timed)
+    longest = max(each.elapsed for each in timed)
+    source = (
+        f"from the shortest interval between points, {shortest:.2g} s, to {LENGTHS:g} lengths of "
+        f"the longest record, {longest:.3g} s"
+    )
+    if scale != 1.0:
+        source += f", times {scale:.3g}: a unit relaxes with 1/{scale:.3g} of it at rest"
+    return LogUniform(scale * shortest, scale * LENGTHS * longest), source
+
+
+def _steps(coordinate: FloatArray) -> FloatArray:
+    steps = np.diff(np.sort(coordinate))
+    return steps[steps > 0.0]
+
+
+def _stiffened(
+    parameters: Sequence[Parameter],
+    system: System,
+    experiments: Sequence[Experiment],
+    overrides: Mapping[str, object],
+    inherited: Collection[str],
+) -> tuple[Parameter, ...]:
+    """Moduli and what goes with them moved by the decades that the records ask for."""
+    prior = Prior.from_parameters(parameters, overrides, overrides)
+    moved = [
+        p.name
+        for p in prior.parameters
+        if p.unit in STIFF and p.source != "config" and p.name not in inherited
+        and isinstance(p.prior, LogNormal)
+    ]  # fmt: skip
+    decades = _decades(prior, system, experiments, moved) if moved else 0
+    if decades == 0:
+        return tuple(parameters)
+    return tuple(
+        replace(
+            p,
+            prior=LogNormal(10.0**decades * p.prior.median, p.prior.sigma),
+            source=f"{p.source}; times 1e{decades:d}, as stiff as the records are",
+        )
+        if p.name in moved and isinstance(p.prior, LogNormal)
+        else p
+        for p in parameters
+    )
+
+
+def _decades(
+    prior: Prior, system: System, experiments: Sequence[Experiment], moved: Sequence[str]
+) -> int:
+    """How many decades stiffer the median specimen must be to have the records' ranges."""
+    middle = prior.to_parameters(np.zeros((1, len(prior.names))))[0]
+    draws = {n: np.full(DECADES.size, v) for n, v in zip(prior.names, middle, strict=True)}
+    draws |= {name: draws[name] * 10.0**DECADES for name in moved}
+    off = np.zeros(DECADES.size)
+    for each in experiments:
+        with np.errstate(all="ignore"):
+            ranges = np.ptp(system.simulator_of(each)(draws), axis=1)
+            off += np.abs(np.log10(ranges / each.response_range)) / len(experiments)
+    off[~np.isfinite(off)] = np.inf
+    best = int(np.argmin(off))
+    usual = int(np.flatnonzero(DECADES == 0)[0])
+    return int(DECADES[best]) if off[best] < off[usual] - ALIKE else 0

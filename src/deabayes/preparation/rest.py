@@ -1,0 +1,86 @@
+"""What a sensor reads while the specimen is at rest, where the model has zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.preparation.working import WorkingRecord
+from deabayes.quantities import with_unit
+from deabayes.systems import system_class
+
+AT_REST = 0.01
+"""Of its range: how far the excitation's first value may be from none."""
+EARLY = 0.05
+"""Of its range: how far the excitation has gone where a reading at rest is extrapolated from."""
+FEWEST = 3
+LEAST, ERRORS = 1e-4, 5.0
+"""Of the response's range, and standard errors, above which a reading at rest is an offset."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The reading at rest, its standard error, and whether there was a rest: else extrapolated."""
+
+    record: WorkingRecord
+    value: float
+    error: float
+    seen: bool
+
+    @cached_property
+    def is_offset(self) -> bool:
+        """Whether it is not zero."""
+        least = LEAST * float(np.ptp(self.record.response))
+        return abs(self.value) > max(ERRORS * self.error, least)
+
+    def sentence(self, corrected: bool) -> str:
+        """What there is to say of an offset: what was done, or what to write."""
+        record = self.record
+        name, protocol = record.row.response, record.row.protocol
+        size = with_unit(self.value, record.response_unit, name, digits=3)
+        errors = f"{abs(self.value) / self.error:.0f} standard errors" if self.error else "no noise"
+        said = f"the {name} is {size} at rest, where the model has 0 ({errors})"
+        if corrected:
+            return f"{said}; it was subtracted (`baseline`)"
+        if self.seen:
+            return f"{said}; add `baseline: {{}}` to `preparation: {protocol}`"
+        return (
+            f"{said}; add rows from before the excitation, for the step `baseline`, or set "
+            "`noise: ornstein_uhlenbeck_offset` for the study"
+        )
+
+
+def reading_at_rest(record: WorkingRecord) -> Rest | None:
+    """The reading before the excitation, or extrapolated to none of it; None if neither is there.
+
+    Also None for a response that is not zero at rest, and a record that does not begin at rest.
+    """
+    row, driven = record.row, record.excitation
+    known = row.response in system_class(record.specimen.system).zero_at_rest
+    none = 1.0 if row.excitation == "stretch" else 0.0
+    gone = np.abs(driven - none)
+    if not (known and record.in_time and gone[0] <= AT_REST * gone.max()):
+        return None
+    before = record.used & (record.coordinate < record.excitation_start())
+    noise = noise_of(record.response[record.used])
+    if before.sum() >= FEWEST:
+        value = float(record.response[before].mean())
+        return Rest(record, value, noise / float(np.sqrt(before.sum())), True)
+    early = np.interp(record.coordinate, record.excitation_coordinate, gone) <= EARLY * gone.max()
+    first = record.used & np.logical_and.accumulate(early)
+    if first.sum() < FEWEST + 1:
+        return None
+    basis = np.column_stack([np.ones(first.sum()), record.coordinate[first]])
+    basis[:, 1] -= basis[0, 1]
+    inverse = np.linalg.inv(basis.T @ basis)
+    value = float((inverse @ basis.T @ record.response[first])[0])
+    return Rest(record, value, noise * float(np.sqrt(inverse[0, 0])), False)
+
+
+def noise_of(response: FloatArray) -> float:
+    """Standard deviation of white noise, from second differences: a trend has none."""
+    bent = np.abs(np.diff(response, 2))
+    return float(np.median(bent)) / (0.6745 * np.sqrt(6.0)) if bent.size else 0.0

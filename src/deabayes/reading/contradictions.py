@@ -1,0 +1,104 @@
+"""What experiments.csv says of an excitation, held against the record's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from deabayes.experiment import FloatArray, Specimen
+from deabayes.passes import passes, usual_period
+from deabayes.quantities import with_unit
+from deabayes.reading.held import is_step_from_the_start
+from deabayes.reading.raw import ExperimentRow, RawRecord
+
+WITHIN = 0.25
+"""By which a stated value may be off: what was asked for and what was done differ."""
+FEWEST_PASSES = 3
+PER_PERIOD = 4.0
+"""Samples that a period needs: with two a sine looks like another one."""
+MOVING = 0.1
+"""Of the largest speed, above which an excitation is on a ramp."""
+
+
+def contradictions(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
+    """Faults: stated frequency, rate, amplitude or duration that the record does not have.
+
+    A time in milliseconds, a sine that was sampled too seldom, a value in another unit show so.
+    """
+    if "time" not in raw.columns or row.excitation not in raw.columns:
+        return []
+    time, driven = raw.columns["time"], raw.columns[row.excitation]
+    if is_step_from_the_start(row.protocol, driven, raw.units[row.excitation]):
+        return []
+    found = _too_seldom(row, time, where)
+    for name, (unit, value) in _VALUES.items():
+        stated = row.metadata.get(name)
+        if found or not isinstance(stated, int | float) or not 0.0 < stated < np.inf:
+            continue
+        seen = value(row, time, driven, specimen)
+        if seen is not None and abs(seen / stated - 1.0) > WITHIN:
+            found.append(
+                f"{where}: {name} of experiments.csv is {stated:g}, and the record has "
+                f"{with_unit(seen, unit, digits=3)}; correct the one that is wrong: the row, or "
+                f"the unit of the record's time or {row.excitation}"
+            )
+    return found
+
+
+def _too_seldom(row: ExperimentRow, time: FloatArray, where: str) -> list[str]:
+    stated = row.metadata.get("frequency_Hz")
+    interval = float(np.median(np.diff(time)))
+    if row.protocol != "sine" or not isinstance(stated, int | float) or stated <= 0.0:
+        return []
+    if 1.0 / stated >= PER_PERIOD * interval:
+        return []
+    return [
+        f"{where}: frequency_Hz of experiments.csv is {stated:g}, and a sample comes every "
+        f"{with_unit(interval, 's', digits=3)}: fewer than {PER_PERIOD:g} a period, so that what "
+        "the record shows may be another frequency; record it faster, or correct the row or the "
+        "unit of time"
+    ]
+
+
+def _frequency(
+    row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen
+) -> float | None:
+    times = passes(time, driven) if row.protocol == "sine" else np.empty(0)
+    return 1.0 / float(usual_period(times)) if times.size >= FEWEST_PASSES else None
+
+
+def _rate(row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen) -> float | None:
+    """Of stretch, of the samples in motion."""
+    gauge = of.quantities.get("gauge_length")
+    if row.excitation not in ("stretch", "displacement"):
+        return None
+    length = 1.0 if row.excitation == "stretch" else gauge and gauge.value
+    if not length:
+        return None
+    far = max(1, time.size // 100)
+    speed = np.abs(driven[far:] - driven[:-far]) / (time[far:] - time[:-far])
+    return float(np.median(speed[speed > MOVING * speed.max()])) / length
+
+
+def _amplitude(
+    row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen
+) -> float | None:
+    driven_by_voltage = row.excitation == "voltage" and row.protocol == "sine"
+    return 0.5 * float(np.ptp(driven)) / 1e3 if driven_by_voltage else None
+
+
+def _duration(
+    row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen
+) -> float | None:
+    return float(np.ptp(time))
+
+
+Value = Callable[[ExperimentRow, FloatArray, FloatArray, Specimen], float | None]
+_VALUES: Mapping[str, tuple[str, Value]] = {
+    "frequency_Hz": ("Hz", _frequency),
+    "stretch_rate_per_s": ("1/s", _rate),
+    "amplitude_kV": ("kV", _amplitude),
+    "duration_s": ("s", _duration),
+}
+"""Column of experiments.csv -> its unit, and its value in the record."""
