@@ -106,16 +106,28 @@ class Nodes:
 
     Attributes
     ----------
-    offsets : (N, K) from the point's coordinate on.
-    shares : (N, K) of the model's values there in what is compared with the point.
+    point : (M,) the point that a node is of, ascending; every point has one.
+    offsets : (M,) from the point's coordinate on.
+    shares : (M,) of the model's value there in what is compared with the point.
     """
 
+    point: NDArray[np.intp]
     offsets: FloatArray
     shares: FloatArray
 
     def at(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Nodes:
-        """Those of some points."""
-        return Nodes(self.offsets[which], self.shares[which])
+        """Those of some points, in ascending order."""
+        count = int(self.point[-1]) + 1
+        kept = np.zeros(count, dtype=bool)
+        kept[which] = True
+        own = kept[self.point]
+        renumbered = np.cumsum(kept) - 1
+        return Nodes(renumbered[self.point[own]], self.offsets[own], self.shares[own])
+
+    @property
+    def starts(self) -> NDArray[np.intp]:
+        """The first node of every point, (N,)."""
+        return np.searchsorted(self.point, np.arange(int(self.point[-1]) + 1))
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ class Made:
 
     @property
     def faults(self) -> list[str]:
-        found = list(check_folder(self.path / "specimen").faults)
+        found = list(check_folder(self.path / "specimen", as_study=False).faults)
         return found or check_study(self.study)[0]
 
     @property
     def warnings(self) -> list[str]:
-        return [*check_folder(self.path / "specimen").warnings, *check_study(self.study)[1]]
+        return [*check_folder(self.path / "specimen", as_study=False).warnings, *check_study(self.study)[1]]
 
     def fitted(self, candidate: str) -> Posterior:
         prepared, output = self.path / "prepared", self.path / candidate / "posterior.nc"
@@ -92,7 +92,7 @@ def row(name: str, protocol: str, excitation: str, response: str, **more: object
 def check(posterior: Posterior, truth: Mapping[str, float], share: float = 0.05) -> None:
     """Medians within five standard deviations, which are a small share of them."""
     assert posterior.converged
-    table = posterior.summary().set_index("parameter")
+    table = posterior.summary()
     for name, value in truth.items():
         mean, sd = table.loc[name, ["mean", "sd"]]
         assert abs(mean - value) < 5.0 * sd, (name, mean, sd, value)

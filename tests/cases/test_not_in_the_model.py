@@ -60,6 +60,6 @@ def test_strips_of_two_temperatures_are_refused(tmp_path: Path) -> None:
         row(f"pull_{n}", "load_unload", "stretch", "nominal_stress", temperature_C=degrees)
         for n, degrees in enumerate((23, 60))
     ]
-    records = {f"pull_{n}": pull(0.0, False) for n in range(2)}
+    records = {f"pull_{n}": pull(float(n), False) for n in range(2)}
     (fault,) = made(tmp_path, "tensile_strip", STRIP, rows, records, ["neo_hookean"]).faults
-    assert "temperature_C of experiments.csv: is 23, 60 over the records" in fault
+    assert "temperature_C of experiments.csv: is 23.0, 60.0 over the records" in fault

@@ -13,7 +13,7 @@ import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.preparation import prepare
-from deabayes.preparation.nodes import gauss_nodes
+from deabayes.preparation.nodes import gauss
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.systems import System, build
 
@@ -39,7 +39,7 @@ STRIP = specimen("tensile_strip", cross_section=(1e-5, "m^2"), gauge_length=(0.0
 FAST_TUBE = {"E_0": 7.148e6, "E_1": 10.72e6, "tau_1": 4e-3}
 FAST_FILM = {"mu_alpha": 3e5, "zeta_alpha": 100.0, "J_alpha": 100.0, "mu_beta_1": 1.5e5,
              "tau_beta_1": 0.2, "J_beta": 100.0}  # fmt: skip
-SOFT_STRIP = {"mu": 4e4, "mu_beta_1": 3e4, "tau_beta_1": 12.0}
+SOFT_STRIP = {"mu": 4e4, "mu_beta_1": 3e4, "tau_1": 12.0}
 
 
 def steps(time: FloatArray, at: float, size: float) -> FloatArray:
@@ -59,7 +59,7 @@ def recorded(
         else ("voltage", "displacement")
     )  # fmt: skip
     row = ExperimentRow("a", protocol, "a.csv", "calibrate", excitation, response, {})
-    columns = {"time": time, excitation: driven, response: np.zeros_like(time)}
+    columns = {"time": time, excitation: driven, response: np.linspace(1.0, 2.0, time.size)}
     units = {name: UNITS[name] for name in columns}
     empty = prepare(row, RawRecord(columns, units, "ab" * 32), system.specimen, [])
     draws = {name: np.array([value]) for name, value in truth.items()}
@@ -102,10 +102,10 @@ RECORDS = {
         FILM, "kv_gm_1", FAST_FILM, np.arange(0.0, 1.0, 2e-3),
         lambda time: steps(time, 0.05, 3500.0), "step", 2e-6),
     "a tube that rings": (
-        TUBE, "voigt_kelvin_1_inertia", FAST_TUBE | {"tau_1": 0.05}, np.arange(0.0, 0.52, 1e-4),
+        TUBE, "voigt_kelvin_1_inertia", FAST_TUBE, np.arange(0.0, 0.52, 1e-4),
         rung, "creep", 1e-7),
     "a tube that rings long before the end": (
-        TUBE, "voigt_kelvin_1_inertia", FAST_TUBE | {"tau_1": 0.05}, np.arange(0.0, 5.0, 1e-4),
+        TUBE, "voigt_kelvin_1_inertia", FAST_TUBE, np.arange(0.0, 5.0, 1e-4),
         rung, "creep", 1e-7),
     "a tube's few cycles": (
         TUBE, "voigt_kelvin_1", FAST_TUBE, np.arange(0.0, 0.5, 1e-3),
@@ -129,24 +129,20 @@ def test_the_usual_preparation_moves_no_parameter(record: str) -> None:
     truth = {p.name: truth[p.name] for p in system.parameters()}
     raw, row = recorded(system, time, drive(time), protocol, truth)
     prepared = prepare(row, raw, known)
-    assert prepared.coordinate.size < 0.9 * time.size
+    assert prepared.coordinate.size < time.size
     assert np.abs(shifts(system, prepared, truth, noise)).max() < 0.1
 
 
-def test_nodes_have_the_mean_of_every_polynomial_of_degree_5() -> None:
+@pytest.mark.parametrize(("count", "degree"), [(2, 3), (5, 9)])
+def test_nodes_have_the_mean_of_polynomials(count: int, degree: int) -> None:
     rng = np.random.default_rng(1)
-    starts, sizes = np.array([0, 1, 3, 6, 10]), np.array([1, 2, 3, 4, 30])
-    bins = np.repeat(np.arange(5), sizes)
-    place, weights = rng.uniform(-1e-3, 1e-3, 40), rng.uniform(0.5, 2.0, 40)
-    total = np.bincount(bins, weights)
-    place -= (np.bincount(bins, weights * place) / total)[bins]
-    nodes = gauss_nodes(place, weights, starts)
-    np.testing.assert_allclose(nodes.shares.sum(axis=1), 1.0, rtol=1e-12)
-    for degree in range(6):
-        mean = np.bincount(bins, weights * place**degree) / total
-        found = (nodes.shares * nodes.offsets**degree).sum(axis=1)
-        np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-12 * 1e-3**degree)
-    assert np.abs(nodes.offsets).max() <= np.abs(place).max()
+    x, weights = rng.uniform(-1e-3, 1e-3, 30), rng.uniform(0.5, 2.0, 30)
+    weights /= weights.sum()
+    nodes, shares = gauss(x, weights, count)
+    for power in range(degree + 1):
+        mean = np.sum(weights * x**power)
+        assert np.sum(shares * nodes**power) == pytest.approx(mean, rel=1e-9, abs=1e-12 * 1e-3**power)
+    assert np.abs(nodes).max() <= np.abs(x).max()
 
 
 def test_what_is_averaged_twice_has_the_mean_of_all_samples() -> None:
@@ -154,9 +150,10 @@ def test_what_is_averaged_twice_has_the_mean_of_all_samples() -> None:
     columns = {"time": time, "voltage": np.full(400, 1e3), "displacement": np.exp(-5.0 * time)}
     raw = RawRecord(columns, {name: UNITS[name] for name in columns}, "ab" * 32)
     row = ExperimentRow("a", "creep", "a.csv", "calibrate", "voltage", "displacement", {})
-    uniform = [{"average": {"grid": "uniform", "points": n}} for n in (100, 5)]
+    uniform = [{"average": {"grid": "uniform", "points": n}} for n in (100, 6)]
     experiment = prepare(row, raw, TUBE, [*uniform, {"mask_before": {"time": "0.3 s"}}])
-    assert experiment.coordinate.size == 3 and experiment.nodes is not None
-    at = experiment.coordinate[:, None] + experiment.nodes.offsets
-    means = (experiment.nodes.shares * np.exp(-5.0 * at)).sum(axis=1)
-    np.testing.assert_allclose(means, experiment.response, rtol=1e-7)
+    nodes = experiment.nodes
+    assert experiment.coordinate.size == 4 and nodes is not None
+    at = experiment.coordinate[nodes.point] + nodes.offsets
+    means = np.bincount(nodes.point, nodes.shares * np.exp(-5.0 * at))
+    np.testing.assert_allclose(means, experiment.response, rtol=2e-4)  # two nodes a wide bin

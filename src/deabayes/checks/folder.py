@@ -58,8 +58,15 @@ def counted(faults: Sized, warnings: Sized) -> str:
     return ", ".join(f"{len(found)} {kind}{'s' * (len(found) != 1)}" for found, kind in kinds)
 
 
-def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
-    """Check specimen.yaml, experiments.csv and all records; never raises for a user's mistake."""
+def check_folder(
+    folder: Path, data_root: Path | None = None, as_study: bool = True
+) -> CheckReport:
+    """Check specimen.yaml, experiments.csv and all records; never raises for a user's mistake.
+
+    Parameters
+    ----------
+    as_study : whether to say what a study of all records would be told, too.
+    """
     read, faults = scan_folder(Path(folder), data_root)
     if read is None:
         return CheckReport(Path(folder), (), tuple(faults), ())
@@ -70,7 +77,7 @@ def check_folder(folder: Path, data_root: Path | None = None) -> CheckReport:
         lines, found = _record_lines(read, row)
         understood += lines
         warnings += found
-    if not faults:
+    if as_study and not faults:
         more_faults, more_warnings = _as_studied(read, data_root)
         faults, warnings = [*faults, *more_faults], [*warnings, *more_warnings]
     return CheckReport(Path(folder), tuple(understood), tuple(faults), tuple(warnings))

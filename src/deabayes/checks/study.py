@@ -184,9 +184,13 @@ def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
 def _too_short(
     study: Study, system: System, records: Sequence[tuple[ExperimentRow, RawRecord]]
 ) -> list[str]:
+    """Of times whose prior somebody wrote down: default ones follow the records."""
     from deabayes.prior.joint import Prior
+    from deabayes.systems import OWN
 
     prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
     durations = [float(np.ptp(raw.columns["time"])) for _, raw in records if "time" in raw.columns]
     where = f"study {study.name}, {system.candidate}, the longest record"
-    return too_short_for(prior.parameters, durations, where)
+    own = type(system) in OWN.values()
+    written = [p for p in prior.parameters if own or p.source == "config"]
+    return too_short_for(written, durations, where)

@@ -59,7 +59,7 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
     from deabayes.checks.folder import check_folder, counted
     from deabayes.checks.study import check_study
 
-    report = check_folder(study.specimen, study.data_root)
+    report = check_folder(study.specimen, study.data_root, as_study=False)
     faults, warnings = check_study(study, compare=True)
     if not faults:
         faults, of_prior = _of_prior(study, config)

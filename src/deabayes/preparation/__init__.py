@@ -86,7 +86,7 @@ def prepare(
     record = open_record(row, raw, specimen)
     slack, late = slack_left_in(record), begins_late(record)
     rest, usual = reading_at_rest(record), steps is None
-    offset = rest is not None and rest.is_offset
+    offset = rest is not None and rest.is_offset and (rest.seen or not slack)
     for entry in default_steps(record, offset and rest.seen) if steps is None else steps:
         record = _apply(entry, record)
     corrected = any(done["step"] == "baseline" for done in record.steps)

@@ -8,11 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.experiment import FloatArray, Nodes
-from deabayes.preparation.grid import geometric_edges, uniform_edges
-from deabayes.preparation.nodes import gauss_nodes
+from deabayes.preparation.grid import geometric_edges, record_corners, uniform_edges
+from deabayes.preparation.nodes import nodes_of
+from deabayes.preparation.ringing import ringing
 from deabayes.preparation.settings import Settings
-from deabayes.preparation.working import IntArray, WorkingRecord
+from deabayes.reading.held import STEPS
+from deabayes.preparation.working import BoolArray, IntArray, WorkingRecord
 
+FIRST_BINS = 8
+"""Behind a corner of the excitation, in which a response may bend much."""
+FADED = 3.0
+"""Times the while in which a ringing is seen: then nothing is left of it."""
 GRIDS = ("geometric", "uniform")
 KEYS: Mapping[str, tuple[str, ...]] = {
     "geometric": ("grid", "first_width", "ratio", "widest", "largest_change"),
@@ -26,7 +32,7 @@ def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRec
     A point of n samples stands at their mean coordinate, has their mean
     response and `samples_averaged` n: its white noise has the variance
     sigma_white^2 / n, and the likelihood is told so. What is compared with it is the mean of the
-    model over the same samples (`gauss_nodes`), so that a response which bends or swings within a
+    model over the same samples (`nodes_of`), so that a response which bends or swings within a
     bin is no worse for it. The correlated part of the noise is not divided: the discrepancy
     hardly changes within a bin that is narrow against its correlation time, and its value at the
     mean coordinate stands for the bin.
@@ -114,12 +120,25 @@ def _nodes(
     starts: IntArray,
 ) -> Nodes:
     """Where a model has the mean over the bins; of samples that are means, over theirs."""
+    bends = _bends(record, record.coordinate[visible[starts]])
     if record.nodes is not None:
         inner = record.nodes.at(visible)
-        away = (away[:, None] + inner.offsets).ravel()
-        weights = (weights[:, None] * inner.shares).ravel()
-        starts = starts * inner.offsets.shape[1]
-    return gauss_nodes(away, weights, starts)
+        away = away[inner.point] + inner.offsets
+        weights = weights[inner.point] * inner.shares
+        starts = inner.starts[starts]
+    return nodes_of(away, weights, starts, bends)
+
+
+def _bends(record: WorkingRecord, begins: FloatArray) -> BoolArray:
+    """Bins, by where they begin (N,), that are right behind a corner or in which it rings."""
+    turns = record_corners(record)
+    bends = np.zeros(begins.size, dtype=bool)
+    for first in np.maximum(np.searchsorted(begins, turns, side="right") - 1, 0):
+        bends[first : first + FIRST_BINS] = True
+    rings = ringing(record) if record.row.protocol in STEPS else None
+    if rings is not None:
+        bends |= begins < rings.start + FADED * (rings.end - rings.start)
+    return bends
 
 
 def _run_starts(bins: IntArray, visible: IntArray) -> IntArray:

@@ -36,8 +36,7 @@ def geometric_edges(
     """
     last = float(record.coordinate[-1])
     interval = float(np.median(np.diff(record.coordinate)))
-    tolerance = CORNER_FRACTION * record.excitation_range
-    turns = corners(record.excitation_coordinate, record.excitation, tolerance, interval)
+    turns = record_corners(record)
     starts = [float(min(record.coordinate[0], record.excitation_start())), *map(float, turns)]
     starts = sorted({start for start in starts if start < last})
     path = travel(record)
@@ -54,6 +53,13 @@ def geometric_edges(
     if len(edges) == LONGEST_GRID:
         raise _too_many_bins(record, "first_width, widest or largest_change")
     return np.array([*edges, np.nextafter(last, np.inf)])
+
+
+def record_corners(record: WorkingRecord) -> FloatArray:
+    """Where the excitation turns."""
+    interval = float(np.median(np.diff(record.coordinate)))
+    tolerance = CORNER_FRACTION * record.excitation_range
+    return corners(record.excitation_coordinate, record.excitation, tolerance, interval)
 
 
 def _interval_behind(record: WorkingRecord, start: float, usual: float) -> float:

@@ -33,7 +33,7 @@ def begins_late(record: WorkingRecord) -> str:
     jumps = begun + 1 < moved.size and moved[begun + 1] > JUMPED * size
     if first == 0 or begun - first < FEWEST or not jumps:
         return ""
-    late = with_unit(float(time[begun] - time[first]), "s", digits=2)
+    late = with_unit(float(time[begun] - time[first]), "s", digits=3)
     return (
         f"the {row.response} begins {late} after the {row.excitation}, and then jumps: if its "
         "sensor lags, state `instruments: delay: {value: ..., unit: ms}` in specimen.yaml (up to "

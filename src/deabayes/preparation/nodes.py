@@ -3,46 +3,66 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Nodes
 from deabayes.preparation.working import IntArray
 
-COUNT = 3
-"""Nodes of a point: the mean of a polynomial of degree 5 is exact."""
+FEW = 8
+"""Samples of a bin up to which a model is evaluated at each of them."""
+WHERE_IT_BENDS, USUAL = 8, 2
+"""Nodes of other bins: right behind a corner of the excitation and while a response rings, and
+elsewhere. What fades within t changes by e^(-w/t) over a bin of width w: two nodes are right to
+(w/t)^4 / 4320. Eight are right for a ringing of which a bin holds a period."""
 
 
-def gauss_nodes(place: FloatArray, weights: FloatArray, starts: IntArray) -> Nodes:
-    """The Gauss rule of the samples of each bin (Golub & Welsch 1969, Math. Comp. 23, 221).
-
-    Orthogonal polynomials of a bin's samples follow from p_0 = 1 by
-    p_(k+1) = (x - a_k) p_k - b_k p_(k-1), a_k = <x p_k^2> / <p_k^2>, b_k = <p_k^2> / <p_(k-1)^2>,
-    with <.> the mean over the samples. The nodes are the eigenvalues of the matrix with diagonal a
-    and off-diagonal sqrt(b), their shares the squares of the eigenvectors' first components. A bin
-    of one or two samples has these as nodes, others have share 0.
+def nodes_of(
+    place: FloatArray, weights: FloatArray, starts: IntArray, bends: NDArray[np.bool_]
+) -> Nodes:
+    """All samples of bins with few, the Gauss rule of the samples of others.
 
     Parameters
     ----------
     place : (M,) of the samples, from their bin's mean on.
     weights : (M,) of the samples.
     starts : (N,) first sample of each bin.
+    bends : (N,) bins in which the response may bend much.
     """
-    bins = np.repeat(np.arange(starts.size), np.diff([*starts, place.size]))
-    width = np.maximum.reduceat(np.abs(place), starts)
-    x = place / np.where(width > 0.0, width, 1.0)[bins]
-    total = np.add.reduceat(weights, starts)
-    before, now = np.zeros_like(x), np.ones_like(x)
-    matrix = np.zeros((starts.size, COUNT, COUNT))
-    norm = np.ones(starts.size)
-    for k in range(COUNT):
-        square = weights * now**2
-        last, norm = norm, np.add.reduceat(square, starts) / total
-        some = norm > 1e-14 * last
-        scale = np.where(some, norm, 1.0)
-        a = np.where(some, np.add.reduceat(x * square, starts) / total / scale, 0.0)
-        b = np.where(some, norm / np.where(last > 0.0, last, 1.0), 0.0)
-        matrix[:, k, k] = a
+    ends = np.append(starts[1:], place.size)
+    offsets, shares = [], []
+    for first, end, close in zip(starts, ends, bends, strict=True):
+        x, w = place[first:end], weights[first:end] / weights[first:end].sum()
+        if x.size > FEW:
+            x, w = gauss(x, w, WHERE_IT_BENDS if close else USUAL)
+        offsets.append(x)
+        shares.append(w)
+    counts = [each.size for each in offsets]
+    point = np.repeat(np.arange(starts.size), counts)
+    return Nodes(point, np.concatenate(offsets), np.concatenate(shares))
+
+
+def gauss(x: FloatArray, weights: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and shares with the mean of every polynomial of degree 2 count - 1.
+
+    Golub & Welsch (1969, Math. Comp. 23, 221): orthogonal polynomials of the samples follow from
+    p_0 = 1 by p_(k+1) = (x - a_k) p_k - b_k p_(k-1), a_k = <x p_k^2> / <p_k^2>,
+    b_k = <p_k^2> / <p_(k-1)^2>. The nodes are the eigenvalues of the matrix with diagonal a and
+    off-diagonal sqrt(b), the shares the squares of the eigenvectors' first components.
+
+    Parameters
+    ----------
+    x, weights : (M,) samples, more than `count` different ones, and weights whose sum is 1.
+    """
+    width = float(np.abs(x).max())
+    x = x / width
+    matrix = np.zeros((count, count))
+    before, now, norm = np.zeros_like(x), np.ones_like(x), 1.0
+    for k in range(count):
+        last, norm = norm, float(weights @ now**2)
+        a, b = float(weights @ (x * now**2)) / norm, norm / last if k else 0.0
+        matrix[k, k] = a
         if k:
-            matrix[:, k, k - 1] = matrix[:, k - 1, k] = np.sqrt(b)
-        before, now = now, (x - a[bins]) * now - (b[bins] * before if k else 0.0)
+            matrix[k, k - 1] = matrix[k - 1, k] = np.sqrt(b)
+        before, now = now, (x - a) * now - b * before
     nodes, vectors = np.linalg.eigh(matrix)
-    return Nodes(width[:, None] * nodes, vectors[:, 0] ** 2)
+    return width * nodes, vectors[0] ** 2

@@ -17,7 +17,9 @@ Step = Mapping[str, Mapping[str, object]]
 POINTS = 400
 TRANSITION, PER_CYCLE, FEWEST_PER_CYCLE = 5, 40, 20
 """Of the step `cycles`: its defaults, and the fewest bins per cycle that flatten little."""
-KNOTS: Step = {"excitation_knots": {}}
+MANY_SAMPLES, FINE = 20_000, 1e-4
+"""Of an excitation, above which it is described by knots; and how far these may be off, of its
+range. Lines lie inside a sine, so that its amplitude comes out too small by as much."""
 
 
 def sine_steps(record: WorkingRecord) -> list[Step]:
@@ -28,18 +30,20 @@ def sine_steps(record: WorkingRecord) -> list[Step]:
     needs cycles that are alike and 40 samples in each; a record without keeps bins of that width,
     or its samples, every n-th of them, so that about 400 points remain.
     """
+    many = record.excitation.size > MANY_SAMPLES
+    knots: list[Step] = [{"excitation_knots": {"fraction": FINE}}] if many else []
     visible = record.coordinate[record.used]
     span, interval = float(np.ptp(visible)), float(np.median(np.diff(visible)))
     times = passes(record.excitation_coordinate, record.excitation)
     period = float(np.diff(times).min()) if times.size > 1 else span
     width = width_for(0.2 * NOTED, harmonics(record) / period)
     if span <= POINTS * width:
-        return [KNOTS, {"average": {"grid": "uniform", "points": POINTS}}]
+        return [*knots, {"average": {"grid": "uniform", "points": POINTS}}]
     per_cycle = _bins_per_cycle(record, interval)
     if per_cycle >= FEWEST_PER_CYCLE:
         points = {} if per_cycle == PER_CYCLE else {"points": per_cycle}
-        return [{"cycles": points}, KNOTS]
-    return [KNOTS, *_thinned(span, interval, period, width)]
+        return [{"cycles": points}, *knots]
+    return [*knots, *_thinned(span, interval, period, width)]
 
 
 def _bins_per_cycle(record: WorkingRecord, interval: float) -> int:

@@ -7,15 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from deabayes.experiment import FloatArray
 from deabayes.preparation.settings import Settings
 from deabayes.preparation.working import WorkingRecord
 from deabayes.quantities import with_unit
 
 FORCES = ("force", "nominal_stress")
 PULLS = ("stretch", "displacement")
-LINE = (0.05, 0.2)
-"""Shares of the largest force between which a pull is taken for a straight line."""
+RISE, FEWEST = (0.03, 0.3), 6
+"""Shares of the largest force of the first rise of a pull, and the fewest samples in it."""
 LEAST = 0.002
 """Of stretch, or of the excitation's range: slack below which nothing is said."""
 STANDARD_ERRORS = 5.0
@@ -29,7 +28,7 @@ def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> Work
 
     Settings
     --------
-    until : the excitation at which the strip is taut; default where the line through the first
+    until : the excitation at which the strip is taut; default where the parabola through the first
         rise of the force meets zero.
     """
     read = Settings("take_up_slack", settings, record, ("until",))
@@ -46,8 +45,7 @@ def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> Work
 def slack_end(record: WorkingRecord) -> float | None:
     """The excitation at which the force begins to rise; None where it does so at once.
 
-    The line through the first rise of the force, between 5 and 20 % of the largest, meets zero
-    there. A taut elastomer is stiffest at first, so that its line meets zero below.
+    A parabola of the excitation over the force, from 3 to 30 % of the largest, has it at no force.
     """
     row = record.row
     if row.response not in FORCES or row.excitation not in PULLS:
@@ -55,27 +53,19 @@ def slack_end(record: WorkingRecord) -> float | None:
     peak = int(np.argmax(record.response))
     driven = np.interp(record.coordinate, record.excitation_coordinate, record.excitation)
     force = record.response[: peak + 1] / (record.response[peak] or 1.0)
-    past = np.flatnonzero(force > LINE[1])
-    rise = np.flatnonzero(force[: past[0] if past.size else 0] > LINE[0])
-    if rise.size < 3:
+    past = np.flatnonzero(force > RISE[1])
+    rise = np.flatnonzero(force[: past[0] if past.size else 0] > RISE[0])
+    if rise.size < FEWEST:
         return None
-    x = driven[rise[0] : past[0]]
-    basis = np.column_stack([np.ones_like(x), x])
-    (offset, slope), *_ = np.linalg.lstsq(basis, force[rise[0] : past[0]], rcond=None)
-    error = _error(basis, force[rise[0] : past[0]], np.array([offset, slope]))
-    end, start = -offset / slope, float(driven[0])
+    f, x = force[rise[0] : past[0]], driven[rise[0] : past[0]]
+    basis = np.vander(f, 3, increasing=True)
+    inverse = np.linalg.pinv(basis.T @ basis)
+    parabola = inverse @ basis.T @ x
+    variance = float(np.sum((x - basis @ parabola) ** 2)) / (f.size - 3)
+    error = float(np.sqrt(variance * inverse[0, 0]))
     least = LEAST * (1.0 if row.excitation == "stretch" else float(np.ptp(driven)))
-    return float(end) if end - start > max(least, STANDARD_ERRORS * error) else None
-
-
-def _error(basis: FloatArray, force: FloatArray, line: FloatArray) -> float:
-    """Standard error of where a line meets zero."""
-    residual = force - basis @ line
-    variance = float(residual @ residual) / max(force.size - 2, 1)
-    end = -line[0] / line[1]
-    gradient = np.array([1.0, end]) / line[1]
-    covariance = np.linalg.inv(basis.T @ basis)
-    return float(np.sqrt(variance * gradient @ covariance @ gradient))
+    slack = float(parabola[0] - driven[0])
+    return float(parabola[0]) if slack > max(least, STANDARD_ERRORS * error) else None
 
 
 def slack_left_in(record: WorkingRecord) -> str:

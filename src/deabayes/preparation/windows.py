@@ -19,12 +19,13 @@ SEEN = 4.0
 class WindowMeans:
     """Mean time and response, and number of samples, in each window of each cycle, (C, P).
 
-    NaN where a window holds no visible sample.
+    `variance` is that of the times in a window. NaN where a window holds no visible sample.
     """
 
     coordinate: FloatArray
     response: FloatArray
     samples: FloatArray
+    variance: FloatArray
 
 
 def window_means(record: WorkingRecord, found: Cycles, points: int, window: float) -> WindowMeans:
@@ -45,10 +46,10 @@ def window_means(record: WorkingRecord, found: Cycles, points: int, window: floa
 
     samples = total(np.ones(visible.size))
     samples[samples == 0.0] = np.nan
+    mean = total(record.coordinate[visible]) / samples
+    away = record.coordinate[visible] - mean.ravel()[bins]
     return WindowMeans(
-        total(record.coordinate[visible]) / samples,
-        total(record.response[visible]) / samples,
-        samples,
+        mean, total(record.response[visible]) / samples, samples, total(away**2) / samples
     )
 
 

@@ -166,24 +166,16 @@ class System(ABC):
 
         Returns a function of draws (name -> (W,)) giving what is compared with the record, (W, N).
         """
-        excitation, response, nodes = (
-            experiment.excitation,
-            experiment.response_name,
-            experiment.nodes,
-        )
+        driven, response, nodes = experiment.excitation, experiment.response_name, experiment.nodes
         if nodes is None:
-            return self.simulator(excitation, experiment.coordinate, response)
-        at = experiment.coordinate[:, None] + nodes.offsets
+            return self.simulator(driven, experiment.coordinate, response)
+        at = experiment.coordinate[nodes.point] + nodes.offsets
         distinct, places = np.unique(at, return_inverse=True)
-        simulate = self.simulator(excitation, distinct, response)
-        columns = places.reshape(at.shape).T
+        simulate = self.simulator(driven, distinct, response)
+        starts, shares = nodes.starts, nodes.shares
 
         def averaged(draws: Draws) -> FloatArray:
-            values = simulate(draws)
-            return sum(
-                share * values[:, column]
-                for share, column in zip(nodes.shares.T, columns, strict=True)
-            )
+            return np.add.reduceat(simulate(draws)[:, places] * shares, starts, axis=1)
 
         return averaged
 
