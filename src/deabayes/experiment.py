@@ -139,11 +139,11 @@ class Experiment:
     coordinate : (N,) where the response was taken: time [s], or the excitation
         itself for a quasi-static record, the frequency for a frequency response.
     response : (N,) measured response, SI, each the mean of `samples_averaged` raw samples.
-    nodes : where the model is averaged as the samples were; None where it is taken at
-        `coordinate` itself.
     metadata : further columns of experiments.csv.
     steps : the preparation steps with their settings, in order.
     warnings : what a user must know before trusting the record.
+    nodes : where the model is averaged as the samples were; None where it is taken at
+        `coordinate` itself.
 
     Its excitation is in time where its coordinate is.
     """
@@ -159,12 +159,12 @@ class Experiment:
     response: FloatArray
     samples_averaged: FloatArray
     excitation: Excitation
-    nodes: Nodes | None = None
     metadata: Mapping[str, float | str] = field(default_factory=dict)
     provenance: str = "measured"
     record_sha256: str = ""
     steps: tuple[Mapping[str, object], ...] = ()
     warnings: tuple[str, ...] = ()
+    nodes: Nodes | None = None
 
     def __post_init__(self) -> None:
         driven = replace(self.excitation, in_time=self.coordinate_name == "time")

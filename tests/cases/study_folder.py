@@ -35,7 +35,10 @@ class Made:
 
     @property
     def warnings(self) -> list[str]:
-        return [*check_folder(self.path / "specimen", as_study=False).warnings, *check_study(self.study)[1]]
+        return [
+            *check_folder(self.path / "specimen", as_study=False).warnings,
+            *check_study(self.study)[1],
+        ]
 
     def fitted(self, candidate: str) -> Posterior:
         prepared, output = self.path / "prepared", self.path / candidate / "posterior.nc"

@@ -87,6 +87,6 @@ def stated(column: str, cell: str) -> Break:
 
     def change(folder: Path) -> None:
         replace_in(folder / "experiments.csv", "stretch_rate_per_s", column)
-        replace_in(folder / "experiments.csv", "0.05", cell)
+        replace_in(folder / "experiments.csv", "0.25", cell)
 
     return change

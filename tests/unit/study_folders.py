@@ -20,7 +20,7 @@ instruments:
 TABLE = """\
 name,protocol,record,role,excitation,response,note,stretch_rate_per_s
 relax,relaxation,records/relax.csv,calibrate,displacement,force,first,
-pull,load_unload,records/pull.csv,validate,displacement,force,,0.05
+pull,load_unload,records/pull.csv,validate,displacement,force,,0.25
 """
 HEADER = "time [s],displacement [mm],force [N]"
 SPECIMENS = Path(__file__).parents[2] / "data"

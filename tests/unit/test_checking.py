@@ -35,7 +35,7 @@ def test_report_says_what_was_understood(tmp_path: Path) -> None:
         "relax: relaxation, calibrate, displacement -> force",
         "40 rows, 3.9 s, sampled at 10 Hz",
         "displacement from 0 to 60 mm",
-        "stretch_rate_per_s 0.05",
+        "stretch_rate_per_s 0.25",
         "0 faults, 0 warnings",
     ):
         assert words in text

@@ -42,11 +42,11 @@ PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
         ({"select": {"nope": "1"}}, ["study s, select: ", "no column 'nope' in experiments.csv"]),
         ({"select": {"nots": "first"}}, ["did you mean 'note'?"]),
         (
-            {"select": {"note": "first", "stretch_rate_per_s": "0.05"}},
+            {"select": {"note": "first", "stretch_rate_per_s": "0.25"}},
             ["no experiment with all of these values"],
         ),
         ({"select": {"response": "fors"}}, ["no experiment with response 'fors'", "'force'?"]),
-        ({"select": {"stretch_rate_per_s": "5e-2"}}, ["no record to calibrate on"]),
+        ({"select": {"stretch_rate_per_s": "2.5e-1"}}, ["no record to calibrate on"]),
     ],
 )
 def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: list[str]) -> None:
@@ -96,7 +96,11 @@ def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
 
 
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
-    faults, warnings = check_study(Study("s", make_folder(tmp_path), ("kv_gm_2",)))
+    """Where somebody wrote the prior down; default ones follow the records."""
+    folder = make_folder(tmp_path)
+    assert check_study(Study("s", folder, ("kv_gm_2",))) == ([], [])
+    long = {"tau_beta": {"distribution": "loguniform", "lower": "0.1 s", "upper": "5000 s"}}
+    faults, warnings = check_study(Study("s", folder, ("kv_gm_2",), priors=long))
     assert faults == []
     assert len(warnings) == 1
     assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
@@ -146,6 +150,7 @@ def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
 def test_a_record_that_no_draw_of_the_prior_has_a_response_to(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     replace_in(folder / "specimen.yaml", "unit: mm, source: ruler", "unit: um, source: ruler")
+    replace_in(folder / "experiments.csv", ",0.25", ",")
     warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
     (found,) = [line for line in warnings if "relax: " in line]
     assert "0 of 200 draws of the prior have a response to it; are the units" in found
@@ -156,7 +161,10 @@ def test_warnings_of_a_study_stand_under_a_heading(
 ) -> None:
     make_folder(tmp_path)
     config = tmp_path / "config.yaml"
-    config.write_text("studies: {s: {specimen: strip, candidates: [kv_gm_2]}}\n")
+    long = "{tau_beta: {distribution: loguniform, lower: 0.1 s, upper: 5000 s}}"
+    config.write_text(
+        f"studies: {{s: {{specimen: strip, candidates: [kv_gm_2], priors: {long}}}}}\n"
+    )
     main(["check", "s", "--config", str(config)])
     said = capsys.readouterr().out
     assert "\n\n1 warning on study s\n  - study s, kv_gm_2, the longest record: lasts" in said

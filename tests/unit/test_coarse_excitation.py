@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.study_folders import make_folder, write_lines
+from tests.unit.study_folders import make_folder, replace_in, write_lines
 
 from deabayes.checks.coarse_excitation import missed_by_lines, too_coarse
 from deabayes.checks.study import check_study
@@ -69,6 +69,7 @@ def test_check_says_it(tmp_path):
         pulled = 30.0 * (1.0 - np.cos(2.0 * np.pi * k / 12))
         rows.append(f"{0.1 * k:.4f},{pulled:.4f},{0.02 * pulled + 0.001 * (k % 3):.5f}")
     write_lines(folder / "records" / "pull.csv", rows)
+    replace_in(folder / "experiments.csv", ",0.25", ",")
     study = Study("s", folder, ("kv_gm_1",), calibrate=("pull",), validate=())
     faults, warnings = check_study(study)
     assert faults == []

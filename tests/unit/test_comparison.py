@@ -151,7 +151,7 @@ def test_decision_walks_up_and_names_the_unresolved():
     decision = decide(scores)
     assert decision.chosen == "n2"
     assert decision.unresolved == ("n3",)
-    assert decision.verdicts["n2"].endswith("against n3; smallest adequate order")
+    assert decision.verdicts["n2"].endswith("against n3; the smallest order")
     assert decision.verdicts["n4"] == "not ranked: not converged"
 
 

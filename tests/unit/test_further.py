@@ -123,7 +123,7 @@ def comparison(**changes):
     """candidate -> (log evidence, converged, verdict)."""
     rows = {
         "a": (0.0, True, "not chosen: elpd -50.0"),
-        "b": (90.0, True, "not resolved by these data against c; smallest adequate order"),
+        "b": (90.0, True, "not resolved by these data against c; the smallest order"),
         "c": (95.0, True, "not resolved by these data: elpd +9"),
         "d": (92.5, True, "not chosen: elpd -0.1"),
         "e": (99.0, False, "not ranked: not converged"),

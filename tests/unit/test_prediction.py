@@ -21,9 +21,12 @@ SIGMA = 0.2
 class Constant:
     """y(t) = level; without a response where that is negative."""
 
-    def predict(self, excitation, coordinate, response_name, draws):
+    def simulator_of(self, experiment):
+        return lambda draws: self.level(draws) * np.ones(experiment.coordinate.size)
+
+    def level(self, draws):
         level = draws["level"][:, None]
-        return np.where(level < 0.0, np.nan, level) * np.ones(coordinate.size)
+        return np.where(level < 0.0, np.nan, level)
 
     def failure_note(self, excitation, coordinate, draws):
         return "negative"

@@ -141,7 +141,9 @@ def test_nodes_have_the_mean_of_polynomials(count: int, degree: int) -> None:
     nodes, shares = gauss(x, weights, count)
     for power in range(degree + 1):
         mean = np.sum(weights * x**power)
-        assert np.sum(shares * nodes**power) == pytest.approx(mean, rel=1e-9, abs=1e-12 * 1e-3**power)
+        assert np.sum(shares * nodes**power) == pytest.approx(
+            mean, rel=1e-9, abs=1e-12 * 1e-3**power
+        )
     assert np.abs(nodes).max() <= np.abs(x).max()
 
 

@@ -23,7 +23,7 @@ def test_a_sound_folder(tmp_path: Path) -> None:
     read = read_folder(folder)
     assert [r.name for r in read.table] == ["relax", "pull"]
     assert read.table[0].metadata == {"note": "first"}
-    assert read.table[1].metadata == {"stretch_rate_per_s": 0.05}
+    assert read.table[1].metadata == {"stretch_rate_per_s": 0.25}
     raw = read.record(read.table[0])
     assert raw.columns["displacement"].max() == pytest.approx(0.06)
     assert read.locate(read.table[0]) == folder / "records" / "relax.csv"

@@ -104,7 +104,7 @@ def test_a_known_column_is_left_out_by_its_row(tmp_path: Path) -> None:
             b"\xef\xbb\xbf# time [s],force [N]\n\n0,1\n1,2\n",
             ["starts with numbers ('0,1')", "remove the '#' before 'time [s],force [N]'"],
         ),
-        (b"time [s],force [Nn]\n0,1\n1,2\n", ["column force", "unknown unit 'Nn'", "'N'"]),
+        (b"time [s],force [Nn]\n0,1\n1,2\n", ["column force", "unknown unit 'Nn'", "as pint does"]),
         (b"time [s],force [V]\n0,1\n1,2\n", ["column force", "a voltage", "a force"]),
         (b"time [s],force [N]\n0,1\n1,2\n2", ["last row '2' has 1 of 2", "truncated"]),
         (b"time [s],force [N]\n0,1\n1,2,3\n2,3\n", ["differ in their number", "line 2"]),

@@ -201,7 +201,7 @@ def test_words_stand_in_the_parameter_table(built: tuple[str, Path]) -> None:
 
 def test_verdicts(tmp_path: Path) -> None:
     protocols = ("relaxation",)
-    unresolved = "not resolved by these data against kv_gm_1; smallest adequate order"
+    unresolved = "not resolved by these data against kv_gm_1; the smallest order"
     cases = {
         "chosen": (Fake(name="chosen", candidates=(1, 2), protocols=protocols), "use kv_gm_2"),
         "open": (

@@ -21,7 +21,7 @@ def test_split_by_a_column(config: Path) -> None:
     folder = config.parent / "strip"
     replace_in(folder / "experiments.csv", "note,stretch_rate_per_s", "material,note")
     replace_in(folder / "experiments.csv", "force,first,", "force,Soft 00-30,")
-    replace_in(folder / "experiments.csv", "force,,0.05", "force,Hard,")
+    replace_in(folder / "experiments.csv", "force,,0.25", "force,Hard,")
     further = "further_experiments: {again: {like: relax}, misspelt: {like: relaks}}"
     asked = f"calibrate: [relax, relacks], validate: [], {further}"
     config.write_text(

@@ -33,7 +33,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     table = make_folder(tmp_path) / "experiments.csv"
     replace_in(table, "stretch_rate_per_s", "stretch_rate_per_s,batch")
     replace_in(table, "first,", "first,,rtv615")
-    replace_in(table, "0.05", "0.05,p7670")
+    replace_in(table, "0.25", "0.25,p7670")
     (tmp_path / "config.yaml").write_text(CONFIG)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -65,7 +65,9 @@ def test_a_fit_by_hand_writes_the_settings_that_analyse_reads(
     replace_in(place / "config.yaml", "pathvars: {results: elsewhere}\n", "")
     for stage in ("prepare_study", "fit_candidate"):
         monkeypatch.setattr(pipeline, stage, lambda *_, **__: None)
-    monkeypatch.setattr(api, "open_posterior", lambda _: SimpleNamespace(converged=True))
+    monkeypatch.setattr(
+        api, "open_posterior", lambda _: SimpleNamespace(converged=True, leaning=())
+    )
     fit_by_name("vhb", "kv_gm_1", Path("config.yaml"), Path("results"))
     path = Path("results/vhb/study.yaml")
     assert load_study(path) == load_studies(Path("config.yaml"))[0]

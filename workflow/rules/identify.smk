@@ -5,6 +5,7 @@ FITTED = [
     "<results>/{study}/{candidate}/summary.csv",
 ]
 MODEL = modules(
+    "default_priors.py",
     "experiment.py",
     "parameter.py",
     "passes.py",

@@ -58,9 +58,7 @@ def counted(faults: Sized, warnings: Sized) -> str:
     return ", ".join(f"{len(found)} {kind}{'s' * (len(found) != 1)}" for found, kind in kinds)
 
 
-def check_folder(
-    folder: Path, data_root: Path | None = None, as_study: bool = True
-) -> CheckReport:
+def check_folder(folder: Path, data_root: Path | None = None, as_study: bool = True) -> CheckReport:
     """Check specimen.yaml, experiments.csv and all records; never raises for a user's mistake.
 
     Parameters

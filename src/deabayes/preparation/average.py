@@ -12,8 +12,8 @@ from deabayes.preparation.grid import geometric_edges, record_corners, uniform_e
 from deabayes.preparation.nodes import nodes_of
 from deabayes.preparation.ringing import ringing
 from deabayes.preparation.settings import Settings
-from deabayes.reading.held import STEPS
 from deabayes.preparation.working import BoolArray, IntArray, WorkingRecord
+from deabayes.reading.held import STEPS
 
 FIRST_BINS = 8
 """Behind a corner of the excitation, in which a response may bend much."""

@@ -62,7 +62,7 @@ def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Datas
         "excitation": _variable("knot", excitation.values, excitation.unit),
     }
     if experiment.nodes is not None:
-        variables["node_point"] = _variable("node", experiment.nodes.point, "1")
+        variables["node_point"] = _variable("node", experiment.nodes.point.astype(float), "1")
         variables["node_offset"] = _variable("node", experiment.nodes.offsets, coordinate)
         variables["node_share"] = _variable("node", experiment.nodes.shares, "1")
     if raw is not None:
@@ -139,7 +139,9 @@ def read_prepared(path: Path) -> Experiment:
 def _nodes(file: h5py.File) -> Nodes | None:
     if "node_offset" not in file:
         return None
-    return Nodes(file["node_point"][()], file["node_offset"][()], file["node_share"][()])
+    return Nodes(
+        file["node_point"][()].astype(np.intp), file["node_offset"][()], file["node_share"][()]
+    )
 
 
 def read_overview(path: Path) -> RawOverview | None:

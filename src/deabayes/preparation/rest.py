@@ -17,6 +17,8 @@ AT_REST = 0.01
 EARLY = 0.05
 """Of its range: how far the excitation has gone where a reading at rest is extrapolated from."""
 FEWEST = 3
+MEDIAN = 1.2533
+"""Standard error of a median over that of a mean."""
 LEAST, ERRORS = 1e-4, 5.0
 """Of the response's range, and standard errors, above which a reading at rest is an offset."""
 
@@ -67,8 +69,8 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
     before = record.used & (record.coordinate < record.excitation_start())
     noise = noise_of(record.response[record.used])
     if before.sum() >= FEWEST:
-        value = float(record.response[before].mean())
-        return Rest(record, value, noise / float(np.sqrt(before.sum())), True)
+        value = float(np.median(record.response[before]))  # a single sample is no offset
+        return Rest(record, value, MEDIAN * noise / float(np.sqrt(before.sum())), True)
     early = np.interp(record.coordinate, record.excitation_coordinate, gone) <= EARLY * gone.max()
     first = record.used & np.logical_and.accumulate(early)
     if first.sum() < FEWEST + 1:

@@ -17,8 +17,8 @@ WITHIN = 0.25
 FEWEST_PASSES = 3
 PER_PERIOD = 4.0
 """Samples that a period needs: with two a sine looks like another one."""
-MOVING = 0.1
-"""Of the largest speed, above which an excitation is on a ramp."""
+RAMPED, FEWEST_SAMPLES = ("relaxation", "load_unload"), 3
+"""Protocols whose excitation begins with one ramp, and its samples by which its rate is known."""
 
 
 def contradictions(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
@@ -69,16 +69,16 @@ def _frequency(
 
 
 def _rate(row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen) -> float | None:
-    """Of stretch, of the samples in motion."""
+    """Of stretch: of the first way from a tenth to nine tenths of the largest departure."""
     gauge = of.quantities.get("gauge_length")
-    if row.excitation not in ("stretch", "displacement"):
+    if row.protocol not in RAMPED or row.excitation not in ("stretch", "displacement"):
         return None
     length = 1.0 if row.excitation == "stretch" else gauge and gauge.value
-    if not length:
+    gone = np.abs(driven - driven[0])
+    low, high = (int(np.argmax(gone >= share * gone.max())) for share in (0.1, 0.9))
+    if not length or high - low < FEWEST_SAMPLES:
         return None
-    far = max(1, time.size // 100)
-    speed = np.abs(driven[far:] - driven[:-far]) / (time[far:] - time[:-far])
-    return float(np.median(speed[speed > MOVING * speed.max()])) / length
+    return float(gone[high] - gone[low]) / float(time[high] - time[low]) / length
 
 
 def _amplitude(

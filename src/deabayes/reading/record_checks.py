@@ -61,10 +61,9 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
     faults += _stated_voltage_faults(row, raw, specimen, where)
     faults += _range_faults(row, raw, specimen, where)
     sensor = instrument(specimen, "range", row.response, raw.units[row.response])
-    faults += sensor_checks.mostly_clipped(
-        raw.columns[row.response], sensor and sensor.value, row.response, raw.units[row.response],
-        where,
-    )  # fmt: skip
+    limit = None if sensor is None else sensor.value
+    values, unit = raw.columns[row.response], raw.units[row.response]
+    faults += sensor_checks.mostly_clipped(values, limit, row.response, unit, where)
     faults += _sine_called_a_step(row, raw, where)
     if not faults:
         faults += contradictions(row, raw, specimen, where)
@@ -172,8 +171,8 @@ def _hold_without_its_ramp(row: ExperimentRow, raw: RawRecord, where: str) -> li
     if float(np.ptp(values)) > HELD * float(departure.max()):
         return []
     return [
-        f"{where}, column {row.excitation}: hardly changes; a relaxation needs the ramp that led "
-        "to it, on which the stress depends: add its rows"
+        f"{where}, column {row.excitation}: is constant or hardly changes; a relaxation needs the "
+        "ramp that led to it, on which the stress depends: add its rows"
     ]
 
 

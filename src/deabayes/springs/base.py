@@ -56,12 +56,19 @@ def principal_stretches(stretch: FloatArray, deformation: str) -> PrincipalStret
 
 
 DEFORMATIONS = ("uniaxial", "equibiaxial", "pure_shear")
-OTHER_NAMES = {"biaxial": "equibiaxial", "tension": "uniaxial", "planar": "pure_shear"}
+OTHER_NAMES = {
+    "biaxial": "equibiaxial",
+    "tension": "uniaxial",
+    "planar": "pure_shear",
+    "planartension": "pure_shear",
+}
 
 
 def unknown_deformation(name: str) -> UserError:
     """Names alike may be other deformations: simple shear is not pure shear."""
-    usual = OTHER_NAMES.get(name.lower().replace("planar_tension", "planar"), "")
+    plain = "".join(letter for letter in name.lower() if letter.isalpha())
+    written = {each.replace("_", ""): each for each in DEFORMATIONS} | OTHER_NAMES
+    usual = written.get(plain, "")
     known = ", ".join(DEFORMATIONS)
     hint = f"; did you mean {usual!r}?" if usual else f"; known: {known} (simple shear is none)"
     return UserError(f"unknown deformation {name!r}{hint}")
