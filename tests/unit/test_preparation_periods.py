@@ -86,7 +86,7 @@ def uneven(time: FloatArray) -> FloatArray:
         (record(1.0, volts=uneven), {"frequency": "1 Hz"}, None),
         (record(1.0, volts=double), {"frequency": "1 Hz"}, None),
         (record(2.0), {"frequency": "2.01 Hz"}, "does not repeat itself every 0.497512 s: cycle 6"),
-        (record(2.0), {"stated": 1.9}, "the voltage has 2 Hz, experiments.csv says frequency_Hz 1.9"),
+        (record(2.0), {"stated": 1.9}, "voltage has 2 Hz, experiments.csv says frequency_Hz 1.9"),
         (record(2.0), {"stated": 2.0, "frequency": "1 Hz"}, "has 1 Hz, experiments.csv says"),
         (record(2.0), {"stated": "two"}, None),
         (record(2.0), {"group": 8}, "half a period off their phase; give an odd number, such as 9"),

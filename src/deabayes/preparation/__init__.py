@@ -84,18 +84,18 @@ def prepare(
     Faults : what is wrong with the record's values.
     """
     record = open_record(row, raw, specimen)
-    slack, late = slack_left_in(record), begins_late(record)
-    rest, usual = reading_at_rest(record), steps is None
-    offset = rest is not None and rest.is_offset and (rest.seen or not slack)
-    for entry in default_steps(record, offset and rest.seen) if steps is None else steps:
+    slack, late, rest = slack_left_in(record), begins_late(record), reading_at_rest(record)
+    if rest is not None and (not rest.is_offset or (slack and not rest.seen)):
+        rest = None
+    usual = default_steps(record, rest is not None and rest.seen) if steps is None else steps
+    for entry in usual:
         record = _apply(entry, record)
-    corrected = any(done["step"] == "baseline" for done in record.steps)
-    if offset and (usual or not corrected):
-        record = record.with_warning(rest.sentence(corrected))
-    if slack and not any(done["step"] == "take_up_slack" for done in record.steps):
-        record = record.with_warning(slack)
-    if late and not any(done["step"] == "delay" for done in record.steps):
-        record = record.with_warning(late)
+    done = {str(entry["step"]) for entry in record.steps}
+    if rest is not None and (steps is None or "baseline" not in done):
+        record = record.with_warning(rest.sentence("baseline" in done))
+    for step, sentence in (("take_up_slack", slack), ("delay", late)):
+        if sentence and step not in done:
+            record = record.with_warning(sentence)
     return _experiment(record, raw)
 
 
