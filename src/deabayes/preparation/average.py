@@ -17,8 +17,9 @@ from deabayes.reading.held import STEPS
 
 FIRST_BINS = 8
 """Behind a corner of the excitation, in which a response may bend much."""
-FADED = 3.0
-"""Times the while in which a ringing is seen: then nothing is left of it."""
+FADED, WIDE = 3.0, 0.1
+"""Times the while in which a ringing is seen: then nothing is left of it; and the share of its
+period above which a bin is wide: of narrower ones two nodes are right to 4e-5 of its height."""
 GRIDS = ("geometric", "uniform")
 KEYS: Mapping[str, tuple[str, ...]] = {
     "geometric": ("grid", "first_width", "ratio", "widest", "largest_change"),
@@ -137,7 +138,8 @@ def _bends(record: WorkingRecord, begins: FloatArray) -> BoolArray:
         bends[first : first + FIRST_BINS] = True
     rings = ringing(record) if record.row.protocol in STEPS else None
     if rings is not None:
-        bends |= begins < rings.start + FADED * (rings.end - rings.start)
+        wide = np.diff(begins, append=record.coordinate[-1]) > WIDE * rings.period
+        bends |= wide & (begins < rings.start + FADED * (rings.end - rings.start))
     return bends
 
 

@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from deabayes.experiment import FloatArray, Nodes
 from deabayes.preparation.working import IntArray
 
-FEW = 8
-"""Samples of a bin up to which a model is evaluated at each of them."""
 WHERE_IT_BENDS, USUAL = 8, 2
-"""Nodes of other bins: right behind a corner of the excitation and while a response rings, and
+"""Most nodes of a bin: right behind a corner of the excitation and while a response rings, and
 elsewhere. What fades within t changes by e^(-w/t) over a bin of width w: two nodes are right to
 (w/t)^4 / 4320. Eight are right for a ringing of which a bin holds a period."""
 
@@ -19,7 +17,7 @@ elsewhere. What fades within t changes by e^(-w/t) over a bin of width w: two no
 def nodes_of(
     place: FloatArray, weights: FloatArray, starts: IntArray, bends: NDArray[np.bool_]
 ) -> Nodes:
-    """All samples of bins with few, the Gauss rule of the samples of others.
+    """All samples of bins with few, the Gauss rule of the samples of others; see `WHERE_IT_BENDS`.
 
     Parameters
     ----------
@@ -32,8 +30,9 @@ def nodes_of(
     offsets, shares = [], []
     for first, end, close in zip(starts, ends, bends, strict=True):
         x, w = place[first:end], weights[first:end] / weights[first:end].sum()
-        if x.size > FEW:
-            x, w = gauss(x, w, WHERE_IT_BENDS if close else USUAL)
+        most = WHERE_IT_BENDS if close else USUAL
+        if x.size > most:
+            x, w = gauss(x, w, most)
         offsets.append(x)
         shares.append(w)
     counts = [each.size for each in offsets]
