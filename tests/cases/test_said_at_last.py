@@ -73,3 +73,16 @@ def test_what_rejects_a_model_it_was_fitted_to() -> None:
         "pit_p": [0.4, 0.2, 1e-5, 1e-9],
     })  # fmt: skip
     assert list(rejected(errors)["experiment"]) == ["b", "c"]
+
+
+def test_a_channel_that_a_slower_clock_reads_is_named(tmp_path: Path) -> None:
+    """A logger that writes the slow channel's last value beside the fast one's (smuview#58)."""
+    study = creep(tmp_path, 0.05, 0.02, 0.52, 1e-3, 1e-7)
+    assert not [line for line in study.warnings if "lags" in line]
+    path = study.path / "specimen" / "records" / "creep.csv"
+    table = pd.read_csv(path)
+    values = table["displacement [m]"].to_numpy()
+    table["displacement [m]"] = values[np.arange(values.size) // 20 * 20]
+    table.to_csv(path, index=False)
+    (said,) = [line for line in study.warnings if "lags" in line]
+    assert "changes every 20 samples only" in said and "`decimate: {every: 20}`" in said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -39,7 +40,10 @@ def snakemake(
 def started(
     folder: Path, *arguments: str | Path, data: Path | None = None
 ) -> subprocess.Popen[str]:
-    """The same run while it goes on, in a group of processes of its own."""
+    """The same run while it goes on, in a group of processes of its own.
+
+    Ctrl-C reaches it also where the tests were started in the background, and ignore it.
+    """
     binaries = Path(sys.executable).parent
     return subprocess.Popen(
         [binaries / "snakemake", "--snakefile", ROOT / "Snakefile", "--directory", folder]
@@ -50,6 +54,7 @@ def started(
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={
             **os.environ,
             "PATH": f"{binaries}{os.pathsep}{os.environ['PATH']}",

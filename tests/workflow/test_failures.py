@@ -118,7 +118,7 @@ def test_after_an_interruption_no_report_is_built(failed: tuple[Path, CompletedP
     with started(place, "--cores", "2") as run:
         said = iter(run.stderr.readline, "")
         assert any("FAILED  prepare broken" in line for line in said)
-        time.sleep(8.0)  # until Snakemake has taken note of it
+        time.sleep(2.0)  # until Snakemake has taken note of it
         os.killpg(run.pid, signal.SIGINT)
         rest = run.stderr.read()
     assert run.returncode == 1 and "Failed: prepare broken" in rest

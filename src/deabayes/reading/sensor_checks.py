@@ -18,6 +18,8 @@ MOSTLY = 0.5
 """Share of a record at its sensor's limit from which it says nothing of the rest."""
 QUANTISED = 0.5
 """Share of neighbours that are equal, from which a record is quantised more coarsely than noisy."""
+HELD_ALIKE = 0.8
+"""Share of a channel's readings that are held equally long where a slower clock reads it."""
 FEWEST_HELD = 5
 """Samples in a row at an extreme that no noise leaves alike."""
 
@@ -110,6 +112,10 @@ def coarse_quantisation(
         return [f"{where}, column {channel}: the resolution "
                 f"{with_unit(resolution, unit, channel)} is coarser than the noise "
                 f"{with_unit(noise, unit, channel)}"]  # fmt: skip
+    if held := samples_held(values):
+        return [f"{where}, column {channel}: changes every {held} samples only: it was read more "
+                "seldom than it was written, and what is held lags; keep the samples at which it "
+                f"changes (`decimate: {{every: {held}}}` first in `preparation`)"]  # fmt: skip
     share = _equal_neighbours(values, np.isin(values, [end for _, end, _ in _held_ends(values)]))
     if share <= QUANTISED:
         return []
@@ -118,6 +124,17 @@ def coarse_quantisation(
     seen = with_unit(step, unit, channel, digits=3)
     return [f"{where}, column {channel}: quantised in steps of {seen}, coarser than the noise "
             f"({share:.0%} of neighbouring samples are equal)"]  # fmt: skip
+
+
+def samples_held(values: FloatArray) -> int:
+    """For how many samples each reading is held; 0 where readings are not held alike."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    if changes.size < FEWEST_HELD:
+        return 0
+    lengths = np.diff(changes)
+    usual = int(np.median(lengths))
+    alike = float(np.mean(lengths == usual))
+    return usual if usual >= 2 and alike > HELD_ALIKE else 0
 
 
 def longest_run(flags: Flags) -> int:
