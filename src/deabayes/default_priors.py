@@ -15,6 +15,8 @@ from deabayes.systems.base import System
 
 STIFF = ("Pa", "Pa s", "N/m", "N s/m")
 """Units of moduli, stiffnesses and viscosities."""
+WIDE = 2.0
+"""Of a log-normal prior that is left where it is: it spans three decades as it is."""
 LENGTHS = 4.0
 """Of the longest record: a unit that is slower than that looks like a spring."""
 DECADES = np.arange(-2, 3)
@@ -35,7 +37,8 @@ def following(
     Times of relaxation units are log-uniform from the shortest interval between points to
     four lengths of the longest record, in the system's own measure of a time. Moduli, stiffnesses
     and viscosities are as many decades larger than in the literature as the model must be
-    stiffer to move, or to pull, as the records do. Priors of a system of one's own are its own.
+    stiffer to move, or to pull, as the records do; wide priors stay. Priors of a system of one's
+    own are its own.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def _stiffened(
         p.name
         for p in prior.parameters
         if p.unit in STIFF and p.source != "config" and p.name not in inherited
-        and isinstance(p.prior, LogNormal)
+        and isinstance(p.prior, LogNormal) and p.prior.sigma < WIDE
     ]  # fmt: skip
     decades = _decades(prior, system, experiments, moved) if moved else 0
     if decades == 0:
@@ -108,16 +111,23 @@ def _stiffened(
 def _decades(
     prior: Prior, system: System, experiments: Sequence[Experiment], moved: Sequence[str]
 ) -> int:
-    """How many decades stiffer the median specimen must be to have the records' ranges."""
+    """How many decades stiffer the median specimen must be to answer as the records do."""
     middle = prior.to_parameters(np.zeros((1, len(prior.names))))[0]
     draws = {n: np.full(DECADES.size, v) for n, v in zip(prior.names, middle, strict=True)}
     draws |= {name: draws[name] * 10.0**DECADES for name in moved}
     off = np.zeros(DECADES.size)
     for each in experiments:
         with np.errstate(all="ignore"):
-            ranges = np.ptp(system.simulator_of(each)(draws), axis=1)
-            off += np.abs(np.log10(ranges / each.response_range)) / len(experiments)
-    off[~np.isfinite(off)] = np.inf
+            found = system.simulator_of(each)(draws)
+            off += np.abs(np.log10(_size(system, each, found) / _size(system, each, each.response)))
+    off = np.where(np.isfinite(off), off / len(experiments), np.inf)
     best = int(np.argmin(off))
     usual = int(np.flatnonzero(DECADES == 0)[0])
     return int(DECADES[best]) if off[best] < off[usual] - ALIKE else 0
+
+
+def _size(system: System, experiment: Experiment, response: FloatArray) -> FloatArray:
+    """The largest response, or its range where it is not counted from rest, over points."""
+    if experiment.response_name in system.zero_at_rest:
+        return np.asarray(np.max(np.abs(response), axis=-1))
+    return np.asarray(np.ptp(response, axis=-1))
