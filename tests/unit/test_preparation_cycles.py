@@ -22,7 +22,7 @@ def test_points_stand_on_the_response_at_their_phase(frequency: float) -> None:
 
 
 @pytest.mark.parametrize("window", [1.0, 0.5, 0.2])
-def test_flattening_is_what_the_documentation_says(window: float) -> None:
+def test_a_mean_flattens_a_sine_by_the_square_of_its_window(window: float) -> None:
     """On a cosine sampled finely enough for a mean to be an integral."""
     time = 1e-4 * np.arange(100_000)
     columns = {
