@@ -14,10 +14,9 @@ import numpy as np
 from emcee.state import State
 
 from deabayes.sampling import chains
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.moves import DifferenceMove, recipe
 from deabayes.sampling.peaks import peaks
-from deabayes.sampling.problem import Target
+from deabayes.sampling.problem import Coordinates, Target
 from deabayes.sampling.proposal import Lines, fit
 from deabayes.sampling.tempering import temper
 

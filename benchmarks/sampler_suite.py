@@ -36,9 +36,8 @@ from deabayes.comparison.scoring import bridge_evidence
 from deabayes.pipeline import build_target
 from deabayes.posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.engine import Sampled, sample
-from deabayes.sampling.problem import Problem
+from deabayes.sampling.problem import Coordinates, Problem
 from deabayes.studies import load_studies
 from deabayes.study import Sampling
 

@@ -10,12 +10,16 @@ from scipy.special import ndtr
 
 from deabayes.sampling import engine, moves
 from deabayes.sampling.checkpoint import read_arrays, write_arrays
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.diagnostics import assess
 from deabayes.sampling.engine import SAMPLING, sample
-from deabayes.sampling.problem import Problem, Target, log_standard_normal
+from deabayes.sampling.problem import (
+    Coordinates,
+    EveryDrawFailed,
+    Problem,
+    Target,
+    log_standard_normal,
+)
 from deabayes.sampling.proposal import Proposal
-from deabayes.sampling.tempering import EveryDrawFailed
 from deabayes.study import Sampling
 
 

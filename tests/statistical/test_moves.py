@@ -8,9 +8,9 @@ from emcee.state import State
 from tests.statistical.units import chain_prior
 from tests.unit.coordinates import COORDINATES
 
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.moves import DifferenceMove, HopMove, IndependenceMove, recipe
+from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.proposal import Lines, Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
 from deabayes.systems.ridges.unit_hop import UnitHop

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from tests.densities import LeastSquares, OfNoPoint
 
-from deabayes.sampling.climbs import climb, fisher_factors, triangular
-from deabayes.sampling.peaks import peaks
-from deabayes.sampling.problem import Split, Target
-from deabayes.sampling.tempering import EveryDrawFailed
+from deabayes.sampling.peaks import climb, fisher_factors, peaks, triangular
+from deabayes.sampling.problem import EveryDrawFailed, Split, Target
 
 DIMENSION = 6
 MEAN = np.linspace(-1.0, 1.0, DIMENSION)

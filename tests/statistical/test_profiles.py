@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.densities import LeastSquares
 
-from deabayes.sampling.climbs import Points, fisher_factors
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.profiles import REACH, profiles, thinned
+from deabayes.sampling.peaks import Points, fisher_factors
+from deabayes.sampling.problem import Coordinates
+from deabayes.sampling.warm_up import REACH, profiles, thinned
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from deabayes.comparison.left_out import ON_THE_WAY
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.problem import log_standard_normal
-from deabayes.sampling.tempering import EveryDrawFailed, Schedule, _Cloud, systematic, temper
+from deabayes.sampling.problem import Coordinates, EveryDrawFailed, log_standard_normal
+from deabayes.sampling.tempering import Schedule, _Cloud, systematic, temper
 
 WIDTH, CENTRE = 0.2, 0.7
 

@@ -11,7 +11,7 @@ from deabayes.posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
 from deabayes.prior.coordinates import Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates, Part
+from deabayes.sampling.problem import Coordinates, Part
 
 TIMES, WIDE = LogUniform(0.01, 10.0), Uniform(-1.0, 5.0)
 WEIGHT, SLOPES = 0.2, (1.5, 1.2)

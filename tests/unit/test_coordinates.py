@@ -20,7 +20,7 @@ from deabayes.experiment import Quantity, Specimen
 from deabayes.noise.coordinates import NoisePair
 from deabayes.prior.coordinates import Inherited, Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.proposal import fit
 from deabayes.systems.ridges.gent_pair import GentPair
 from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial

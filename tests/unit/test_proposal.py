@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.proposal import Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
 

@@ -14,7 +14,7 @@ from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.prior.coordinates import Natural
 from deabayes.prior.ordered import Ordered
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.sampling.problem import Coordinates
 from deabayes.systems.ridges.shares import Shares
 from deabayes.systems.ridges.unit_shares import TooSlow, shown_for, unit_shares
 

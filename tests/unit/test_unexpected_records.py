@@ -17,7 +17,7 @@ from deabayes.faults import UserError
 from deabayes.pipeline import identify
 from deabayes.posterior import build
 from deabayes.posteriors import content
-from deabayes.sampling.tempering import EveryDrawFailed
+from deabayes.sampling.problem import EveryDrawFailed
 
 
 @pytest.mark.parametrize(

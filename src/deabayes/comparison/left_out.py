@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.posterior import LogPosterior, log_standard_normal
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.problem import Hop, Problem
+from deabayes.sampling.problem import Coordinates, Hop, Problem
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
 Densities = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]

@@ -175,7 +175,7 @@ def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArr
     ----------
     split : z (W, d) -> the log-likelihood by points.
     """
-    from deabayes.sampling.climbs import climb
+    from deabayes.sampling.peaks import climb
     from deabayes.sampling.problem import Target
 
     starts = draws[np.linspace(0, len(draws) - 1, min(CLIMBS, len(draws))).astype(int)]

@@ -67,8 +67,8 @@ def _sampled(
 ) -> Sampled:
     from deabayes.posteriors.problem import problem_of
     from deabayes.sampling.engine import sample
+    from deabayes.sampling.problem import EveryDrawFailed
     from deabayes.sampling.progress import Progress
-    from deabayes.sampling.tempering import EveryDrawFailed
 
     seed = seed_of(study, candidate, "fit")
     try:

@@ -10,8 +10,7 @@ from deabayes.experiment import FloatArray
 from deabayes.noise.coordinates import noise_coordinates
 from deabayes.posterior import LogPosterior, Record
 from deabayes.prior.coordinates import prior_coordinates
-from deabayes.sampling.coordinates import Coordinates
-from deabayes.sampling.problem import Problem, Split
+from deabayes.sampling.problem import Coordinates, Problem, Split
 from deabayes.systems.batch import Batch
 
 

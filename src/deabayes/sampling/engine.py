@@ -24,10 +24,10 @@ from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
 from deabayes.sampling.diagnostics import Convergence, assess, stuck_walkers
-from deabayes.sampling.problem import Problem, Target
+from deabayes.sampling.problem import EveryDrawFailed, Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
-from deabayes.sampling.tempering import EveryDrawFailed, Populations
+from deabayes.sampling.tempering import Populations
 from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 

@@ -10,13 +10,19 @@ some.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.climbs import Points, climb, fisher_factors
-from deabayes.sampling.problem import Target
-from deabayes.sampling.tempering import EveryDrawFailed
+from deabayes.sampling.problem import (
+    Coordinates,
+    EveryDrawFailed,
+    Split,
+    Target,
+    log_standard_normal,
+)
 
 STARTS, KEPT = 64, 16
 """Of a wave: starts, and how many of the ends of these climbs are told on."""
@@ -33,6 +39,220 @@ ITERATIONS = 80
 NEAR = 10.0
 """Nats that a peak, or the mass of its approximation, may be below the largest to be kept.
 Climbs along a ridge end a few apart."""
+DIFFERENCE, SMALL, DIFFERENCES = 1e-3, 0.02, (1e-7, 0.03)
+"""Of derivatives in u: the first; then so many standard deviations, within these bounds. Much less
+would show the errors of a rough solution, which are no smooth function of the parameters."""
+FACTORS, LENGTHS = np.array([0.03, 1.0, 30.0]), np.array([0.3, 1.0, 3.0])
+"""Of the steps that are tried side by side: times the damping of the step before, and how often
+the step is made that leads to the top of a bowl."""
+DAMPINGS = 1e-4, 1e3
+"""Of the metric's diagonal, added to it: bounds."""
+LONGEST = 3.0
+"""Of a step in u."""
+HUGE = 1e100
+"""Of a derivative, at most: its square is a number still."""
+GAIN, QUIET = 1e-2, 2
+"""Nats that an iteration gains at least; and after how many that do not a climb has ended."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a density, each with a normal approximation.
+
+    Attributes
+    ----------
+    z : (K, d).
+    factors : (K, d, d), Cholesky factors of the covariances.
+    value : (K,), the log density.
+    """
+
+    z: FloatArray
+    factors: FloatArray
+    value: FloatArray
+
+    def at(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
+        """Some of the points."""
+        return Points(self.z[which], self.factors[which], self.value[which])
+
+    @classmethod
+    def joined(cls, *parts: Points) -> Points:
+        """All points of several sets."""
+        return cls(
+            np.concatenate([part.z for part in parts]),
+            np.concatenate([part.factors for part in parts]),
+            np.concatenate([part.value for part in parts]),
+        )
+
+    @property
+    def log_mass(self) -> FloatArray:
+        """Log of the mass that each approximation has, but for a constant, (K,)."""
+        diagonals = np.abs(np.diagonal(self.factors, axis1=1, axis2=2))
+        return self.value + np.log(diagonals).sum(axis=1)
+
+
+def climb(
+    target: Target,
+    starts: FloatArray,
+    factors: FloatArray,
+    iterations: int,
+    coordinates: Coordinates | None = None,
+    quiet: int = QUIET,
+) -> Climbs:
+    """Maximise by Fisher scoring with the damping of Levenberg and Marquardt, all in lockstep.
+
+    An iteration is two calls: the derivatives of all climbs, as differences to one side, and steps
+    of several lengths and dampings. (Osborne 1992, International Statistical Review 60, 99.)
+
+    Parameters
+    ----------
+    starts : (K, d), in `coordinates`; those of z by default. Heights are of the density of z.
+    factors : (K, d, d), steps are taken in u with x = start + factor u. A factor without full rank
+        keeps the climb in the plane of its columns.
+    quiet : iterations in turn that gain next to nothing, after which a climb has ended.
+
+    Returns
+    -------
+    climbs : at their ends, with x (K, d) and the log density of z there, `value` (K,).
+    """
+    climbs = Climbs(target, starts, factors, coordinates or Coordinates(), quiet)
+    for _ in range(iterations):
+        if not climbs.live.size:
+            break
+        climbs.advance()
+    return climbs
+
+
+def fisher_factors(
+    target: Target,
+    x: FloatArray,
+    factors: FloatArray,
+    coordinates: Coordinates | None = None,
+    differences: FloatArray | float = SMALL,
+) -> FloatArray:
+    """Cholesky factors (K, d, d) of the inverse of the Fisher information, prior included.
+
+    Parameters
+    ----------
+    x : (K, d), in `coordinates`.
+    factors : (K, d, d), whose columns are the directions of the differences.
+    differences : in units of the columns, which may be about as long as the density is wide.
+    """
+    climbs = Climbs(target, x, factors, coordinates or Coordinates())
+    climbs.differences[:] = differences
+    _, metric = climbs.slope_and_metric(np.arange(len(x)))
+    eigenvalues, vectors = np.linalg.eigh(metric)
+    eigenvalues = np.maximum(eigenvalues, 1e-12 * eigenvalues[:, -1:])
+    return triangular(factors @ (vectors / np.sqrt(eigenvalues)[:, None]))
+
+
+@dataclass
+class Climbs:
+    """Where K climbs are in u, and the size of the differences that they take there."""
+
+    target: Target
+    starts: FloatArray
+    factors: FloatArray
+    coordinates: Coordinates
+    most_quiet: int = QUIET
+
+    def __post_init__(self) -> None:
+        count, d = self.starts.shape
+        self.u = np.zeros((count, d))
+        self.differences = np.full((count, d), DIFFERENCE)
+        self.damping = np.full(count, FACTORS[0])
+        self.quiet = np.zeros(count, dtype=int)
+        self.highest_rest = -np.inf
+        self.value = self._at(np.arange(count), self.u[:, None])[2][:, 0]
+        self.live = np.flatnonzero(np.isfinite(self.value))
+
+    @property
+    def x(self) -> FloatArray:
+        """Where the climbs are, (K, d)."""
+        return self.place(np.arange(len(self.starts)), self.u[:, None])[:, 0]
+
+    def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
+        """x (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
+        steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
+        return np.asarray(self.starts[which][:, None] + steps)
+
+    def _at(self, which: NDArray[np.intp], u: FloatArray) -> tuple[Split, FloatArray, FloatArray]:
+        """The log-likelihood by points, z (K, M, d), and the log density (K, M), -inf if lost."""
+        count, many, d = u.shape
+        z = self.coordinates.bend(self.place(which, u).reshape(-1, d))
+        outside = np.isnan(z[:, 0])
+        split = self.target.split(np.where(outside[:, None], 0.0, z))
+        value = split.total + self.target.prior * log_standard_normal(z)
+        value = np.where(np.isfinite(value), value, -np.inf).reshape(count, many)
+        by_climb = Split(*(part.reshape(count, many, *part.shape[1:]) for part in split))
+        return by_climb, z.reshape(count, many, d), value
+
+    def advance(self) -> None:
+        """One iteration of the climbs that have not ended."""
+        live = self.live
+        dampings = self.damping[live][:, None] * FACTORS
+        steps = _damped_steps(*self.slope_and_metric(live), dampings)
+        trial = self.u[live][:, None] + steps
+        found = self._at(live, trial)[2]
+        rows, best = np.arange(live.size), found.argmax(axis=1)
+        gain = found[rows, best] - self.value[live]
+        better = gain > 0.0
+        self.u[live[better]] = trial[rows, best][better]
+        self.value[live[better]] = found[rows, best][better]
+        self.damping[live] = np.clip(dampings[rows, best % len(FACTORS)], *DAMPINGS)
+        self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
+        self.live = live[self.quiet[live] < self.most_quiet]
+
+    def slope_and_metric(self, live: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Gradient (K, d) and Fisher information (K, d, d), with the prior's.
+
+        A normal score e with the log scale c has the information (e' + e c')^2 + 2 c'^2. Of what
+        is of no point a bowl is all that is known: half a square that is zero at its highest.
+        """
+        d, steps = self.u.shape[1], self.differences[live]
+        shifts = np.concatenate([np.zeros((1, d)), np.eye(d)]) * steps[:, None]
+        split, z, value = self._at(live, self.u[live][:, None] + shifts)
+        works = np.isfinite(value[:, 1:])
+
+        def derivatives(values: FloatArray) -> FloatArray:
+            shape = (*works.shape, *(1,) * (values.ndim - 2))
+            with np.errstate(invalid="ignore"):
+                slopes = (values[:, 1:] - values[:, :1]) / steps.reshape(shape)
+            return np.where(works.reshape(shape), np.clip(slopes, -HUGE, HUGE), 0.0)
+
+        scores, scales, rest, of_z = map(derivatives, (*split, z))
+        self.highest_rest = max(self.highest_rest, float(split.rest[:, 0].max()))
+        bowl = np.maximum(1.0, 2.0 * (self.highest_rest - split.rest[:, 0]))
+        slope = rest - np.einsum("kip,kp->ki", scores, split.scores[:, 0]) - scales.sum(axis=2)
+        slope -= self.target.prior * np.einsum("kij,kj->ki", of_z, z[:, 0])
+        means = np.clip(scores + split.scores[:, :1] * scales, -HUGE, HUGE)
+        metric = rest[:, :, None] * rest[:, None] / bowl[:, None, None]
+        for part, weight in ((means, 1.0), (scales, 2.0), (of_z, self.target.prior)):
+            metric += weight * part @ part.transpose(0, 2, 1)
+        widths = 1.0 / np.sqrt(np.maximum(np.diagonal(metric, axis1=1, axis2=2), 1e-300))
+        self.differences[live] = np.clip(SMALL * widths, *DIFFERENCES)
+        return slope, metric
+
+
+def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -> FloatArray:
+    """Steps (K, L F, d) of every length, and for each of every damping (K, F)."""
+    d = slope.shape[1]
+    diagonal = np.diagonal(metric, axis1=1, axis2=2)
+    floor = np.maximum(
+        1e-12 * diagonal.max(axis=1, keepdims=True), 1e-300
+    )  # of a direction out of the plane
+    added = dampings[:, :, None] * diagonal[:, None] + floor[:, None]
+    damped = metric[:, None] + added[..., None] * np.eye(d)
+    way = np.linalg.solve(damped, slope[:, None, :, None])[..., 0]
+    steps = (LENGTHS[:, None, None] * way[:, None]).reshape(len(slope), -1, d)
+    size = np.linalg.norm(steps, axis=2, keepdims=True)
+    return np.asarray(steps * np.minimum(1.0, LONGEST / np.maximum(size, 1e-300)))
+
+
+def triangular(roots: FloatArray) -> FloatArray:
+    """The Cholesky factors of root root' (K, d, d), also where that product loses a direction."""
+    upper = np.linalg.qr(roots.transpose(0, 2, 1), mode="r")
+    signs = np.where(np.diagonal(upper, axis1=1, axis2=2) < 0.0, -1.0, 1.0)
+    return np.asarray((signs[:, :, None] * upper).transpose(0, 2, 1), dtype=np.float64)
 
 
 def peaks(

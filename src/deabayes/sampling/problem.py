@@ -5,17 +5,68 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import log, pi
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.coordinates import Coordinates
+from deabayes.faults import UserError
 from deabayes.sampling.mixture import RandomSource
 
 LogDensity = Callable[[FloatArray], FloatArray]
 Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
 """z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+
+
+class EveryDrawFailed(UserError):
+    """No particle has a finite likelihood: whoever knows the records says which."""
+
+
+class Part(Protocol):
+    """A map of some columns of u, made in place: of the prior, the noise model or the system."""
+
+    def straighten(self, u: FloatArray) -> FloatArray | float:
+        """Change columns of u (W, d) and return the log of the Jacobian, (W,) or one for all."""
+        ...
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it; NaN outside the support."""
+        ...
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The map u = straighten(z) and its inverse, by parts in turn; the identity without parts.
+
+    Ridges of the posterior are straight in u. Proposals are fitted, and differences of walkers
+    taken, there.
+    """
+
+    parts: tuple[Part, ...] = ()
+
+    def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""
+        log_jacobian = np.zeros(len(z))
+        if not self.parts:
+            return z, log_jacobian
+        u = z.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for part in self.parts:
+                log_jacobian += part.straighten(u)
+        lost = ~(np.isfinite(log_jacobian) & np.isfinite(u).all(axis=1))
+        u[lost], log_jacobian[lost] = 0.0, -np.inf
+        return u, log_jacobian
+
+    def bend(self, u: FloatArray) -> FloatArray:
+        """The z (W, d) of u; rows outside the prior's support are NaN."""
+        if not self.parts:
+            return u
+        z = u.copy()
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            for part in reversed(self.parts):
+                part.bend(z)
+        z[~np.isfinite(z).all(axis=1)] = np.nan
+        return z
 
 
 class Split(NamedTuple):

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.mixture import Mixture, RandomSource
 from deabayes.sampling.mixture import fit as fit_mixture
+from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.2

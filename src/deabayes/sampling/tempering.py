@@ -18,20 +18,14 @@ from emcee.state import State
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import UserError
-from deabayes.sampling.coordinates import Coordinates
 from deabayes.sampling.moves import recipe
-from deabayes.sampling.problem import Hop, LogDensity
+from deabayes.sampling.problem import Coordinates, EveryDrawFailed, Hop, LogDensity
 from deabayes.sampling.proposal import Proposal, fit
 
 Report = Callable[[float, int], None]
 
 REFIT_ROUNDS = 5
 COMPONENTS = 4
-
-
-class EveryDrawFailed(UserError):
-    """No particle has a finite likelihood: whoever knows the records says which."""
 
 
 @dataclass(frozen=True)
