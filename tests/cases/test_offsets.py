@@ -119,17 +119,54 @@ def test_taken_up_the_modulus_is_right(tmp_path: Path) -> None:
     check(study.fitted("neo_hookean_units_1"), TRUTH, 0.1)
 
 
-@pytest.mark.parametrize(("delay", "named"), [(2e-4, True), (0.0, False)])
-def test_a_sensor_that_lags_by_samples_is_named(tmp_path: Path, delay: float, named: bool) -> None:
+def test_a_rubber_that_stiffens_is_not_called_slack(tmp_path: Path) -> None:
+    stretch = np.linspace(1.0, 9.0, 400)
+    rubber = {"mu_1": 5e3, "alpha_1": 2.0, "mu_2": 0.02, "alpha_2": 8.0}
+    strip = {"cross_section": 1e-5, "gauge_length": 0.05}
+    found = simulate(
+        "tensile_strip", "ogden_2", rubber, strip, stretch=stretch, response="nominal_stress",
+        conditions={"deformation": "uniaxial"},
+    )  # fmt: skip
+    columns = {"stretch [1]": stretch, "nominal_stress [Pa]": found["nominal_stress"].values}
+    rows = [row("pull", "quasi_static", "stretch", "nominal_stress", deformation="uniaxial")]
+    study = made(tmp_path, "tensile_strip", STRIP, rows, {"pull": columns}, ["ogden_2"])
+    assert not [line for line in study.warnings if "slack" in line]
+
+
+def creeps(path: Path, moved: np.ndarray, noise: float = 5e-7):
+    """A tube at 2 kV from 20 ms on whose sensor reads `moved`."""
     time = np.arange(0.0, 0.2, 5e-5)
-    since = np.maximum(time - 0.02 - delay, 0.0)
-    strain = np.where(time >= 0.02 + delay, 2.4e-3 + 1.6e-3 * -np.expm1(-since / 0.05), 0.0)
     columns = {
         "time [s]": time,
         "voltage [V]": np.where(time >= 0.02, 2000.0, 0.0),
-        "displacement [m]": noisy(0.05 * strain, 5e-7),
+        "displacement [m]": noisy(moved, noise),
     }
     rows = [row("creep", "creep", "voltage", "displacement")]
-    study = made(tmp_path, "tubular", TUBE, rows, {"creep": columns}, ["voigt_kelvin_1"])
-    said = [line for line in study.warnings if "after the voltage" in line]
-    assert len(said) == named and all("begins 200 µs after the voltage" in line for line in said)
+    return made(path, "tubular", TUBE, rows, {"creep": columns}, ["voigt_kelvin_1"])
+
+
+def crept(delay: float = 0.0) -> np.ndarray:
+    """Displacement [m] of a tube that begins `delay` [s] after its voltage."""
+    time = np.arange(0.0, 0.2, 5e-5)
+    since = np.maximum(time - 0.02 - delay, 0.0)
+    at = time >= 0.02 + delay - 1e-9
+    return 0.05 * np.where(at, 2.4e-3 + 1.6e-3 * -np.expm1(-since / 0.05), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("delay", "named"),
+    [(2e-4, "200 µs after the voltage, and then jumps"), (5e-5, "50 µs after the voltage"),
+     (-2e-4, "200 µs before the voltage, which it cannot"), (0.0, "")],
+)  # fmt: skip
+def test_a_sensor_whose_clock_differs_is_named(tmp_path: Path, delay: float, named: str) -> None:
+    said = [line for line in creeps(tmp_path, crept(delay)).warnings if " the voltage, " in line]
+    assert len(said) == bool(named) and all(f"begins {named}" in line for line in said)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_a_specimen_that_still_recovers_is_named(tmp_path: Path, share: float) -> None:
+    time = np.arange(0.0, 0.2, 5e-5)
+    study = creeps(tmp_path, crept() + share * 2e-4 * np.exp(-time / 0.02))
+    said = [line for line in study.warnings if "drifts by" in line]
+    assert len(said) == bool(share)
+    assert all("and the model begins at rest" in line for line in said)

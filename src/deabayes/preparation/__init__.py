@@ -12,10 +12,10 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
 from deabayes.faults import UserError, nearest
+from deabayes.preparation.apart import begins_apart
 from deabayes.preparation.defaults import DEFAULT_STEPS, default_steps
-from deabayes.preparation.late import begins_late
 from deabayes.preparation.opening import conditions, open_record
-from deabayes.preparation.rest import reading_at_rest
+from deabayes.preparation.rest import drift_at_rest, reading_at_rest
 from deabayes.preparation.take_up_slack import slack_left_in
 from deabayes.preparation.working import WorkingRecord
 from deabayes.reading.measured import measured_rows
@@ -84,7 +84,8 @@ def prepare(
     Faults : what is wrong with the record's values.
     """
     record = open_record(row, raw, specimen)
-    slack, late, rest = slack_left_in(record), begins_late(record), reading_at_rest(record)
+    slack, apart, rest = slack_left_in(record), begins_apart(record), reading_at_rest(record)
+    drift = drift_at_rest(record)
     if rest is not None and (not rest.is_offset or (slack and not rest.seen)):
         rest = None
     usual = default_steps(record, rest is not None and rest.seen) if steps is None else steps
@@ -93,7 +94,9 @@ def prepare(
     done = {str(entry["step"]) for entry in record.steps}
     if rest is not None and (steps is None or "baseline" not in done):
         record = record.with_warning(rest.sentence("baseline" in done))
-    for step, sentence in (("take_up_slack", slack), ("delay", late)):
+    if drift:
+        record = record.with_warning(drift)
+    for step, sentence in (("take_up_slack", slack), ("delay", apart)):
         if sentence and step not in done:
             record = record.with_warning(sentence)
     return _experiment(record, raw)

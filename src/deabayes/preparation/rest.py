@@ -16,11 +16,15 @@ AT_REST = 0.01
 """Of its range: how far the excitation's first value may be from none."""
 EARLY = 0.05
 """Of its range: how far the excitation has gone where a reading at rest is extrapolated from."""
+CONFIRMED = 0.5
+"""Of an extrapolated reading at rest: what the first sample must have of it."""
 FEWEST = 3
 MEDIAN = 1.2533
 """Standard error of a median over that of a mean."""
 LEAST, ERRORS = 1e-4, 5.0
 """Of the response's range, and standard errors, above which a reading at rest is an offset."""
+DRIFT, FEWEST_OF_DRIFT = 0.005, 8
+"""Of the response's range: a drift at rest that matters; and samples by which it is known."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,8 @@ class Rest:
         if self.seen:
             return f"{said}; add `baseline: {{}}` to `preparation: {protocol}`"
         return (
-            f"{said}; add rows from before the excitation, for the step `baseline`, or set "
-            "`noise: ornstein_uhlenbeck_offset` for the study"
+            f"{said}; rows from before the excitation let `baseline` subtract it, and "
+            "`noise: ornstein_uhlenbeck_offset` in the study estimates it"
         )
 
 
@@ -79,7 +83,31 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
     basis[:, 1] -= basis[0, 1]
     inverse = np.linalg.inv(basis.T @ basis)
     value = float((inverse @ basis.T @ record.response[first])[0])
+    if abs(record.response[first][0]) < CONFIRMED * abs(value):
+        return None  # it reads none at first, and then rises fast
     return Rest(record, value, noise * float(np.sqrt(inverse[0, 0])), False)
+
+
+def drift_at_rest(record: WorkingRecord) -> str:
+    """What there is to say of a response that still moves before the excitation does."""
+    name = record.row.response
+    if not record.in_time:
+        return ""
+    before = record.used & (record.coordinate < record.excitation_start())
+    if before.sum() < FEWEST_OF_DRIFT:
+        return ""
+    time, response = record.coordinate[before], record.response[before]
+    length, size = float(np.ptp(time)), float(np.ptp(record.response[record.used]))
+    moved = float(np.polyfit(time - time[0], response, 1)[0]) * length
+    error = noise_of(response) * float(np.sqrt(12.0 / before.sum()))
+    if abs(moved) <= max(ERRORS * error, DRIFT * size):
+        return ""
+    return (
+        f"the {name} drifts by {with_unit(moved, record.response_unit, name, digits=2)} "
+        f"({100 * abs(moved) / size:.2g} % of its range) in the {with_unit(length, 's', digits=2)} "
+        f"before the {record.row.excitation} changes, and the model begins at rest: slow units "
+        "take such a drift for creep; let the specimen settle longer before the record"
+    )
 
 
 def noise_of(response: FloatArray) -> float:

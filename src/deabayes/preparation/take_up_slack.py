@@ -18,6 +18,9 @@ RISE, FEWEST = (0.03, 0.3), 6
 LEAST = 0.002
 """Of stretch, or of the excitation's range: slack below which nothing is said."""
 STANDARD_ERRORS = 5.0
+AT_REST = 0.25
+"""Of the force that a taut strip would have had on average until the rise: more is no slack, but a
+rubber that stiffens."""
 
 
 def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
@@ -64,8 +67,13 @@ def slack_end(record: WorkingRecord) -> float | None:
     variance = float(np.sum((x - basis @ parabola) ** 2)) / (f.size - 3)
     error = float(np.sqrt(variance * inverse[0, 0]))
     least = LEAST * (1.0 if row.excitation == "stretch" else float(np.ptp(driven)))
-    slack = float(parabola[0] - driven[0])
-    return float(parabola[0]) if slack > max(least, STANDARD_ERRORS * error) else None
+    taut = float(parabola[0])
+    slack = taut - float(driven[0])
+    if slack <= max(least, STANDARD_ERRORS * error):
+        return None
+    if_taut = 0.5 * slack / float(parabola[1])
+    before = force[driven[: peak + 1] < taut]
+    return taut if abs(float(np.mean(before))) < AT_REST * if_taut else None
 
 
 def slack_left_in(record: WorkingRecord) -> str:

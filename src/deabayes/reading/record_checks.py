@@ -13,6 +13,8 @@ from deabayes.reading.beginning import is_near, knows_prehistory, value_before
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.contradictions import contradictions
 from deabayes.reading.held import STEPS, excitation_range, is_step_from_the_start
+from deabayes.reading.jumps import dropouts, response_jumps
+from deabayes.reading.jumps import named as jump_named
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.single_samples import glitches, named, standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of
@@ -95,6 +97,7 @@ def record_warnings(
     if "time" in needed_columns(row):
         found += checks.sampling_jitter(raw.columns["time"], where)
         found += _single_sample_warnings(row, raw, where)
+        found += _jump_warnings(row, raw, where)
     found += _beginning_warnings(row, raw, specimen.system, where)
     if row.excitation in COMMANDS:
         found.append(
@@ -142,6 +145,36 @@ def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> l
     return [
         f"{where}, {named(at, time, raw.columns[name], name, units[name], remedy)}"
         for at, name, remedy in found
+        if at.size
+    ]
+
+
+def _jump_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
+    """Jumps that only the response has, or, of a step or creep, only the excitation."""
+    time, (driven, moved) = raw.columns["time"], (row.excitation, row.response)
+    excitation, response = raw.columns[driven], raw.columns[moved]
+    size = excitation_range(row.protocol, excitation, raw.units[driven])
+    found = [
+        (
+            response_jumps(excitation, size, response), moved, response,
+            f"though the {driven} does not; if the specimen or its sensor slipped or broke there, "
+            "keep what is before it (`crop`)",
+        )
+    ]  # fmt: skip
+    if row.protocol in STEPS:
+        found.append(
+            (
+                dropouts(excitation, response), driven, excitation,
+                f"soon jumps back, and the {moved} does not follow; if it was not driven so, "
+                "correct these rows in the file",
+            )
+        )  # fmt: skip
+    return [
+        f"{where}, "
+        + jump_named(
+            at, time, name, float(values[at[0]] - values[at[0] - 1]), raw.units[name], remedy
+        )
+        for at, name, values, remedy in found
         if at.size
     ]
 
