@@ -10,6 +10,8 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.preparation.working import WorkingRecord
 from deabayes.quantities import with_unit
+from deabayes.reading.held import STEPS
+from deabayes.reading.single_samples import least_swing, without_single_samples
 from deabayes.systems import system_class
 
 AT_REST = 0.01
@@ -23,8 +25,9 @@ MEDIAN = 1.2533
 """Standard error of a median over that of a mean."""
 LEAST, ERRORS = 1e-4, 5.0
 """Of the response's range, and standard errors, above which a reading at rest is an offset."""
-DRIFT, FEWEST_OF_DRIFT = 0.005, 8
-"""Of the response's range: a drift at rest that matters; and samples by which it is known."""
+DRIFT, OVER_SCATTER, FEWEST_OF_DRIFT = 0.005, 6.0, 8
+"""Of the response's range, and of the scatter about its line: a drift at rest that matters, which a
+period of hum is not; and the fewest samples by which it is known."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +67,10 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
 
     Also None for a response that is not zero at rest, and a record that does not begin at rest.
     """
-    row, driven = record.row, record.excitation
-    known = row.response in system_class(record.specimen.system).zero_at_rest
-    none = 1.0 if row.excitation == "stretch" else 0.0
-    gone = np.abs(driven - none)
-    if not (known and record.in_time and gone[0] <= AT_REST * gone.max()):
+    known = record.row.response in system_class(record.specimen.system).zero_at_rest
+    if not (known and _begins_at_rest(record)):
         return None
+    gone = _departure(record)
     before = record.used & (record.coordinate < record.excitation_start())
     noise = noise_of(record.response[record.used])
     if before.sum() >= FEWEST:
@@ -91,16 +92,18 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
 def drift_at_rest(record: WorkingRecord) -> str:
     """What there is to say of a response that still moves before the excitation does."""
     name = record.row.response
-    if not record.in_time:
+    if record.row.protocol not in STEPS or not _begins_at_rest(record):
         return ""
     before = record.used & (record.coordinate < record.excitation_start())
     if before.sum() < FEWEST_OF_DRIFT:
         return ""
     time, response = record.coordinate[before], record.response[before]
+    response = without_single_samples(response, least_swing(response))
     length, size = float(np.ptp(time)), float(np.ptp(record.response[record.used]))
-    moved = float(np.polyfit(time - time[0], response, 1)[0]) * length
-    error = noise_of(response) * float(np.sqrt(12.0 / before.sum()))
-    if abs(moved) <= max(ERRORS * error, DRIFT * size):
+    line = np.polyfit(time - time[0], response, 1)
+    scatter = float(np.std(response - np.polyval(line, time - time[0])))
+    moved = float(line[0]) * length
+    if abs(moved) <= max(OVER_SCATTER * scatter, DRIFT * size):
         return ""
     return (
         f"the {name} drifts by {with_unit(moved, record.response_unit, name, digits=2)} "
@@ -108,6 +111,16 @@ def drift_at_rest(record: WorkingRecord) -> str:
         f"before the {record.row.excitation} changes, and the model begins at rest: slow units "
         "take such a drift for creep; let the specimen settle longer before the record"
     )
+
+
+def _departure(record: WorkingRecord) -> FloatArray:
+    """How far the excitation is from none."""
+    return np.abs(record.excitation - (1.0 if record.row.excitation == "stretch" else 0.0))
+
+
+def _begins_at_rest(record: WorkingRecord) -> bool:
+    gone = _departure(record)
+    return bool(record.in_time and gone[0] <= AT_REST * gone.max())
 
 
 def noise_of(response: FloatArray) -> float:
