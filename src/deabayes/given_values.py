@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 import datetime
 import re
 from typing import Any
@@ -13,7 +15,6 @@ from deabayes.carried_unit import without_unit
 from deabayes.faults import UserError
 from deabayes.units import parse_quantity, to_si
 
-FloatArray = NDArray[np.float64]
 
 COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
 

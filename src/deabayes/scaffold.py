@@ -10,7 +10,7 @@ from pathlib import Path
 from deabayes.faults import UserError
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.schema import schema
-from deabayes.reading.specimen import system_class
+from deabayes.systems import system_class
 from deabayes.reading.table import WITHOUT_TIME, channels_of
 from deabayes.reading.yaml_file import scalar
 

@@ -7,6 +7,8 @@ where `1` is expected, or `rad/s` where `Hz` is expected, is a wrong dimension.
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 import re
 from functools import cache
 from numbers import Real
@@ -17,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from deabayes.faults import UserError
 
-FloatArray = NDArray[np.float64]
 
 DIMENSIONLESS = frozenset({"", "1", "-", "none", "dimensionless"})
 USUAL_UNITS = (

@@ -100,7 +100,7 @@ def test_page_and_figure(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_the_table_nothing_is_said(study: Path) -> None:
     assert further.sentence(StudyResults(study)) == ""
-    assert further.rows(StudyResults(study)) == []
+    assert further.further_rows(StudyResults(study)) == []
     assert figures.draw("further_experiments", StudyResults(study)) == []
     pd.DataFrame(columns=["experiment", "candidates"]).to_csv(
         study / "further_experiments.csv", index=False

@@ -88,7 +88,7 @@ def test_scores_of_the_comparison():
     study = SimpleNamespace(
         comparison=pd.DataFrame([row], index=["one"]), recommended=SimpleNamespace(name="one")
     )
-    (found,) = orders.rows(study)
+    (found,) = orders.order_rows(study)
     assert found["shown"] and found["n_parameters"] == 5
     assert found["log_evidence"] == "−1234.6 ± 0.3"
     assert found["log_evidence_nested"] == "−1234.0 ± 0.4"

@@ -24,7 +24,7 @@ from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.repeated import repeated_records
 from deabayes.reading.selection import in_roles, none_to_fit, selected, told_apart_by
-from deabayes.reading.specimen import system_class
+from deabayes.systems import system_class
 
 if TYPE_CHECKING:
     from deabayes.experiment import Experiment

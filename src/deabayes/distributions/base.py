@@ -6,6 +6,8 @@ transform x = F^-1(Phi(z)) of each distribution and its inverse.
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields
@@ -14,7 +16,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
 
 
 class Distribution(ABC):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
 SMALLEST_PROBABILITY = 1e-300
 UNRESOLVED_PROBABILITY, UNRESOLVED_SCORE = 2.0**-54, 8.29
 """Of a value that rounding has put exactly on a bound, or on its neighbour."""

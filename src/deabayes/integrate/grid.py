@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

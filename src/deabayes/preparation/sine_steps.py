@@ -13,7 +13,6 @@ from deabayes.preparation.grid import LONGEST_GRID
 from deabayes.preparation.periods import found_period, whole_cycles
 from deabayes.preparation.working import WorkingRecord
 
-Step = Mapping[str, Mapping[str, object]]
 POINTS = 400
 TRANSITION, PER_CYCLE, FEWEST_PER_CYCLE = 5, 40, 20
 """Of the step `cycles`: its defaults, and the fewest bins per cycle that flatten little."""

@@ -8,7 +8,7 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
-from deabayes.reading.specimen import system_class
+from deabayes.systems import system_class
 
 NEAR = 0.02
 """Of the largest excitation: less is a monitor's offset, no jump at the first sample."""

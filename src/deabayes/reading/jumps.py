@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
-from deabayes.reading.single_samples import least_swing, single_samples
+from deabayes.reading.single_samples import STEADY, least_swing, single_samples
 
-STEADY = 0.02
-"""Of the excitation's range, from sample to sample: more is a change that a response follows."""
 SETTLED, SAME_RATE = 20, 0.2
 """Samples on each side of a response's jump in which the excitation must be steady; and of its
 largest change over as many, by which those before and behind may differ."""
@@ -21,7 +19,7 @@ AROUND, USUAL = 8, 8.0
 """Neighbours on each side of a jump, and how many times their median change it must be."""
 OF_RESOLUTION = 1.5
 """Times the smallest change there is, below which a jump is a step of the display."""
-LEVEL = 0.1
+BACK = 0.1
 """Of a dropout's height: how far the excitation may be from where it was, behind it."""
 LONGEST = 8
 """Samples of a dropout; what lasts longer is a pulse."""
@@ -70,14 +68,14 @@ def dropouts(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
     for first, last in itertools.pairwise(jumped):
         away = excitation[first + 1 : last + 1]
         height = np.min(np.abs(away - excitation[first]))
-        back = abs(excitation[last + 1] - excitation[first]) <= LEVEL * height
+        back = abs(excitation[last + 1] - excitation[first]) <= BACK * height
         near = response[first : last + 2]
         if 1 < away.size <= LONGEST and back and float(np.ptp(near)) <= follows:
             found.append(first + 1)
     return np.array(found, dtype=np.intp)
 
 
-def named(
+def jump_named(
     found: NDArray[np.intp], time: FloatArray, channel: str, size: float, unit: str, remedy: str
 ) -> str:
     """A sentence on jumps that were found; `size` is that of the first."""

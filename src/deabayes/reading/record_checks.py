@@ -13,8 +13,7 @@ from deabayes.reading.beginning import is_near, knows_prehistory, value_before
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.contradictions import contradictions
 from deabayes.reading.held import STEPS, excitation_range, is_step_from_the_start
-from deabayes.reading.jumps import dropouts, response_jumps
-from deabayes.reading.jumps import named as jump_named
+from deabayes.reading.jumps import dropouts, jump_named, response_jumps
 from deabayes.reading.raw import ExperimentRow, RawRecord
 from deabayes.reading.single_samples import glitches, named, standing_out
 from deabayes.reading.table import WITHOUT_TIME, channels_of

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from deabayes.systems import system_class
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -120,13 +122,6 @@ def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
         key: float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
         for key, value in given.items()
     }
-
-
-def system_class(name: str) -> type[System]:
-    """The class of a system, by name; a UserError names the nearest."""
-    from deabayes import systems
-
-    return systems.system_class(name)
 
 
 def system_named(folder: Path) -> str:

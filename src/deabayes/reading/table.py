@@ -16,7 +16,7 @@ from deabayes.reading.cells import DELIMITERS, is_number
 from deabayes.reading.columns import COMMANDS
 from deabayes.reading.raw import ExperimentRow
 from deabayes.reading.schema import violations
-from deabayes.reading.specimen import system_class
+from deabayes.systems import system_class
 from deabayes.reading.table_header import NUMBERS, header_faults, misspelt
 
 FILE = "experiments.csv"

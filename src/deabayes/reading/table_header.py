@@ -8,7 +8,7 @@ from pathlib import Path
 
 from deabayes.faults import rename_hint
 from deabayes.reading.schema import schema
-from deabayes.reading.specimen import system_class
+from deabayes.systems import system_class
 
 NUMBERS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV")
 READ_BY_MODELS = (*NUMBERS, "deformation", "prehistory", "columns")

@@ -46,7 +46,7 @@ def sentence(study: StudyResults) -> str:
     )
 
 
-def rows(study: StudyResults) -> list[dict[str, Any]]:
+def further_rows(study: StudyResults) -> list[dict[str, Any]]:
     """The table of the page, the most telling experiment first."""
     table = study.further_experiments
     if table is None:

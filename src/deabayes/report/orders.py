@@ -12,7 +12,7 @@ from deabayes.figures.results import StudyResults
 from deabayes.quantities import fixed, significant
 
 
-def rows(study: StudyResults) -> list[dict[str, Any]]:
+def order_rows(study: StudyResults) -> list[dict[str, Any]]:
     """Rows of the order comparison."""
     if study.comparison is None:
         return []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from deabayes.experiment import FloatArray
+
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
@@ -12,7 +14,6 @@ from numpy.typing import NDArray
 from deabayes.faults import UserError
 from deabayes.parameter import Parameter
 
-FloatArray = NDArray[np.float64]
 MODULUS_MEDIAN = 50e3
 """Default prior median of a shear modulus [Pa] when the material is not known."""
 MODULUS_SIGMA = 1.5
