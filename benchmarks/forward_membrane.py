@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 
 import deabayes
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
-from deabayes.systems.membrane import Membrane
+from deabayes.systems.membrane.system import Membrane
 
 WALKERS, ACCURACY = 256, 1e-6
 TARGETS = {"step": (5000, 1000), "alternating": (1000, 1000)}
@@ -111,7 +111,7 @@ def kernel_alone(
     system: Membrane, excitation: Excitation, times: FloatArray, draws: dict[str, FloatArray]
 ) -> Callable[[], None]:
     """The compiled integration, with its constants prepared."""
-    from deabayes.systems.membrane_lanes import integrate
+    from deabayes.systems.membrane.kernel import integrate
 
     history = system._history(excitation, times)
     limit = np.full(WALKERS, system.breakdown)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from deabayes.experiment import Excitation, FloatArray, Specimen
-from deabayes.systems.tensile_strip import TensileStrip
+from deabayes.systems.tensile_strip.system import TensileStrip
 
 TOPS = (1.5, 2.0, 2.5, 3.0, 3.5)
 WALKERS, PEER_DRAWS = 128, 3

@@ -18,9 +18,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, Quantity, Specimen
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.tubular.system import Tubular
 
 SAMPLES, DRAWS, TARGET, ACCURACY = 5000, 256, 1000, 1e-6
 TIME = 1e-4 * np.arange(SAMPLES)

@@ -19,14 +19,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from tests.unit import tubes
 
-from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
-from deabayes.systems.biased_sine import BiasedSine
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.tubular import Tubular
-from deabayes.systems.tubular_sine import SineResponse
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import BiasedSine, SineResponse
+from deabayes.systems.tubular.system import Tubular
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 SAMPLES, DRAWS, TARGET, ACCURACY = 5000, 256, 1000, 1e-6
 TIME = 1e-4 * np.arange(SAMPLES)

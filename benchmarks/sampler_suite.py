@@ -33,8 +33,8 @@ from tests.validation import membrane_worlds, structure_worlds, tubular_worlds
 from tests.validation.worlds import World, simulate
 
 from deabayes.comparison.scoring import bridge_evidence
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.pipeline import build_target
-from deabayes.posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
 from deabayes.sampling.engine import Sampled, sample
 from deabayes.sampling.problem import Coordinates, Problem

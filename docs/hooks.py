@@ -64,7 +64,7 @@ def commands() -> str:
     """The help of every command, as the command line prints it."""
     import click
 
-    from deabayes.cli import cli
+    from deabayes.cli.main import cli
 
     parts = []
     for name, command in sorted(cli.commands.items()):

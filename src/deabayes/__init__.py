@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
     from deabayes.own_models.loading import load_models
-    from deabayes.simulation import simulate
+    from deabayes.prediction.simulate import simulate
 
 __version__ = version("deabayes")
 __all__ = ["Posterior", "load_models", "open_posterior", "simulate"]
@@ -30,7 +30,7 @@ def __getattr__(name: str) -> Any:
 
         return load_models
     if name == "simulate":
-        from deabayes.simulation import simulate
+        from deabayes.prediction.simulate import simulate
 
         return simulate
     raise AttributeError(f"module 'deabayes' has no attribute {name!r}")

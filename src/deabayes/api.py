@@ -144,7 +144,7 @@ class Posterior:
             study's held-out records were missed by their bands, or that their scores
             (errors.csv) are not beside the file.
         """
-        from deabayes.fitted import Fitted
+        from deabayes.posteriors.fitted import Fitted
         from deabayes.prediction.bands import to_dataset
 
         fitted = Fitted.from_tree(self._tree, size, seed)
@@ -165,7 +165,7 @@ class Posterior:
 
     def _held_out_note(self) -> str:
         """What held-out records say of the bands; a tree without a file has nothing beside it."""
-        from deabayes.prediction.held_out import note_beside
+        from deabayes.prediction.errors import note_beside
 
         if self._path is None:
             return ""

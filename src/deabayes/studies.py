@@ -13,11 +13,9 @@ import yaml
 
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.files import write_text_atomically
-from deabayes.own_models.files import load_named, model_of, seen
-from deabayes.reading.schema import violations
-from deabayes.reading.selection import told_apart_by, values_of
-from deabayes.reading.table import read_table
-from deabayes.reading.yaml_file import read_yaml
+from deabayes.own_models.loading import load_named, model_of, seen
+from deabayes.records.schema import read_yaml, violations
+from deabayes.records.table import read_table, told_apart_by, values_of
 from deabayes.study import Study, from_settings, to_settings
 
 

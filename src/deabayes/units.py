@@ -7,18 +7,16 @@ where `1` is expected, or `rad/s` where `Hz` is expected, is a wrong dimension.
 
 from __future__ import annotations
 
-from deabayes.experiment import FloatArray
-
 import re
 from functools import cache
 from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-
 
 DIMENSIONLESS = frozenset({"", "1", "-", "none", "dimensionless"})
 USUAL_UNITS = (

@@ -9,7 +9,7 @@ import pytest
 
 from deabayes import simulate
 from deabayes.faults import UserError
-from deabayes.springs.base import principal_stretches
+from deabayes.systems.springs.base import principal_stretches
 from deabayes.units import parse_quantity, to_si
 from tests.cases.study_folder import check, made, noisy, row
 from tests.cases.test_fast_and_slow import TUBE

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from deabayes.checks.folder import check_folder
-from deabayes.prediction.held_out import rejected
+from deabayes.prediction.errors import rejected
 from tests.cases.study_folder import made, noisy, row
 from tests.cases.test_fast_and_slow import TUBE, creep, displacement
 

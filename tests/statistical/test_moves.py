@@ -13,7 +13,7 @@ from deabayes.sampling.moves import DifferenceMove, HopMove, IndependenceMove, r
 from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.proposal import Lines, Part, Proposal, fit
 from deabayes.sampling.warp import fit_warp
-from deabayes.systems.ridges.unit_hop import UnitHop
+from deabayes.systems.ridges.units import UnitHop
 
 ENSEMBLES, WALKERS = 4, 250
 """Many, as a step of them costs little more than one of few."""

@@ -7,13 +7,13 @@ import pytest
 from scipy import stats
 from tests.statistical.units import chain_prior
 
-from deabayes.distributions import LogNormal
+from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 from deabayes.sampling.engine import sample
 from deabayes.sampling.problem import Problem
-from deabayes.springs.ogden import Ogden
 from deabayes.study import Sampling
-from deabayes.systems.ridges.unit_hop import UnitHop
+from deabayes.systems.ridges.units import UnitHop
+from deabayes.systems.springs.ogden import Ogden
 
 
 def film_prior(terms):

@@ -1,8 +1,8 @@
 """Priors of relaxation units."""
 
-from deabayes.distributions import LogNormal, LogUniform
-from deabayes.parameter import Parameter
+from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 
 
 def chain_prior(units, own_prior=False, others=0):

@@ -9,7 +9,7 @@ import pytest
 from tests.unit.own_model_page import write_page
 
 from deabayes.analyses import influence
-from deabayes.own_models import loading as own_models
+from deabayes.own_models import loading
 from deabayes.systems import OWN
 
 
@@ -35,8 +35,8 @@ def place(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         (tmp_path / path.relative_to(page)).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path.relative_to(page)).write_bytes(path.read_bytes())
     monkeypatch.chdir(tmp_path)
-    known, files = dict(OWN), dict(own_models._FILES)
-    OWN.clear(), own_models._FILES.clear()
+    known, files = dict(OWN), dict(loading._FILES)
+    OWN.clear(), loading._FILES.clear()
     yield tmp_path
-    for mapping, before in ((OWN, known), (own_models._FILES, files)):
+    for mapping, before in ((OWN, known), (loading._FILES, files)):
         mapping.clear(), mapping.update(before)

@@ -10,8 +10,8 @@ from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step
 
 from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Experiment
-from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 
 PAPER = {

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.distributions import LogUniform, Uniform
 from deabayes.experiment import FloatArray
-from deabayes.noise.coordinates import NoisePair
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
+from deabayes.noise.base import NoisePair
 from deabayes.posteriors.problem import problem_of
 from deabayes.prior.coordinates import Natural
+from deabayes.prior.distributions import LogUniform, Uniform
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.problem import Coordinates, Part
 

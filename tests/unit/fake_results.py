@@ -18,7 +18,7 @@ from tests.unit.fake_tables import Draws, attributes_of, comparison, errors, sum
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.noise import REGISTRY as NOISE_MODELS
-from deabayes.preparation.prepared import write_prepared
+from deabayes.records.preparation.prepared import write_prepared
 
 CHAINS, DRAWS, PRIOR_DRAWS = 4, 300, 400
 

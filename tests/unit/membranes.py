@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from deabayes.experiment import Excitation, Quantity, Specimen
-from deabayes.systems.membrane import Membrane
+from deabayes.systems.membrane.system import Membrane
 
 QUANTITIES = {
     "thickness": Quantity(1e-3, "m"),

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
 
 FILM = Specimen("film", "tubular", {"kind": "simulated"}, {})
 MONITOR = 0.3

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.distributions import Distribution, LogNormal
 from deabayes.experiment import FloatArray
-from deabayes.parameter import Parameter
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
+from deabayes.prior.distributions import Distribution, LogNormal
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 
 MEDIANS, SIGMAS = (1e4, 2.0), (1.0, 0.7)
 DRAWS = 8000

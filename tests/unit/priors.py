@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deabayes.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
-from deabayes.parameter import Parameter
+from deabayes.prior.distributions import LogNormal, LogUniform, Normal, TruncatedNormal, Uniform
+from deabayes.prior.parameter import Parameter
 
 
 def parameter(name, prior, unit="1", **kwargs):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.reading.raw import RawRecord
+from deabayes.records.columns import RawRecord
 
 TIME = np.array([0.0, 0.5, 1.0])
 VOLTAGE_KV = np.array([0.0, 2.5, 2.5])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
 
 STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
 LAGGING = Specimen(

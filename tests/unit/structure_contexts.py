@@ -12,8 +12,8 @@ from tests.unit.structures import FILM, PLAIN, STIFFNESS, VISCOSITY, pull, struc
 from deabayes import analyses
 from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Experiment
-from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 
 FILMS = {

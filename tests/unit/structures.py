@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from deabayes.experiment import Excitation, Quantity, Specimen
-from deabayes.systems.minimum_energy_structure import MinimumEnergyStructure
+from deabayes.systems.minimum_energy_structure.system import MinimumEnergyStructure
 
 QUANTITIES = {
     "link_length": Quantity(0.0335, "m"),

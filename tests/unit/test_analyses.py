@@ -19,8 +19,8 @@ from deabayes import analyses, figures
 from deabayes.analyses.base import Analysis
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
-from deabayes.report.analyses import readable
 from deabayes.report.page import render
+from deabayes.report.sections import readable
 from deabayes.report.tables import write_csv
 from deabayes.systems import REGISTRY as SYSTEMS
 

@@ -11,8 +11,8 @@ from tests.unit.contexts import experiment
 from tests.unit.membranes import sine, step, voltage
 
 from deabayes.analyses.drive import Cycles, amplitude, resampled, since_step
-from deabayes.passes import upward_crossings
-from deabayes.systems.steady_sine import drive_of
+from deabayes.integrate.periodic import upward_crossings
+from deabayes.systems.curves import drive_of
 
 
 def test_a_step_starts_where_the_voltage_leaves_its_first_value():

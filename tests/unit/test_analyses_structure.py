@@ -20,7 +20,7 @@ from deabayes.analyses import (
     structure_units,
 )
 from deabayes.analyses.drive import Cycles
-from deabayes.report.analyses import readable
+from deabayes.report.sections import readable
 
 OF_STRUCTURE = [n for n in analyses.names_for("minimum_energy_structure") if "genetic" not in n]
 """The genetic algorithm is tested in test_genetic_algorithm.py: it takes its time."""

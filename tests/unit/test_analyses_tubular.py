@@ -12,12 +12,12 @@ from tests.unit.tubes import QUANTITIES
 from deabayes.analyses import amplifier_current, circuit, inertial_parameter, names_for
 from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
-from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 from deabayes.systems import build
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.steady_sine import drive_of, frequency_of, phasor
+from deabayes.systems.curves import drive_of, frequency_of, phasor
+from deabayes.systems.tubular.circuit import Circuit
 
 R_S, R_L, C = 954.0, 1e9, 180e-9
 SPECIMEN = Specimen(

@@ -9,8 +9,7 @@ from tests.unit.membranes import golden_draws, membrane, sine, step
 from deabayes.integrate import arrow, rodas5p
 from deabayes.integrate.drive import Drive
 from deabayes.integrate.rosenbrock import transformed_coefficients
-from deabayes.systems import membrane_kernel as kernel
-from deabayes.systems import membrane_stages
+from deabayes.systems.membrane import kernel
 
 DRAWS = golden_draws({
     "mu_alpha_Pa": 35e3, "zeta_alpha_Pa_s": 1e5, "J_alpha": 110.0, "J_beta": 55.0,
@@ -79,7 +78,7 @@ def test_a_step_is_that_of_the_plain_method(h):
         rows = (kernel.FLUIDITY, kernel.MODULUS, kernel.INVERSE, kernel.WEIGHT)
         for row, value in zip(rows, units[0, n], strict=True):
             put(blocks[n], row, value)
-    membrane_stages.step(c, blocks)
+    kernel.step(c, blocks)
     end, u = plain_step(20.0, y, h, constants[0], units[0], 0.01)
     found = [block[arrow.ARGUMENT + lane] for block in (c, *blocks)]
     np.testing.assert_allclose(found, end, rtol=1e-12)

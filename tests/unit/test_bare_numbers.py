@@ -11,7 +11,7 @@ from tests.unit.strip_records import curve, prepared, relaxation
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.checks.study import check_study
-from deabayes.preparation.settings import noting_bare_numbers
+from deabayes.records.preparation.working import noting_bare_numbers
 from deabayes.study import Study
 
 

@@ -3,7 +3,7 @@ import pytest
 from tests.validation.membrane_worlds import membrane
 from tests.validation.tubular_worlds import tubular_full
 
-from deabayes.systems.batch import Batch, once
+from deabayes.systems.base import Batch, once
 
 
 def test_made_once_for_a_batch_and_each_time_for_anything_else():

@@ -9,7 +9,7 @@ from tests.unit.test_predict_with import file
 
 from deabayes.api import Posterior
 from deabayes.faults import UserError
-from deabayes.given_values import array_in_si
+from deabayes.prediction.given import array_in_si
 
 VALUES = [1.0, 2.0]
 SI = {"voltage": "V", "time": "s", "strain": "1", "displacement": "m", "frequency": "Hz"}

@@ -17,7 +17,7 @@ from tests.unit.study_folders import (
 
 from deabayes.checks.folder import check_folder
 from deabayes.faults import UserError
-from deabayes.scaffold import new_study
+from deabayes.records.scaffold import new_study
 from deabayes.systems import REGISTRY
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -130,7 +130,7 @@ def test_new_study_refuses_names_and_systems(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("folder", sorted(p.parent.name for p in SPECIMENS.glob("*/specimen.yaml")))
 def test_every_shipped_folder_is_sound(folder: str) -> None:
-    from deabayes.reading.download import missing_data
+    from deabayes.records.download import missing_data
 
     path = SPECIMENS / folder
     if missing_data(path, REAL_DATA):

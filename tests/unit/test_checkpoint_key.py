@@ -10,8 +10,8 @@ import pytest
 from tests.unit.study_folders import make_folder, replace_in
 from tests.unit.test_predict_with import creep
 
-from deabayes.pipeline.identify import chain_folder
-from deabayes.preparation.prepared import write_prepared
+from deabayes.pipeline.fit import chain_folder
+from deabayes.records.preparation.prepared import write_prepared
 from deabayes.study import Study
 
 PREPARED = Path("prepared")

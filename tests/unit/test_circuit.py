@@ -4,13 +4,17 @@ from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table
 from tests.unit.tubes import circuit, pressure_per_square
 
-from deabayes.systems.biased_sine import (
+from deabayes.systems.tubular.circuit import (
+    Circuit,
+    time_constant_from_phase,
+    time_constant_interval,
+)
+from deabayes.systems.tubular.sine import (
     BiasedSine,
     charge_coefficients,
     charge_series,
     pressure_series,
 )
-from deabayes.systems.circuit import Circuit, time_constant_from_phase, time_constant_interval
 
 SINE = BiasedSine(1250.0, 1250.0, 10.0)
 SLOW = Circuit(np.array([2e4]), np.array([3e5]), np.array([180e-9]))

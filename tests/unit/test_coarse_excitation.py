@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.study_folders import make_folder, replace_in, write_lines
 
-from deabayes.checks.coarse_excitation import missed_by_lines, too_coarse
+from deabayes.checks.prepared import missed_by_lines, too_coarse
 from deabayes.checks.study import check_study
 from deabayes.experiment import Excitation
 from deabayes.study import Study

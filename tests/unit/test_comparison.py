@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from deabayes.comparison.blocks import BlockLoo, block_edges, block_terms
 from deabayes.comparison.decision import (
     Score,
     decide,
@@ -13,6 +12,7 @@ from deabayes.comparison.decision import (
     evidence_conflict,
     judge,
 )
+from deabayes.comparison.left_out import BlockLoo, block_edges, block_terms
 
 
 def score(name, parameters, evidence, terms, converged=True, mcse=0.1):

@@ -12,8 +12,8 @@ import pytest
 from numba.core import caching
 
 import deabayes
-from deabayes import compiled
 from deabayes.faults import UserError
+from deabayes.integrate import compiled
 
 
 @pytest.fixture

@@ -15,15 +15,15 @@ from tests.unit.coordinates import (
 )
 from tests.validation.tubular_worlds import tubular_full
 
-from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.experiment import Quantity, Specimen
-from deabayes.noise.coordinates import NoisePair
+from deabayes.noise.base import NoisePair
 from deabayes.prior.coordinates import Inherited, Natural
+from deabayes.prior.distributions import LogNormal, LogUniform, Uniform
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.proposal import fit
-from deabayes.systems.ridges.gent_pair import GentPair
-from deabayes.systems.stretched_spring import StretchedSpring, equal_biaxial
+from deabayes.systems.ridges.terms import GentPair
+from deabayes.systems.springs.stretched import StretchedSpring, equal_biaxial
 
 
 def draws(n=2000, seed=0):

@@ -11,8 +11,8 @@ from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, file
 from tests.unit.test_prior_sources import faults
 
 from deabayes.faults import UserError
-from deabayes.pipeline.identify import build_target
-from deabayes.posteriors.counted_records import (
+from deabayes.pipeline.fit import build_target
+from deabayes.posteriors.records import (
     ATTRIBUTE,
     CountedRecord,
     counted_records,
@@ -20,7 +20,7 @@ from deabayes.posteriors.counted_records import (
     to_json,
 )
 from deabayes.posteriors.storage import write_tree
-from deabayes.preparation.prepared import write_prepared
+from deabayes.records.preparation.prepared import write_prepared
 
 FITTED = replace(creep(), record_sha256="5e1f")
 OTHER = replace(FITTED, name="other", response=1.2 * FITTED.response, record_sha256="07ae")
@@ -61,7 +61,7 @@ def test_files_remember_theirs_and_older_ones_know_their_points() -> None:
 
 def test_the_fit_refuses_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`creep` is known by the posterior's own prior."""
-    monkeypatch.setattr("deabayes.reading.specimen.read_specimen", lambda _: UNCERTAIN)
+    monkeypatch.setattr("deabayes.records.specimen.read_specimen", lambda _: UNCERTAIN)
     tree = file(None)
     tree.attrs[ATTRIBUTE] = to_json([CountedRecord.of("x", OTHER), CountedRecord.of("y", FITTED)])
     write_tree(tree, tmp_path / "posterior.nc")

@@ -11,11 +11,11 @@ from tests.unit.membranes import sine
 
 from deabayes.analyses.cycle_influence import cycle_stages, has_cycles
 from deabayes.analyses.loops import PHASES
-from deabayes.distributions import LogNormal, Uniform
 from deabayes.experiment import Experiment
-from deabayes.influence import PriorModel, stage_sensitivity
-from deabayes.parameter import Parameter
+from deabayes.prediction.influence import PriorModel, stage_sensitivity
+from deabayes.prior.distributions import LogNormal, Uniform
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 
 VOLTS, PERIOD, CYCLES = 2e3, 20.0, 4
 MISSED = 1.0 - np.cos(2.0 * np.pi / PHASES)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deabayes.distributions import (
+from deabayes.faults import UserError
+from deabayes.prior.distributions import (
     REGISTRY,
     HalfNormal,
     LogNormal,
@@ -16,8 +17,7 @@ from deabayes.distributions import (
     TruncatedNormal,
     Uniform,
 )
-from deabayes.distributions.settings import from_settings
-from deabayes.faults import UserError
+from deabayes.prior.overrides import from_settings
 
 CASES = [
     (Normal(1.0, 2.0), stats.norm(1.0, 2.0)),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.unit.golden import load_golden
 
-from deabayes.electrostatics import maxwell_pressure
+from deabayes.systems.electrostatics import maxwell_pressure
 
 
 def test_pressure_of_the_golden_step():

@@ -8,9 +8,9 @@ from scipy.optimize import least_squares
 
 from deabayes.experiment import Experiment, Specimen
 from deabayes.faults import UserError
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.systems.circuit import Circuit, Supply
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
+from deabayes.systems.tubular.circuit import Circuit, Supply
 
 TUBE = Specimen("tube", "tubular", {"kind": "simulated"}, {})
 R_S, R_L, C, OMEGA = 1010.0, 1.1e9, 181.2e-9, 2.0 * np.pi * 10.0

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from scipy.io import loadmat
 from tests.unit.test_predict_with import file
 
-from deabayes.cli import cli
-from deabayes.commands.using import FORMATS
+from deabayes.cli.main import cli
+from deabayes.cli.using import FORMATS
 from deabayes.export import ENDINGS, REGISTRY, export
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import write_tree

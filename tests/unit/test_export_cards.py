@@ -18,9 +18,9 @@ from tests.unit.cards import (
 from deabayes.experiment import Quantity, Specimen
 from deabayes.export.taken import evenly, system_and_draws
 from deabayes.faults import UserError
-from deabayes.springs import REGISTRY as SPRINGS
 from deabayes.systems import REGISTRY, candidates
-from deabayes.systems.tubular_solid import POISSON_RATIO
+from deabayes.systems.springs import REGISTRY as SPRINGS
+from deabayes.systems.tubular.material import POISSON_RATIO
 
 STRETCHES = np.array([0.8, 1.1, 1.5, 2.0, 2.6])
 CASES = [

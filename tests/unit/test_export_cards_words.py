@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from tests.unit.cards import PROGRAMS, posterior, sentences, written
 from tests.unit.fake_tables import whole
 
-from deabayes.cli import cli
+from deabayes.cli.main import cli
 from deabayes.export import abaqus, ansys, export
 from deabayes.export.cards import _name
 from deabayes.export.taken import system_and_draws

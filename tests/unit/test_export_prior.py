@@ -14,7 +14,7 @@ from deabayes.export import export
 from deabayes.export.prior_normal import prior_normal
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import stacked
-from deabayes.prior.distances import distance_from_normal
+from deabayes.prior.learned import distance_from_normal
 
 PROGRAMS = ("pymc", "numpyro")
 DRAWN = "deabayes_transformed"

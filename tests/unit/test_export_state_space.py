@@ -16,11 +16,9 @@ from deabayes.export import export
 from deabayes.export.taken import evenly
 from deabayes.posteriors.storage import stacked
 from deabayes.systems import build
-from deabayes.systems.biased_sine import fundamental_pressure
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.tubular_sine import SineResponse
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import SineResponse, fundamental_pressure
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 ENDINGS = ("1", "2", "2_inertia", "2_circuit", "2_inertia_circuit")
 CANDIDATES = [f"voigt_kelvin_{ending}" for ending in ENDINGS]

@@ -11,7 +11,7 @@ from tests.unit import membranes
 from tests.unit.fake_tables import whole
 from tests.unit.tube_trees import tree
 
-from deabayes.cli import cli
+from deabayes.cli.main import cli
 from deabayes.experiment import Specimen
 from deabayes.export import export
 from deabayes.faults import UserError

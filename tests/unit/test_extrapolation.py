@@ -16,10 +16,10 @@ from tests.unit.test_tubular_frequency_response import SPECIMEN as TUBE
 from tests.unit.test_tubular_frequency_response import experiments as gain_and_phase
 
 from deabayes.experiment import Specimen
+from deabayes.inference.record_noise import ResidualScale
 from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
-from deabayes.residual_scale import ResidualScale
-from deabayes.systems.tensile_strip import TensileStrip
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.tensile_strip.system import TensileStrip
+from deabayes.systems.tubular.system import Tubular
 
 
 def remembered(*calibrated):

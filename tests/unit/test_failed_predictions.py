@@ -9,8 +9,8 @@ import deabayes
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise.white import White
 from deabayes.prediction.bands import NoiseOrigin, sample_response, to_dataset
-from deabayes.prediction.errors_table import error_row
-from deabayes.systems.membrane import Membrane
+from deabayes.prediction.errors import error_row
+from deabayes.systems.membrane.system import Membrane
 
 SPECIMEN = Specimen(
     "m", "membrane", {"kind": "simulated"},

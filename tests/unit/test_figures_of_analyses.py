@@ -12,7 +12,7 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import analyses, figures
-from deabayes.figures import curves, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 OF_MEMBRANE = [
@@ -73,6 +73,6 @@ def test_a_saved_figure_knows_its_analysis(
 
 def test_markers_do_not_run_out() -> None:
     """A study may have more candidates than there are markers."""
-    several = [curves.marker(k) for k in range(3 * len(style.MARKERS))]
-    pairs = {(curves.colour(k), marker) for k, marker in enumerate(several)}
+    several = [panels.marker(k) for k in range(3 * len(style.MARKERS))]
+    pairs = {(panels.colour(k), marker) for k, marker in enumerate(several)}
     assert len(pairs) == len(several)

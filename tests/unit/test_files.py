@@ -83,7 +83,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from deabayes.cli import cli, main
+from deabayes.cli.main import cli, main
 from deabayes.posteriors.storage import write_tree
 
 draws = xr.Dataset({"E_0": (("chain", "draw"), np.ones((4, 20_000)))})

@@ -10,11 +10,11 @@ from tests.unit.coordinates import coordinates_of, parts_of
 from tests.unit.test_film_terms import STRETCHES, film, inherited
 from tests.unit.test_learned import FILM, handed_on
 
-from deabayes.posterior import LogPosterior
-from deabayes.springs.ogden import stress_of_one
-from deabayes.systems.ridges.film import FilmStress, to_terms
-from deabayes.systems.ridges.shares import Shares
+from deabayes.inference.log_posterior import LogPosterior
+from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress, to_terms
 from deabayes.systems.ridges.terms import HEIGHTS
+from deabayes.systems.ridges.units import Shares
+from deabayes.systems.springs.ogden import stress_of_one
 
 HEIGHT = np.log(STRETCHES[0] / STRETCHES[1]) / 2.0
 MIDDLE, SD = 2.5, 5.0 / np.sqrt(12.0)

@@ -10,12 +10,11 @@ from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_o
 from tests.unit.structure_contexts import force
 from tests.unit.structures import PLAIN
 
-from deabayes.posterior import LogPosterior, build
+from deabayes.inference.log_posterior import LogPosterior, build
 from deabayes.posteriors.problem import problem_of
 from deabayes.prior.coordinates import Inherited
 from deabayes.study import Study
-from deabayes.systems.ridges.shares import Shares
-from deabayes.systems.ridges.unit_hop import UnitHop
+from deabayes.systems.ridges.units import Shares, UnitHop
 
 STRETCHES = 5.0 / np.sqrt(2.0), 1.0 / (5.0 * 5.0 / np.sqrt(2.0))
 """lambda_x and lambda_z of the film at rest: 45 degrees, prestretch 5."""

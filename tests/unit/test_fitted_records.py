@@ -19,9 +19,9 @@ from deabayes.pipeline import (
     predict_candidate,
     score_candidate,
 )
-from deabayes.posteriors.fitted_records import check_fitted_records
+from deabayes.posteriors.records import check_fitted_records
 from deabayes.posteriors.storage import write_tree
-from deabayes.preparation.prepared import write_prepared
+from deabayes.records.preparation.prepared import write_prepared
 
 FITTED = creep()
 CHANGED = replace(FITTED, response=1.01 * FITTED.response)

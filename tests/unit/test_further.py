@@ -10,13 +10,12 @@ import pytest
 from tests.unit.contexts import experiment
 from tests.unit.membranes import PLAIN, membrane, step
 
+from deabayes.comparison.further import altered, contenders, faults, further_table, outlook, plan
 from deabayes.faults import Faults
-from deabayes.fitted import Fitted
-from deabayes.further.planned import altered, faults, plan
-from deabayes.further.table import contenders, further_table, outlook
+from deabayes.inference.record_noise import ResidualScale
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.posteriors.fitted import Fitted
 from deabayes.prediction.noise_origin import CalibratedRecord
-from deabayes.residual_scale import ResidualScale
 
 TIME = np.linspace(1.0, 60.0, 40)
 SLOW = {

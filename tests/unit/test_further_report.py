@@ -12,7 +12,7 @@ from tests.unit.fake_results import write_study
 
 from deabayes import figures
 from deabayes.figures.results import StudyResults
-from deabayes.report import build, further
+from deabayes.report import build, sections
 
 NAN = float("nan")
 
@@ -37,7 +37,7 @@ def study(tmp_path: Path) -> Path:
 
 def said(study: Path, *entries: dict) -> str:
     pd.DataFrame(entries).to_csv(study / "further_experiments.csv", index=False)
-    return further.sentence(StudyResults(study))
+    return sections.further_sentence(StudyResults(study))
 
 
 def test_the_best_experiment_is_named_with_its_probability(study: Path) -> None:
@@ -99,8 +99,8 @@ def test_page_and_figure(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_table_nothing_is_said(study: Path) -> None:
-    assert further.sentence(StudyResults(study)) == ""
-    assert further.further_rows(StudyResults(study)) == []
+    assert sections.further_sentence(StudyResults(study)) == ""
+    assert sections.further_rows(StudyResults(study)) == []
     assert figures.draw("further_experiments", StudyResults(study)) == []
     pd.DataFrame(columns=["experiment", "candidates"]).to_csv(
         study / "further_experiments.csv", index=False

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from deabayes.faults import Faults
-from deabayes.reading.folder import read_folder
-from deabayes.reading.incomplete import hidden_excitation
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.folder import read_folder
+from deabayes.records.record import hidden_excitation
 
 SPECIMEN = """\
 name: strip

@@ -10,10 +10,10 @@ import pytest
 from tests.unit.contexts import PAPER, experiment
 from tests.unit.membranes import golden_draws, membrane, step
 
-from deabayes import influence
-from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation
-from deabayes.influence import PriorModel
+from deabayes.prediction import influence
+from deabayes.prediction.influence import PriorModel
+from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 
 TIME = np.r_[0.5, np.geomspace(1.0, 600.0, 12)]

@@ -14,9 +14,9 @@ from tests.unit.membranes import sine
 from deabayes import analyses, figures
 from deabayes.analyses import influence
 from deabayes.analyses.influence_curves import loops_dataset
-from deabayes.distributions import LogNormal
 from deabayes.figures.results import StudyResults
-from deabayes.influence import PriorModel
+from deabayes.prediction.influence import PriorModel
+from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 
 SHEETS = {"prior_curves": 2, "one_at_a_time": 2, "one_at_a_time_loops": 1, "sobol_indices": 3}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from deabayes.further.information import candidate_information, parameter_information
+from deabayes.comparison.further import candidate_information, parameter_information
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.prediction.outcomes import Normal, Predictive, Reading
 

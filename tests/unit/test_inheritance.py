@@ -8,14 +8,14 @@ import pytest
 import xarray as xr
 from tests.unit.fake_tables import whole
 
-from deabayes.distributions import Normal
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.parameter import Parameter
 from deabayes.posteriors.content import _notes, _with_doubts, at_the_rim
 from deabayes.posteriors.inheritance import inherit_from
 from deabayes.posteriors.storage import specimen_to_json, write_tree
+from deabayes.prior.distributions import Normal
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 
 KINDS = {"mu_alpha": "material", "cross_section": "specimen", "permittivity": "specimen",
          "mu_0": "derived"}  # fmt: skip

@@ -11,15 +11,14 @@ import xarray as xr
 from scipy import stats
 from tests.unit.test_film_terms import film
 
-from deabayes.distributions import Normal
-from deabayes.parameter import Parameter
-from deabayes.posterior import LogPosterior
-from deabayes.posteriors.inherited_prior import GROUP, inherited_prior, with_inherited_prior
-from deabayes.prior.distances import distance
+from deabayes.inference.log_posterior import LogPosterior
+from deabayes.posteriors.inheritance import GROUP, inherited_prior, with_inherited_prior
+from deabayes.prior.distributions import Normal
 from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.joint import Prior
-from deabayes.prior.learned import Learned, Shown
-from deabayes.systems.ridges.unit_hop import UnitHop
+from deabayes.prior.learned import Learned, Shown, distance
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.ridges.units import UnitHop
 
 FILM = ("mu_1", "mu_2", "alpha_1", "alpha_2", "relative_permittivity")
 CANDIDATES = 400_000

@@ -10,12 +10,12 @@ from tests.unit.fake_results import write_study as write_results
 from tests.unit.study_folders import make_folder
 from tests.unit.test_predict_with import STUDY, creep, file
 
-from deabayes.commands.by_hand import predict_posteriors
+from deabayes.cli.by_hand import predict_posteriors
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study
 from deabayes.posteriors.storage import write_tree
-from deabayes.preparation.prepared import write_prepared
+from deabayes.records.preparation.prepared import write_prepared
 from deabayes.report import build
 from deabayes.studies import write_study
 from deabayes.study import Study

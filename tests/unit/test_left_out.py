@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison.blocks import leave_one_block_out
 from deabayes.comparison.left_out import (
     ON_THE_WAY,
     leave_blocks_out,
+    leave_one_block_out,
     left_out_log_densities,
 )
 from deabayes.comparison.scoring import leave_one_experiment_out

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.amplifier import Amplifier
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
 
 TUBE = Amplifier(0.12, 954.0, 1e9, 180e-9)
 LEAKY = Amplifier(0.05, 5e3, 1e5, 180e-9)

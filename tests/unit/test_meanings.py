@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deabayes.scaffold import new_study
+from deabayes.records.scaffold import new_study
 from deabayes.systems import REGISTRY, system_class
 
 

@@ -10,8 +10,8 @@ import pytest
 from deabayes.checks.study import check_study
 from deabayes.experiment import FloatArray
 from deabayes.faults import Faults
-from deabayes.pipeline.prepare import prepare_study
-from deabayes.reading.folder import read_folder, scan_folder
+from deabayes.pipeline.fit import prepare_study
+from deabayes.records.folder import read_folder, scan_folder
 from deabayes.study import Study
 
 SPECIMEN = """\

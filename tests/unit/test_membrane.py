@@ -20,7 +20,7 @@ from tests.unit.membranes import (
 from deabayes.experiment import Excitation, Quantity
 from deabayes.faults import UserError
 from deabayes.systems import build, candidates
-from deabayes.systems.membrane import Membrane
+from deabayes.systems.membrane.system import Membrane
 
 
 @pytest.mark.parametrize("units", [1, 2, 3])

@@ -21,7 +21,7 @@ from tests.unit.membranes import (
 )
 
 from deabayes.experiment import Quantity
-from deabayes.systems.membrane import Membrane
+from deabayes.systems.membrane.system import Membrane
 
 CASES = (
     "A_no_stretch_limit_n1",

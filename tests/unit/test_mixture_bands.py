@@ -5,10 +5,10 @@ import pytest
 from scipy import stats
 from tests.statistical.test_noise_sampling import truth
 
+from deabayes.inference.record_noise import ResidualScale
 from deabayes.noise import REGISTRY
-from deabayes.prediction import mixture_bands
-from deabayes.prediction.mixture_bands import TAILS, bands, mixture_quantile
-from deabayes.residual_scale import ResidualScale
+from deabayes.prediction import bands as prediction_bands
+from deabayes.prediction.bands import TAILS, bands, mixture_quantile
 
 SIZE = 300
 WEIGHTS = np.array([1.0, 0.1, 1.0, 0.25, 1.0, 1.0, 0.5])
@@ -95,7 +95,7 @@ def test_a_record_in_pieces_has_the_same_bands(monkeypatch):
         WEIGHTS,
     )
     whole = bands(*given)
-    monkeypatch.setattr(mixture_bands, "AT_ONCE", 2 * SIZE)
+    monkeypatch.setattr(prediction_bands, "AT_ONCE", 2 * SIZE)
     for name, found in bands(*given).items():
         np.testing.assert_allclose(found, whole[name], rtol=1e-7)
 

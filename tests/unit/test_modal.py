@@ -8,8 +8,7 @@ from deabayes.integrate.charged import charged_response
 from deabayes.integrate.linear import hold
 from deabayes.integrate.modal import LARGEST_RESIDUES, Modes, modal_response
 from deabayes.integrate.state_space import StateSpace
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 EVEN, UNEVEN = np.linspace(0.0, 0.4, 401), np.geomspace(1e-4, 0.4, 60)
 KNOTS, VOLTS = [0.0, 0.01, 0.2, 0.2, 0.3], [0.0, 2e3, 1.5e3, -1e3, 0.0]

@@ -10,9 +10,9 @@ from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.cli import main
 from deabayes.faults import UserError, closest, nearest
-from deabayes.reading.specimen import read_specimen
-from deabayes.reading.yaml_file import read_yaml, scalar
-from deabayes.scaffold import new_study
+from deabayes.records.scaffold import new_study
+from deabayes.records.schema import read_yaml, scalar
+from deabayes.records.specimen import read_specimen
 from deabayes.studies import load_studies
 
 UNREAD = {"2024-05-13": "a date", "2024": "a number", "on": "true or false", "1.5": "a number"}

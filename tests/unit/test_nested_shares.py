@@ -7,14 +7,12 @@ import pytest
 from tests.unit.coordinates import check_there_and_back, parts_of
 from tests.validation.membrane_worlds import membrane
 
-from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.prior.coordinates import Natural
+from deabayes.prior.distributions import LogUniform
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.problem import Coordinates
-from deabayes.systems.ridges.nested_shares import NestedShares
-from deabayes.systems.ridges.shares import Parts, Shares
-from deabayes.systems.ridges.unit_shares import TooSlow
+from deabayes.systems.ridges.units import NestedShares, Parts, Shares, TooSlow
 
 COUNT, TOO_SLOW = 4, TooSlow(float(np.log(20.0)))
 TIMES = LogUniform(1e-4, 1e4)

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
+from deabayes.inference.record_noise import noise_parameters
 from deabayes.noise import REGISTRY
-from deabayes.record_noise import noise_parameters
+from deabayes.prior.distributions import LogNormal
 from deabayes.study import Study
 
 STUDY = Study("mixed", Path("data"), ("ogden_1",), noise_scale="range")

@@ -9,7 +9,7 @@ from tests.unit.noise_records import make_draws, record
 
 from deabayes.faults import UserError
 from deabayes.noise import REGISTRY
-from deabayes.noise.kalman_lanes import LANES
+from deabayes.noise.kalman import LANES
 
 
 @pytest.mark.parametrize("name", REGISTRY)

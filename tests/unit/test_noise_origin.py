@@ -14,12 +14,11 @@ from tests.unit.structure_contexts import force
 
 from deabayes.experiment import Quantity
 from deabayes.faults import UserError
-from deabayes.fitted import Fitted
+from deabayes.inference.record_noise import ResidualScale, noise_coordinate
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.posteriors.fitted import Fitted
 from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
-from deabayes.record_noise import noise_coordinate
-from deabayes.residual_scale import ResidualScale
-from deabayes.systems.membrane import Membrane
+from deabayes.systems.membrane.system import Membrane
 
 TIME = np.linspace(1.0, 600.0, 300)
 COUNT = 400

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from deabayes.prior.distances import distance_from_normal
 from deabayes.prior.from_posterior import MIXTURES, PosteriorBlock
+from deabayes.prior.learned import distance_from_normal
 from deabayes.prior.normal_mixture import NormalMixture
 
 

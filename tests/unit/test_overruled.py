@@ -12,14 +12,13 @@ import yaml
 from tests.unit.priors import EVERYTHING
 from tests.unit.study_folders import make_folder, replace_in
 
-from deabayes.checks.overruled import overruled
-from deabayes.checks.prior_sources import Sources
+from deabayes.checks.prior_sources import Sources, overruled
 from deabayes.faults import UserError
-from deabayes.pipeline import identify
+from deabayes.pipeline import fit
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import PriorFromPosterior
 from deabayes.prior.joint import Prior
-from deabayes.reading.specimen import read_specimen
+from deabayes.records.specimen import read_specimen
 from deabayes.studies import load_studies
 from deabayes.study import Study
 from deabayes.systems import build
@@ -132,12 +131,12 @@ def test_the_fit_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     system = build("tensile_strip", "kv_gm_1", read_specimen(study.specimen))
     target = SimpleNamespace(system=system, records=(), names=("mu_alpha",))
     found = Inheritance(handed_on, True, ("prior_from: n",))
-    monkeypatch.setattr(identify, "inherited_prior", lambda *_: found)
-    monkeypatch.setattr("deabayes.predict_with.further_prior", lambda *_: None)
+    monkeypatch.setattr(fit, "inherited_prior", lambda *_: found)
+    monkeypatch.setattr("deabayes.inference.default_priors.further_prior", lambda *_: None)
     monkeypatch.setattr(
         "deabayes.posteriors.content.PosteriorContent.of", lambda *given: given[6].notes
     )
-    first, second = identify._content(study, "kv_gm_1", target, None)
+    first, second = fit._content(study, "kv_gm_1", target, None)
     assert first == "prior_from: n" and second.startswith("priors.mu_alpha: mu_alpha has its")
 
 

@@ -13,9 +13,9 @@ from tests.unit.study_folders import replace_in
 import deabayes
 from deabayes.cli import main
 from deabayes.faults import Faults, UserError
-from deabayes.own_models import loading as own_models
+from deabayes.own_models import loading
 from deabayes.own_models.loading import load_models, recorded, restore
-from deabayes.pipeline.identify import chain_folder
+from deabayes.pipeline.fit import chain_folder
 from deabayes.studies import load_studies, load_study, write_study
 from deabayes.systems import OWN, system_class
 
@@ -42,7 +42,7 @@ def test_the_pages_model_is_its_closed_form(place: Path) -> None:
 
 
 def _specimen() -> object:
-    from deabayes.reading.specimen import read_specimen
+    from deabayes.records.specimen import read_specimen
 
     return read_specimen(Path("data/stack"))
 
@@ -184,7 +184,7 @@ def test_checkpoints_of_another_text_are_not_resumed(place: Path) -> None:
 def _attributes() -> dict[str, str]:
     load_models(MODEL)
     attributes = {"system": "stack", "study_name": "s", "candidate": "lag_1", **recorded("stack")}
-    OWN.clear(), own_models._FILES.clear()
+    OWN.clear(), loading._FILES.clear()
     return attributes
 
 
@@ -240,7 +240,7 @@ def test_a_fault_elsewhere_stays_a_traceback(place: Path, monkeypatch: pytest.Mo
         raise RuntimeError("ours")
 
     load_models(MODEL)
-    monkeypatch.setattr("deabayes.commands.checks.check_by_name", broken)
+    monkeypatch.setattr("deabayes.cli.records.check_by_name", broken)
     with pytest.raises(RuntimeError, match="ours"):
         main(("check", "stack"))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from deabayes.pareto import smoothed
+from deabayes.posteriors.sensitivity import smoothed
 
 
 def test_only_the_largest_weights_are_smoothed():

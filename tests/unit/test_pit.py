@@ -18,8 +18,7 @@ from deabayes import figures
 from deabayes.figures import pit as pit_figure
 from deabayes.figures.results import StudyResults
 from deabayes.prediction.bands import to_dataset
-from deabayes.prediction.errors import uniformity_p
-from deabayes.prediction.errors_table import error_row
+from deabayes.prediction.errors import error_row, uniformity_p
 
 
 def noisy(seed, factor=1.0):

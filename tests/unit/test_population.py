@@ -9,7 +9,6 @@ import pytest
 from scipy.special import ndtr
 from tests.unit.populations import World, parameter, world
 
-from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.coordinate import Coordinate
@@ -24,6 +23,7 @@ from deabayes.population.specimens import (
     warnings_of,
     without,
 )
+from deabayes.prior.distributions import LogUniform
 from deabayes.prior.joint import Prior
 
 MEAN, SPREAD = np.log([2e4, 3.0]), np.array([0.1, 0.3])

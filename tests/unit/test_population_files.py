@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 from tests.unit.populations import parameter
 
-from deabayes.distributions import LogNormal, Normal
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.files import (
     PopulationContent,
@@ -20,6 +19,7 @@ from deabayes.population.files import (
 )
 from deabayes.population.settings import Population
 from deabayes.population.specimens import Shrunken
+from deabayes.prior.distributions import LogNormal, Normal
 from deabayes.prior.joint import Prior
 from deabayes.sampling.diagnostics import Failed, summarise
 from deabayes.sampling.engine import Sampled

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from tests.unit.populations import MEDIANS, SIGMAS, parameter, prior_of_two, world
 
-from deabayes.distributions import LogNormal, LogUniform, Normal, Uniform
 from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
-from deabayes.population.likelihood import fit
-from deabayes.population.member import Member
+from deabayes.population.member import Member, fit
 from deabayes.population.model import PopulationModel
+from deabayes.prior.distributions import LogNormal, LogUniform, Normal, Uniform
 from deabayes.prior.joint import Prior
 
 

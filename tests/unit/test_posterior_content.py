@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 from scipy.special import ndtri
 
-from deabayes.distributions import LogNormal, LogUniform
-from deabayes.parameter import Parameter
 from deabayes.posteriors.content import convergence_summary, slower_than_records
-from deabayes.posteriors.summary import contraction, contractions
+from deabayes.posteriors.file import contraction, contractions
+from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 from deabayes.sampling.diagnostics import Failed
 from deabayes.sampling.engine import Sampled
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.special import ndtr
 
 from deabayes.experiment import FloatArray
-from deabayes.posteriors import power_scaling
-from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.posteriors import sensitivity
+from deabayes.posteriors.sensitivity import SENSITIVE
 
 DRAWS = 40_000
 
@@ -18,7 +18,7 @@ DRAWS = 40_000
 def sensitivities(log_component: FloatArray, quantities: dict[str, FloatArray]) -> dict[str, float]:
     """For independent draws."""
     sizes = {name: float(draws.size) for name, draws in quantities.items()}
-    return power_scaling.sensitivities(log_component, quantities, sizes)
+    return sensitivity.sensitivities(log_component, quantities, sizes)
 
 
 class Conjugate:
@@ -126,15 +126,13 @@ def test_few_effective_draws_tell_only_what_moves_far() -> None:
     z[:, 16] += z[:, 15] ** 2
     log_prior = -0.5 * np.sum(z[:, :16] ** 2, axis=1)
     draws = {"still": np.random.default_rng(6).standard_normal(4000), "far": z[:, 16]}
-    known = power_scaling.sensitivities(log_prior, draws, dict.fromkeys(draws, 4000.0))
+    known = sensitivity.sensitivities(log_prior, draws, dict.fromkeys(draws, 4000.0))
     assert known["still"] < 0.03
     assert known["far"] > 2 * SENSITIVE
-    few = power_scaling.sensitivities(log_prior, draws, dict.fromkeys(draws, 400.0))
+    few = sensitivity.sensitivities(log_prior, draws, dict.fromkeys(draws, 400.0))
     assert np.isnan(few["still"])
     assert few["far"] == known["far"]
-    assert np.isnan(
-        power_scaling.sensitivities(log_prior, draws, {"still": 4e3, "far": 9.0})["far"]
-    )
+    assert np.isnan(sensitivity.sensitivities(log_prior, draws, {"still": 4e3, "far": 9.0})["far"])
 
 
 def test_independent_draws_of_what_does_not_move_are_rarely_taken_for_moved() -> None:

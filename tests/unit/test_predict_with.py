@@ -14,14 +14,14 @@ from deabayes.api import Posterior
 from deabayes.checks.study import check_names
 from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
-from deabayes.fitted import Fitted
-from deabayes.posterior import build
+from deabayes.inference.default_priors import further_prior
+from deabayes.inference.log_posterior import build
 from deabayes.posteriors.content import PosteriorContent
 from deabayes.posteriors.file import posterior_tree
-from deabayes.predict_with import further_prior
+from deabayes.posteriors.fitted import Fitted
 from deabayes.prior.joint import PriorFromPosterior
 from deabayes.study import Study
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.tubular.system import Tubular
 
 UNCERTAIN = replace(
     SPECIMEN,

@@ -11,7 +11,7 @@ from scipy.stats import lognorm, norm
 from deabayes.experiment import Excitation, Experiment
 from deabayes.noise.white import White
 from deabayes.prediction.bands import Samples, sample_response, to_dataset
-from deabayes.prediction.errors_table import error_row
+from deabayes.prediction.errors import error_row
 from deabayes.prediction.noise_origin import NoiseOrigin
 
 TIME = np.array([0.0, 1.0, 2.0, 4.0])

@@ -10,8 +10,8 @@ from tests.unit.strip_records import LAGGING, STRIP, curve, prepared, raw, relax
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError
-from deabayes.preparation import DEFAULT_STEPS, NEEDS_TIME, REGISTRY, prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import DEFAULT_STEPS, NEEDS_TIME, REGISTRY, prepare
 
 
 def test_without_steps_a_record_is_only_relabelled() -> None:

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
-from deabayes.preparation import prepare
-from deabayes.preparation.nodes import gauss
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
+from deabayes.records.preparation.bins import gauss
 from deabayes.systems import System, build
 
 SLIGHT = 1e-4

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.unit.periodic_records import periodic, record, reduced, said, unbiased
 
-from deabayes.preparation.cycles import grouped
-from deabayes.reading.raw import RawRecord
+from deabayes.records.columns import RawRecord
+from deabayes.records.preparation.cycles import grouped
 
 
 @pytest.mark.parametrize("frequency", [1.0, 3.0, 7.0, 10.0])

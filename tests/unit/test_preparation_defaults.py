@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.preparation import REGISTRY, prepare
-from deabayes.preparation.flattening import width_for
-from deabayes.preparation.sine_steps import _every
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import REGISTRY, prepare
+from deabayes.records.preparation.bins import width_for
+from deabayes.records.preparation.defaults import _every
 
 FILM = Specimen("film", "membrane", {"kind": "simulated"}, {})
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.periodic_records import record, reduced, said, warned
 
-from deabayes.reading.raw import RawRecord
+from deabayes.records.columns import RawRecord
 
 
 def settling(tau: float) -> RawRecord:

@@ -12,12 +12,11 @@ from tests.unit.strip_records import LAGGING, prepared, relaxation
 
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError
-from deabayes.figures import preparation as figure
-from deabayes.figures import style
-from deabayes.preparation import prepare
-from deabayes.preparation.prepared import read_overview, read_prepared, write_prepared
-from deabayes.reading.folder import read_folder
-from deabayes.reading.raw import RawRecord
+from deabayes.figures import preparation, style
+from deabayes.records.columns import RawRecord
+from deabayes.records.folder import read_folder
+from deabayes.records.preparation import prepare
+from deabayes.records.preparation.prepared import read_overview, read_prepared, write_prepared
 
 REPOSITORY = Path(__file__).parents[2]
 DATA = Path(os.environ.get("DEABAYES_DATA", REPOSITORY.parent / "shared" / "data"))
@@ -127,7 +126,7 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
 def test_figure_names_units_and_shows_all_layers(tmp_path: Path) -> None:
     _, _, path = written(tmp_path)
     with style.applied():
-        (sheet,) = figure.draw(path)
+        (sheet,) = preparation.draw(path)
         sheet.savefig(tmp_path / "a.png")
     above, below = (ax for sub in sheet.subfigs for ax in sub.axes)
     assert above.get_ylabel() == "force (mN)"  # the points stay below 1 N

@@ -10,7 +10,7 @@ from tests.unit.periodic_records import Signal, biased, record, reduced, said, u
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.reading.raw import RawRecord
+from deabayes.records.columns import RawRecord
 
 
 @pytest.mark.parametrize("frequency", [1.0, 2.0, 3.0, 6.0, 7.0, 9.0, 10.0])

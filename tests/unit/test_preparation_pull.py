@@ -9,8 +9,8 @@ import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import Faults
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import prepare
 
 STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
 

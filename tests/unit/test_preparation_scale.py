@@ -7,9 +7,9 @@ import pytest
 from tests.unit.strip_records import STRIP, prepared, relaxation
 
 from deabayes.faults import UserError
-from deabayes.preparation import prepare
-from deabayes.preparation.addressed import misaddressed
-from deabayes.reading.raw import ExperimentRow
+from deabayes.records.columns import ExperimentRow
+from deabayes.records.preparation import prepare
+from deabayes.records.preparation.defaults import misaddressed
 
 RECORD = relaxation(end=20.0)
 FORCE = RECORD.columns["force"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tests.unit.strip_records import relaxation
 
-from deabayes.preparation.overview import thinned
-from deabayes.preparation.polyline import corners, polyline
+from deabayes.records.preparation.polyline import corners, polyline
+from deabayes.records.preparation.prepared import thinned
 
 
 def test_polyline_keeps_its_promise() -> None:

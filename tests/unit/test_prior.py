@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from tests.unit.priors import ALPHA, EVERYTHING, FREE, MU, TAU, assert_density_is_jacobian, ordered
 
-from deabayes.distributions import Uniform
 from deabayes.faults import UserError
+from deabayes.prior.distributions import Uniform
 from deabayes.prior.from_posterior import MIXTURES
 from deabayes.prior.joint import Prior, PriorFromPosterior
 

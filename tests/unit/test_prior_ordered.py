@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 from tests.unit.priors import ALPHA, RELAXATION, TAU
 
-from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.faults import UserError
+from deabayes.prior.distributions import LogNormal, LogUniform, Uniform
 from deabayes.prior.joint import Prior
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from tests.unit.priors import ALPHA, EVERYTHING, MU, TAU, parameter
 
-from deabayes.distributions import LogNormal, LogUniform, Uniform
 from deabayes.faults import Faults, UserError
+from deabayes.prior.distributions import LogNormal, LogUniform, Uniform
 from deabayes.prior.joint import Prior
 
 

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 from tests.unit.priors import ALPHA, assert_density_is_jacobian, parameter
 
-from deabayes.distributions import LogNormal
 from deabayes.faults import Faults
+from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 
 STRETCHES = (3.5, 0.06)

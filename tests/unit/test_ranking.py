@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from deabayes.comparison import ranking
-from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.left_out import BlockLoo
 from deabayes.comparison.ranking import Ranked, common_blocks, comparison_table
 
 TIME = np.arange(200.0)

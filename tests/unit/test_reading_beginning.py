@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Specimen
-from deabayes.reading.beginning import value_before
-from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import record_warnings
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.excitation import value_before
+from deabayes.records.record_checks import record_warnings
 
 TIME = 0.01 * np.arange(400)
 SINE = np.sin(2.0 * np.pi * TIME)

@@ -10,8 +10,8 @@ import pytest
 from tests.unit.step_record import TIME, VOLTAGE_KV, check
 
 from deabayes.faults import UserError
-from deabayes.reading.columns import from_text
-from deabayes.reading.records import read_record
+from deabayes.records.columns import from_text
+from deabayes.records.record import read_record
 
 
 def test_matlab_with_columns_of_the_row(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import pytest
 from tests.unit.study_folders import make_folder, record_lines
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading import download
-from deabayes.reading.download import fetch, missing_data, read_registry
-from deabayes.reading.folder import read_folder
-from deabayes.reading.table import read_table
+from deabayes.records import download
+from deabayes.records.download import fetch, missing_data, read_registry
+from deabayes.records.folder import read_folder
+from deabayes.records.table import read_table
 
 
 @pytest.fixture

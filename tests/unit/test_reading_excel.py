@@ -13,8 +13,8 @@ import pytest
 from tests.unit.step_record import TIME, VOLTAGE_KV, check
 
 from deabayes.faults import UserError
-from deabayes.reading.columns import from_text
-from deabayes.reading.records import read_record
+from deabayes.records.columns import from_text
+from deabayes.records.record import read_record
 
 
 def write_xlsx(path: Path, rows: list[list[object]]) -> Path:

@@ -21,7 +21,7 @@ from tests.unit.breaks import (
 from tests.unit.study_folders import TABLE, make_folder, record_lines, replace_in, write_lines
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.folder import read_folder
+from deabayes.records.folder import read_folder
 
 RELAX = "relax.csv"
 NO_NUMBERS = {

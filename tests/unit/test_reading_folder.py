@@ -14,8 +14,8 @@ from tests.unit.study_folders import (
 )
 
 from deabayes.faults import Faults, UserError
-from deabayes.reading.folder import read_folder, scan_folder
-from deabayes.reading.table import scan_table
+from deabayes.records.folder import read_folder, scan_folder
+from deabayes.records.table import scan_table
 
 
 def test_a_sound_folder(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_only_columns_that_the_system_reads_can_be_misspelt(
 def test_a_pull_on_an_actuator_needs_its_voltage(
     tmp_path: Path, known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deabayes.reading import record_checks
+    from deabayes.records import record_checks
 
     channels = ({"voltage": "V", "displacement": "m"}, {"force": "N"})
     monkeypatch.setattr(record_checks, "channels_of", lambda system, protocol: channels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from deabayes.reading.instruments import read_instruments
+from deabayes.records.specimen import read_instruments
 
 MS, ZERO = {"value": 2, "unit": "ms"}, {"value": 0, "unit": "ms"}
 LIMIT = {"value": 5, "unit": "mA"}

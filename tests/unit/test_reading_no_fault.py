@@ -11,9 +11,9 @@ from tests.unit.study_folders import make_folder
 
 from deabayes.experiment import Specimen
 from deabayes.faults import Faults
-from deabayes.reading.folder import read_folder, scan_folder
-from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.record_checks import record_faults
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.folder import read_folder, scan_folder
+from deabayes.records.record_checks import record_faults
 
 
 @pytest.mark.parametrize(

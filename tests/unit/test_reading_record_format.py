@@ -10,8 +10,8 @@ import pytest
 from tests.unit.plain_record import PLAIN
 
 from deabayes.faults import UserError
-from deabayes.reading.columns import from_text
-from deabayes.reading.records import read_record
+from deabayes.records.columns import from_text
+from deabayes.records.record import read_record
 
 REAL_DATA = Path(os.environ.get("DEABAYES_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ZHAO = {

@@ -12,8 +12,8 @@ import pytest
 from tests.unit.plain_record import PLAIN
 
 from deabayes.faults import UserError
-from deabayes.reading.columns import from_text
-from deabayes.reading.records import read_record
+from deabayes.records.columns import from_text
+from deabayes.records.record import read_record
 
 
 def check_plain(path: Path) -> None:

@@ -10,10 +10,9 @@ from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.faults import Faults, UserError
 from deabayes.instruments import PROPERTIES, instrument
-from deabayes.reading.columns import CHANNELS
-from deabayes.reading.schema import schema
-from deabayes.reading.specimen import read_specimen, specimen_from_quantities
-from deabayes.reading.yaml_file import read_yaml
+from deabayes.records.columns import CHANNELS
+from deabayes.records.schema import read_yaml, schema
+from deabayes.records.specimen import read_specimen, specimen_from_quantities
 
 
 def test_quantities_and_instruments_in_si(tmp_path: Path) -> None:

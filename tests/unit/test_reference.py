@@ -12,10 +12,9 @@ from deabayes.reference import tubular_frequency as analyser
 from deabayes.reference.sensor import Sensor, ornstein_uhlenbeck
 from deabayes.reference.tubular_motion import leakage_current, motion
 from deabayes.reference.tubular_truth import CURRENT, DISPLACEMENT, TRUTH
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.tubular_sine import SineResponse
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 from deabayes.units import to_si
 
 SHIPPED = REPOSITORY / "data" / "tubular"

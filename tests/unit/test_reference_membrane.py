@@ -79,7 +79,7 @@ def test_the_slow_unit_is_beyond_three_units():
     )
     time = np.array([100.0])
     apart = [reference.response(truth, lambda _: 4e3, 100.0)[1](time)[0] for truth in (slow, three)]
-    assert apart[1] - apart[0] > 20 * reference.SENSOR.sigma_ou / 0.01
+    assert apart[1] - apart[0] > 20 * membrane.SENSOR.sigma_ou / 0.01
 
 
 def test_truth_and_provenance():
@@ -94,8 +94,8 @@ def test_truth_and_provenance():
 @pytest.fixture(scope="module")
 def prepared():
     """The records as the study `membrane` prepares them."""
-    from deabayes.preparation import prepare
-    from deabayes.reading.folder import read_folder
+    from deabayes.records.folder import read_folder
+    from deabayes.records.preparation import prepare
     from deabayes.studies import load_study
 
     study = load_study(REPOSITORY / "config.yaml", "membrane")

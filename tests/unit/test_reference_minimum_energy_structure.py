@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from tests.unit.golden import REPOSITORY, golden_table, load_golden
 
 from deabayes.experiment import Specimen
-from deabayes.reading.record_checks import record_faults, record_warnings
-from deabayes.reading.records import read_record
-from deabayes.reading.repeated import repeated_records
-from deabayes.reading.schema import violations
-from deabayes.reading.table import read_table
-from deabayes.reference import minimum_energy_structure as reference
+from deabayes.records.folder import repeated_records
+from deabayes.records.record import read_record
+from deabayes.records.record_checks import record_faults, record_warnings
+from deabayes.records.schema import violations
+from deabayes.records.table import read_table
+from deabayes.reference import minimum_energy_structure
 from deabayes.reference import minimum_energy_structure_pull as pull
 from deabayes.reference.minimum_energy_structure_motion import motion
 from deabayes.reference.minimum_energy_structure_truth import (
@@ -39,11 +39,11 @@ def table(name):
 
 
 def test_the_shipped_descriptions_are_what_the_script_writes(tmp_path):
-    reference.write_descriptions(tmp_path)
+    minimum_energy_structure.write_descriptions(tmp_path)
     for name in ("experiments.csv", "specimen.yaml", "truth.yaml"):
         assert (tmp_path / name).read_text() == (SHIPPED / name).read_text()
     records = {path.stem: path.stat().st_size for path in (SHIPPED / "records").iterdir()}
-    assert set(records) == {settings.name for settings in reference.RECORDS}
+    assert set(records) == {settings.name for settings in minimum_energy_structure.RECORDS}
     assert len(records) == 26 and sum(records.values()) < 7e6
 
 
@@ -55,9 +55,11 @@ def only_the_start(truth, command, duration):
 
 def test_the_shipped_records_are_what_the_script_writes(monkeypatch, tmp_path):
     """Forces and the shortest sine whole, other waves up to 0.3 s after their rest."""
-    for seed, settings in enumerate(reference.RECORDS):
-        whole = isinstance(settings, reference.Pull) or settings.name == "sine_5kV_10Hz"
-        monkeypatch.setattr(reference, "motion", motion if whole else only_the_start)
+    for seed, settings in enumerate(minimum_energy_structure.RECORDS):
+        whole = (
+            isinstance(settings, minimum_energy_structure.Pull) or settings.name == "sine_5kV_10Hz"
+        )
+        monkeypatch.setattr(minimum_energy_structure, "motion", motion if whole else only_the_start)
         path = tmp_path / "record.csv"
         write_record(path, settings.columns(seed))
         shipped, again = table(settings.name), np.loadtxt(path, delimiter=",", skiprows=1)
@@ -103,7 +105,7 @@ def test_forces_are_the_golden_ones():
 @pytest.mark.parametrize("frequency", [1, 5, 10])
 def test_motion_is_the_golden_one(kilovolt, frequency):
     truth = from_golden(load_golden("mes_dynamic")["inputs"])
-    wave = reference.Wave(1e3 * kilovolt, float(frequency), "")
+    wave = minimum_energy_structure.Wave(1e3 * kilovolt, float(frequency), "")
     moved = motion(truth, wave.command, 10.0 / frequency)
     for period in ("first", "tenth"):
         golden = golden_table("mes_dynamic", f"{kilovolt}kV_{frequency}Hz_{period}_period")
@@ -147,7 +149,7 @@ def test_at_rest_without_voltage_it_stays():
 
 
 def test_the_amplifier_lags():
-    wave, lag = reference.Wave(5e3, 10.0, ""), TRUTH.amplifier_lag
+    wave, lag = minimum_energy_structure.Wave(5e3, 10.0, ""), TRUTH.amplifier_lag
     time = np.linspace(-0.01, 0.3, 700)
     turn = 2.0 * np.pi * 10.0
     followed = (np.cos(turn * time) + turn * lag * np.sin(turn * time)) / (1 + (turn * lag) ** 2)
@@ -158,7 +160,7 @@ def test_the_amplifier_lags():
 
 
 def test_the_sweep_passes_all_frequencies():
-    sweep = reference.RECORDS[-1]
+    sweep = minimum_energy_structure.RECORDS[-1]
     assert sweep.name == "sweep_5kV"
     time = np.linspace(39.9, 40.0, 20_001)
     volts = np.array([sweep.command(t) for t in time])
@@ -201,7 +203,7 @@ def test_hysteresis_of_the_forces_is_small_and_largely_averaged_out():
 
 
 def test_what_the_candidates_leave_out_shows_and_does_not_dominate():
-    wave, time = reference.Wave(5e3, 1.0, ""), np.linspace(0.0, 4.0, 801)
+    wave, time = minimum_energy_structure.Wave(5e3, 1.0, ""), np.linspace(0.0, 4.0, 801)
     whole = motion(TRUTH, wave.command, 4.0).displacement(time)
     lacking = {
         "slow unit": replace(TRUTH, k=TRUTH.k[:4], xi=TRUTH.xi[:4]),
@@ -216,7 +218,7 @@ def test_what_the_candidates_leave_out_shows_and_does_not_dominate():
 def test_the_laser_reads_late_and_tilted():
     time, _, millimetre = table("sine_5kV_10Hz").T
     since = time - 0.2
-    moved = motion(TRUTH, reference.Wave(5e3, 10.0, "").command, float(since[-1]))
+    moved = motion(TRUTH, minimum_energy_structure.Wave(5e3, 10.0, "").command, float(since[-1]))
     late = moved.displacement(since - 5e-4)
     read = 1e-3 * (millimetre - np.mean(millimetre[:190]))
     assert np.std(read - tilted(late)) < 8e-6 < np.std(read - tilted(moved.displacement(since)))

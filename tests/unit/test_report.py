@@ -13,8 +13,7 @@ from tests.unit.fake_results import write_study
 
 from deabayes import figures
 from deabayes.faults import UserError
-from deabayes.figures.population_results import PopulationResults
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import PopulationResults, StudyResults
 from deabayes.report import build, notices
 from deabayes.report.page import figure_folders, verdict
 from deabayes.report.tables import about, errors, parameters

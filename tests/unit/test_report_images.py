@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from deabayes.figures import style
-from deabayes.report.images import QUALITIES, shrink
+from deabayes.report.page import QUALITIES, shrink
 
 
 def picture() -> Image.Image:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from deabayes.report import notices, orders, tables
+from deabayes.report import notices, sections, tables
 
 ERRORS = pd.DataFrame(
     {
@@ -88,13 +88,13 @@ def test_scores_of_the_comparison():
     study = SimpleNamespace(
         comparison=pd.DataFrame([row], index=["one"]), recommended=SimpleNamespace(name="one")
     )
-    (found,) = orders.order_rows(study)
+    (found,) = sections.order_rows(study)
     assert found["shown"] and found["n_parameters"] == 5
     assert found["log_evidence"] == "−1234.6 ± 0.3"
     assert found["log_evidence_nested"] == "−1234.0 ± 0.4"
     assert (found["bic"], found["elpd"], found["k_hat"]) == ("2500.0", "0.0", "0.46")
     assert found["left_out"] == "–"
-    assert orders.asked_for_nested(study)
+    assert sections.asked_for_nested(study)
 
 
 def test_a_range_is_shown_in_one_unit_and_noise_about_zero_is_zero():

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import pytest
 
-from deabayes.report.reasons import grouped
+from deabayes.report.notices import grouped
 from deabayes.sampling.diagnostics import Failed
 
 SAMPLING = {"max_steps": 400, "ess": 400.0, "autocorrelation_times": 50.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import lognorm, norm
 
-from deabayes.residual_scale import ResidualScale
+from deabayes.inference.record_noise import ResidualScale
 
 MEAN = np.array([[1.0, 2.0, 5.0], [1.5, 2.5, 4.0]])
 RESPONSE = np.array([1.1, 1.9, 5.5])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.integrate import rodas5p
-from deabayes.integrate.grid import GridSettings, graded_grid, simplify
+from deabayes.integrate.drive import GridSettings, graded_grid, simplify
 from deabayes.integrate.rosenbrock import (
     classical_coefficients,
     interpolate,

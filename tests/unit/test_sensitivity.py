@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deabayes import sensitivity
+from deabayes.prediction import influence
 
 GROUPS = 4096
 
@@ -34,9 +34,9 @@ def within(found, conf, exact):
 
 
 def test_ishigami():
-    points = sensitivity.design(3, GROUPS, rng())
+    points = influence.design(3, GROUPS, rng())
     assert points.shape == (GROUPS * 5, 3)
-    found = sensitivity.indices(ishigami(points), 3, rng())
+    found = influence.indices(ishigami(points), 3, rng())
     first, total = ishigami_indices()
     within(found.first_order, found.first_order_conf, first)
     within(found.total, found.total_conf, total)
@@ -50,8 +50,8 @@ def test_an_additive_function_has_equal_first_and_total_indices():
     from scipy.special import ndtri
 
     weights = np.array([1.0, 2.0, 0.0, 3.0])
-    points = sensitivity.design(4, GROUPS, rng())
-    found = sensitivity.indices(5.0 + ndtri(points) @ weights, 4, rng())
+    points = influence.design(4, GROUPS, rng())
+    found = influence.indices(5.0 + ndtri(points) @ weights, 4, rng())
     exact = weights**2 / np.sum(weights**2)
     np.testing.assert_allclose(found.first_order, exact, atol=0.01)
     np.testing.assert_allclose(found.total, exact, atol=0.01)
@@ -64,28 +64,26 @@ def test_intervals_cover_the_truth():
     covered = []
     for seed in range(40):
         own = np.random.default_rng(seed)
-        points = sensitivity.design(3, 256, own)
-        found = sensitivity.indices(ishigami(points), 3, own)
+        points = influence.design(3, 256, own)
+        found = influence.indices(ishigami(points), 3, own)
         covered.append(np.abs(found.first_order - first) <= found.first_order_conf)
     assert np.mean(covered, axis=0)[:2].min() >= 0.8
 
 
 def test_a_failed_point_takes_its_group_with_it():
-    points = sensitivity.design(3, GROUPS, rng())
+    points = influence.design(3, GROUPS, rng())
     values = ishigami(points)
     values[[0, 1, 7]] = np.nan
-    found = sensitivity.indices(values, 3, rng())
+    found = influence.indices(values, 3, rng())
     assert found.left_out == 2
-    kept = sensitivity.indices(values[10:], 3, rng())
+    kept = influence.indices(values[10:], 3, rng())
     np.testing.assert_array_equal(found.first_order, kept.first_order)
 
 
 @pytest.mark.parametrize("values", [np.ones(50), np.full(50, np.nan)])
 def test_nothing_to_explain(values):
-    assert sensitivity.indices(values, 3, rng()) is None
+    assert influence.indices(values, 3, rng()) is None
 
 
 def test_same_seed_same_design():
-    np.testing.assert_array_equal(
-        sensitivity.design(3, 64, rng()), sensitivity.design(3, 64, rng())
-    )
+    np.testing.assert_array_equal(influence.design(3, 64, rng()), influence.design(3, 64, rng()))

@@ -12,7 +12,7 @@ from tests.unit.tubes import QUANTITIES
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.tubular.system import Tubular
 
 LATE = np.array([4e-4, 3.2e-4, 5.1e-4])
 TIME = np.arange(0.0, 0.3, 1e-3)

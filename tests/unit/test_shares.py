@@ -10,13 +10,12 @@ from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_o
 from tests.validation.membrane_worlds import membrane
 from tests.validation.tubular_worlds import tubular_full
 
-from deabayes.distributions import LogUniform
 from deabayes.experiment import FloatArray
 from deabayes.prior.coordinates import Natural
+from deabayes.prior.distributions import LogUniform
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.problem import Coordinates
-from deabayes.systems.ridges.shares import Shares
-from deabayes.systems.ridges.unit_shares import TooSlow, shown_for, unit_shares
+from deabayes.systems.ridges.units import Shares, TooSlow, shown_for, unit_shares
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)

@@ -7,7 +7,7 @@ from tests.unit.golden import REPOSITORY, golden_table
 
 import deabayes
 from deabayes.faults import UserError
-from deabayes.reading.specimen import read_specimen
+from deabayes.records.specimen import read_specimen
 from deabayes.systems import REGISTRY, system_class
 
 QUANTITIES = {"thickness": "80 um", "relative_permittivity": 3.1, "active_length": "70 mm"}

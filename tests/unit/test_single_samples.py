@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.preparation import prepare
-from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.single_samples import (
-    glitches,
-    least_swing,
-    single_samples,
-    without_single_samples,
-)
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.glitches import glitches, least_swing, single_samples, without_single_samples
+from deabayes.records.preparation import prepare
 
 TIME = np.arange(0.0, 60.0, 0.2)
 VOLTS = np.where(TIME < 5.0, 0.0, 3e3)

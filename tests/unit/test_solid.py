@@ -8,10 +8,9 @@ from tests.unit.cards import SPECIMENS, posterior
 
 from deabayes.experiment import Excitation
 from deabayes.export.taken import system_and_draws
-from deabayes.systems.membrane_material import Material
-from deabayes.systems.membrane_solid import shares_at_prestretch
+from deabayes.systems.membrane.material import Material, shares_at_prestretch
 from deabayes.systems.solid import LINEAR, Solid
-from deabayes.systems.voigt_kelvin import Chain
+from deabayes.systems.tubular.voigt_kelvin import Chain
 
 RATES = np.concatenate([np.geomspace(1e-4, 1e5, 10), 1j * np.geomspace(1e-4, 1e5, 10), [2 + 3j]])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.faults import UserError
-from deabayes.springs import DEFORMATIONS, REGISTRY, PrincipalStretches, principal_stretches
+from deabayes.systems.springs import DEFORMATIONS, REGISTRY, PrincipalStretches, principal_stretches
 
 STRETCH = np.array([0.7, 0.95, 1.0, 1.05, 1.5, 2.5, 4.0])
 

@@ -10,12 +10,12 @@ import pytest
 from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, file, target
 
 from deabayes.faults import UserError
-from deabayes.pipeline.identify import stored_target
-from deabayes.posterior import LogPosterior, build
-from deabayes.posteriors.inherited_prior import GROUP
+from deabayes.inference.log_posterior import LogPosterior, build
+from deabayes.pipeline.fit import stored_target
+from deabayes.posteriors.inheritance import GROUP
 from deabayes.posteriors.storage import read_tree, write_tree
-from deabayes.preparation.prepared import write_prepared
 from deabayes.prior.joint import PriorFromPosterior
+from deabayes.records.preparation.prepared import write_prepared
 
 GONE = replace(STUDY, specimen=Path("not/here"), prior_from="gone/posterior.nc")
 

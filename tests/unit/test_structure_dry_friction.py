@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.structures import paper_draws, sine, structure, voltage
 
-from deabayes.systems.structure_kernel import DRY_SPEED
+from deabayes.systems.minimum_energy_structure.kernel import DRY_SPEED
 
 LENGTH, REST = 0.067, np.pi / 4
 FRICTION = (7e-3, 0.05, 0.126, 0.25)

@@ -17,7 +17,7 @@ from tests.unit.structures import (
 
 from deabayes.experiment import Quantity
 from deabayes.faults import UserError
-from deabayes.systems.structure_kernel import DRY_SPEED
+from deabayes.systems.minimum_energy_structure.kernel import DRY_SPEED
 
 
 def _motion(system, draws, driven, times):

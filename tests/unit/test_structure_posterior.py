@@ -18,14 +18,14 @@ from tests.unit.structures import (
 )
 
 from deabayes.experiment import Experiment, Quantity
-from deabayes.pipeline import identify
-from deabayes.posterior import build
+from deabayes.inference.log_posterior import build
+from deabayes.pipeline import fit
 from deabayes.posteriors.inheritance import Inheritance
+from deabayes.prediction.simulate import simulate
 from deabayes.prior.from_posterior import PriorFromPosterior
 from deabayes.prior.joint import Prior
-from deabayes.simulation import simulate
 from deabayes.study import Study
-from deabayes.systems.minimum_energy_structure import CHUNK
+from deabayes.systems.minimum_energy_structure.system import CHUNK
 
 HINGE = Quantity(0.026, "N*m/rad", 0.001)
 
@@ -63,12 +63,12 @@ def test_what_the_prior_of_the_same_specimen_knows_of_the_hinge_counts_once(monk
     study = Study("s", Path(), ("ogden_1",), prior_from=Path("first/posterior.nc"))
     draws = build(study, "ogden_1", own, [record]).prior.sample(np.random.default_rng(0), 200)
     first = PriorFromPosterior(("mu_1", "alpha_1", "relative_permittivity"), draws[:, :3])
-    monkeypatch.setattr(identify, "read_experiments", lambda prepared: [record])
-    monkeypatch.setattr("deabayes.reading.specimen.read_specimen", lambda path: own)
+    monkeypatch.setattr(fit, "read_experiments", lambda prepared: [record])
+    monkeypatch.setattr("deabayes.records.specimen.read_specimen", lambda path: own)
     found = {}
     for same in (True, False):
-        monkeypatch.setattr(identify, "inherited_prior", lambda *_, s=same: Inheritance(first, s))
-        found[same] = identify.build_target(study, "ogden_1", Path())
+        monkeypatch.setattr(fit, "inherited_prior", lambda *_, s=same: Inheritance(first, s))
+        found[same] = fit.build_target(study, "ogden_1", Path())
     theta = draws[:20]
     once, twice = (found[same].log_likelihood(theta) for same in (True, False))
     np.testing.assert_allclose(once, found[True].log_likelihood(theta, [record.name]))

@@ -97,7 +97,7 @@ def test_of_several_studies_one_must_be_named(config: Path) -> None:
 
 
 def test_a_mapping_is_read_like_its_file(config: Path) -> None:
-    from deabayes.reading.yaml_file import read_yaml
+    from deabayes.records.schema import read_yaml
 
     assert load_studies(read_yaml(config), str(config)) == load_studies(config)
 

@@ -45,7 +45,7 @@ def test_split_by_a_column(config: Path) -> None:
 def test_an_empty_list_holds_nothing_out(config: Path) -> None:
     """As `deabayes check` understands it; a list that is not given leaves it to the role column."""
     from deabayes.pipeline import select_rows
-    from deabayes.reading.table import read_table
+    from deabayes.records.table import read_table
 
     (study,) = load_studies(config)
     rows = read_table(study.specimen)
@@ -61,8 +61,7 @@ def test_an_empty_list_holds_nothing_out(config: Path) -> None:
 
 def test_studies_of_one_protocol_or_response(config: Path) -> None:
     from deabayes.checks.study import check_study
-    from deabayes.reading.selection import selected
-    from deabayes.reading.table import read_table
+    from deabayes.records.table import read_table, selected
 
     entry = "{specimen: strip, candidates: [kv_gm_1], split_by: protocol}"
     config.write_text(f"studies: {{s: {entry}}}")
@@ -95,7 +94,7 @@ def test_a_listed_record_has_the_role_of_its_list(
     """Where the other list is not given, the role column does not take it back."""
     from deabayes.checks.study import used_rows
     from deabayes.pipeline import select_rows
-    from deabayes.reading.folder import scan_folder
+    from deabayes.records.folder import scan_folder
 
     (study,) = load_studies(config)
     study = replace(study, **given)  # type: ignore[arg-type]

@@ -10,12 +10,11 @@ from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, draws
 
 import deabayes
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior, build, log_standard_normal
+from deabayes.inference.log_posterior import LogPosterior, build, log_standard_normal
 from deabayes.posteriors.content import PosteriorContent
-from deabayes.posteriors.file import posterior_tree
-from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.posteriors.file import SUMMARY_COLUMNS, posterior_tree
+from deabayes.posteriors.sensitivity import SENSITIVE
 from deabayes.posteriors.storage import write_tree
-from deabayes.posteriors.summary import SUMMARY_COLUMNS
 from deabayes.prior.joint import PriorFromPosterior
 
 SIZE = (2, 4000)

@@ -13,8 +13,8 @@ from tests.validation.tally import (
     verdict,
 )
 
-from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide
+from deabayes.comparison.left_out import BlockLoo
 
 
 def score(order, evidence, terms, converged=True):

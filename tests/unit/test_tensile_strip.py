@@ -8,9 +8,9 @@ from tests.unit.golden import golden_table, load_golden
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.springs import REGISTRY as SPRINGS
 from deabayes.systems import build, candidates
-from deabayes.systems.tensile_strip import TensileStrip
+from deabayes.systems.springs import REGISTRY as SPRINGS
+from deabayes.systems.tensile_strip.system import TensileStrip
 
 HISTORIES = {
     "strip_relaxation": ([0.0, 4.0, 1804.0], [1.0, 2.0, 2.0]),

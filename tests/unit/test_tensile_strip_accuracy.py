@@ -15,7 +15,7 @@ from tests.unit.test_tensile_strip import (
 )
 
 from deabayes.experiment import Excitation, Specimen
-from deabayes.systems.tensile_strip import TensileStrip
+from deabayes.systems.tensile_strip.system import TensileStrip
 
 
 def scipy_unit_stress(history, time, tau, inverse_limit):

@@ -10,10 +10,10 @@ from tests.unit.coordinates import check_there_and_back, coordinates_of, parts_o
 from tests.validation.worlds import blank
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
-from deabayes.posterior import LogPosterior, build
+from deabayes.inference.log_posterior import LogPosterior, build
 from deabayes.study import Settings, Study
-from deabayes.systems.ridges.shares import Shares
-from deabayes.systems.tensile_strip import TensileStrip
+from deabayes.systems.ridges.units import Shares
+from deabayes.systems.tensile_strip.system import TensileStrip
 
 STRIP = Specimen("strip", "tensile_strip", {"kind": "simulated"}, {})
 TO = 4.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.prediction.errors import uniformity_p
-from deabayes.prediction.transforms import transforms
+from deabayes.prediction.outcomes import transforms
 
 CALIBRATED, HELD_OUT, DRAWS = 100, 1000, 500
 

@@ -3,10 +3,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
 
-from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.tubular.system import Tubular
 
 TRUTH = {"E_0": 1.5e6, "E_1": 12e6, "E_2": 6e6, "tau_1": 6e-3, "tau_2": 0.12}
 

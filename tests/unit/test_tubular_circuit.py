@@ -6,11 +6,10 @@ from tests.unit.tubes import QUANTITIES, actuator
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import hold
-from deabayes.systems.biased_sine import BiasedSine
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.tubular import Tubular
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import BiasedSine
+from deabayes.systems.tubular.system import Tubular
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 WITH_CIRCUIT = {
     **QUANTITIES,

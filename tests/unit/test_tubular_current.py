@@ -12,9 +12,9 @@ from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.prior.joint import Prior
 from deabayes.systems import build
-from deabayes.systems.biased_sine import BiasedSine, charge_coefficients
-from deabayes.systems.circuit import Circuit, Supply, time_constant_from_phase
-from deabayes.systems.tubular_circuit import TubularCircuit
+from deabayes.systems.tubular.circuit import Circuit, Supply, time_constant_from_phase
+from deabayes.systems.tubular.sine import BiasedSine, charge_coefficients
+from deabayes.systems.tubular.system import TubularCircuit
 
 CIRCUIT = {
     "series_resistance": Quantity(954.0, "ohm", 250.0),

@@ -13,13 +13,13 @@ from tests.unit.tubes import QUANTITIES, STAND_INS
 from deabayes.comparison.scoring import leave_one_experiment_out
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.noise.default_priors import CORRELATED_FRACTION
-from deabayes.posterior import build
-from deabayes.preparation import measured_rows, prepare
-from deabayes.preparation.opening import continuous_phase
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.inference.log_posterior import build
+from deabayes.noise.base import CORRELATED_FRACTION
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.preparation import measured_rows, prepare
+from deabayes.records.preparation.working import continuous_phase
 from deabayes.study import Study
-from deabayes.systems.tubular import Tubular
+from deabayes.systems.tubular.system import Tubular
 from deabayes.units import to_si
 
 DELAY = 4e-4

@@ -6,14 +6,13 @@ from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import QUANTITIES, STAND_INS, inertia, moving_chain
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import hold, relaxation_response
-from deabayes.systems.inertial_parameter import moving_quantity
-from deabayes.systems.tubular import Tubular
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.prior.distributions import LogNormal
+from deabayes.systems.tubular.base import moving_quantity
+from deabayes.systems.tubular.system import Tubular
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 E, TAU, M = (1.5e6, 12e6, 6e6), (6e-3, 0.12), 21.4
 

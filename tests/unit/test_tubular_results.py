@@ -18,12 +18,12 @@ from deabayes.analyses import resonance
 from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Excitation, Experiment
 from deabayes.figures.results import CandidateResults, StudyResults
-from deabayes.fitted import Fitted
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.pipeline import predict_candidate
+from deabayes.posteriors.fitted import Fitted
 from deabayes.posteriors.storage import write_tree
-from deabayes.preparation.prepared import write_prepared
-from deabayes.systems.tubular import Tubular
+from deabayes.records.preparation.prepared import write_prepared
+from deabayes.systems.tubular.system import Tubular
 
 LOADS = (100, 300, 500)
 

@@ -6,11 +6,9 @@ from scipy.integrate import solve_ivp
 from tests.unit.golden import golden_table, load_golden
 from tests.unit.tubes import actuator, circuit, pressure_per_square
 
-from deabayes.systems.biased_sine import BiasedSine, fundamental_pressure
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.tubular_sine import SineResponse, phase
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import BiasedSine, SineResponse, fundamental_pressure, phase
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 DELAY = 4e-4
 TRANSIENTS = [(2, 0), (2, 100), (2, 300), (2, 500), (1, 100), (3, 100)]

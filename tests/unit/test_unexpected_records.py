@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep
 
-from deabayes.checks.prior_scale import unexpected
+from deabayes.checks.priors import unexpected
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.pipeline import identify
-from deabayes.posterior import build
+from deabayes.inference.log_posterior import build
+from deabayes.pipeline import fit
 from deabayes.posteriors import content
 from deabayes.sampling.problem import EveryDrawFailed
 
@@ -38,7 +38,7 @@ def test_what_the_prior_does_not_expect_is_among_the_warnings_of_the_fit(
     pooled = SimpleNamespace(
         thinned=lambda _: (z, np.zeros((1, 2))), convergence=SimpleNamespace(table=None)
     )
-    found = identify._content(STUDY, "voigt_kelvin_2", target, pooled)
+    found = fit._content(STUDY, "voigt_kelvin_2", target, pooled)
     odd = [text for text in found.warnings if "the prior expects it" in text or "reaches" in text]
     assert len(odd) == len(said)
     assert all(text.startswith(start) for text, start in zip(odd, said, strict=True))
@@ -79,10 +79,10 @@ def test_a_fit_that_cannot_begin_names_study_candidate_and_records(
 
     real = build(STUDY, "voigt_kelvin_2", UNCERTAIN, [creep()])
     target = MagicMock(prior=real.prior, records=real.records, log_likelihood=log_likelihood)
-    monkeypatch.setattr(identify, "build_target", lambda *_: target)
-    monkeypatch.setattr(identify, "chain_folder", lambda *_: tmp_path)
+    monkeypatch.setattr(fit, "build_target", lambda *_: target)
+    monkeypatch.setattr(fit, "chain_folder", lambda *_: tmp_path)
     monkeypatch.setattr("deabayes.sampling.engine.sample", sample)
     monkeypatch.setattr("deabayes.posteriors.problem.problem_of", lambda _: None)
     said = f"study creep, voigt_kelvin_2: no draw of the prior has a response to {lost}; are the"
     with pytest.raises(UserError, match=said):
-        identify.fit_candidate(STUDY, "voigt_kelvin_2", tmp_path, *OUTPUTS, False)
+        fit.fit_candidate(STUDY, "voigt_kelvin_2", tmp_path, *OUTPUTS, False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.faults import UserError
-from deabayes.given_values import array_in_si
+from deabayes.prediction.given import array_in_si
 from deabayes.units import parse_quantity, registry, same_dimension, si_unit, to_si
 
 

@@ -8,7 +8,7 @@ from tests.validation import rows
 from tests.validation.membrane_recovery import comparison
 from tests.validation.nested import parameter_rows
 
-from deabayes.comparison.batched import Batched
+from deabayes.comparison.nested import Batched
 
 TASKS = [{"order": 2, "replicate": index} for index in range(4)]
 

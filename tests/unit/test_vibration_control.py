@@ -12,14 +12,13 @@ import pytest
 from click.testing import CliRunner
 from tests.unit.tube_trees import CIRCUIT, specimen, tree
 
-from deabayes.cli import cli
-from deabayes.electrostatics import maxwell_pressure
+from deabayes.cli.main import cli
 from deabayes.export import export
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.inertial_parameter import inertial_parameter
-from deabayes.systems.tubular_sine import SineResponse
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.tubular.base import inertial_parameter
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 MASSES = ("total_mass", "active_mass", "sensor_mass", "cross_section")
 ROOT = Path(__file__).parents[2]

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.electrostatics import maxwell_pressure
 from deabayes.experiment import Quantity
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.inertial_parameter import inertial_parameter
-from deabayes.systems.tubular_sine import SineResponse
-from deabayes.systems.voigt_kelvin import Chain
-from deabayes.systems.voigt_kelvin_inertia import MovingChain
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.tubular.base import inertial_parameter
+from deabayes.systems.tubular.circuit import Circuit
+from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 QUANTITIES = {
     "thickness": Quantity(80e-6, "m"),

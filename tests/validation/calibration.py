@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
-from deabayes.posterior import LogPosterior, build
+from deabayes.inference.log_posterior import LogPosterior, build
 from deabayes.study import Settings, Study
 from tests.validation.sampled import sample
 from tests.validation.structure_worlds import at_rest

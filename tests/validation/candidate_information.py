@@ -19,8 +19,8 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
+from deabayes.comparison.further import candidate_information
 from deabayes.experiment import FloatArray
-from deabayes.further.information import candidate_information
 from deabayes.noise.white import White
 from deabayes.prediction.outcomes import Predictive, Reading
 from tests.validation import rows

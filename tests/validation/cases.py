@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from tests.validation.membrane_worlds import membrane
 from tests.validation.worlds import NoiseGroups, given, responded
 

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.prediction.bands import sample_response
 from deabayes.prediction.noise_origin import NoiseOrigin
 from tests.validation import rows

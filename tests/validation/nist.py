@@ -36,13 +36,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from deabayes.distributions import Uniform
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
+from deabayes.inference.log_posterior import LogPosterior, Record
+from deabayes.inference.record_noise import noise_group, noise_parameters, record_scale
 from deabayes.noise.white import White
-from deabayes.parameter import Parameter
-from deabayes.posterior import LogPosterior, Record
+from deabayes.prior.distributions import Uniform
 from deabayes.prior.joint import Prior
-from deabayes.record_noise import noise_group, noise_parameters, record_scale
+from deabayes.prior.parameter import Parameter
 from deabayes.study import Sampling, Study
 from deabayes.systems.base import Draws, Simulator, System
 from tests.validation import rows

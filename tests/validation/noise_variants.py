@@ -20,11 +20,11 @@ import numpy as np
 
 from deabayes.comparison.left_out import ON_THE_WAY
 from deabayes.experiment import FloatArray
-from deabayes.pipeline.prepare import prepare_study
-from deabayes.posterior import LogPosterior, Record, build
+from deabayes.inference.log_posterior import LogPosterior, Record, build
+from deabayes.pipeline.fit import prepare_study
 from deabayes.posteriors.problem import problem_of
 from deabayes.prediction.errors import crps
-from deabayes.reading.specimen import read_specimen
+from deabayes.records.specimen import read_specimen
 from deabayes.sampling.problem import Problem
 from deabayes.sampling.tempering import temper
 from deabayes.studies import load_study

@@ -39,7 +39,7 @@ import xarray as xr
 from deabayes.comparison import scoring
 from deabayes.comparison.decision import Score
 from deabayes.comparison.ranking import Ranked, score_all
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import split_log_likelihood
 from tests.validation import rows
 from tests.validation.membrane_worlds import membrane

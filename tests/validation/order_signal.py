@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from tests.validation.worlds import World
 
 TRIED, CLIMBED = 1000, 6

@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import FloatArray
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel, sample
 from deabayes.population.specimens import new_specimens, shrink
+from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 from deabayes.study import Sampling
 from tests.unit.populations import parameter, world

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.content import convergence_summary
 from deabayes.posteriors.problem import problem_of
 from deabayes.sampling import engine

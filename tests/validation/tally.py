@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide, judge
+from deabayes.comparison.left_out import BlockLoo
 from tests.validation.order_signal import SHOWN
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from tests.validation import membrane_worlds, rows, structure_worlds, tubular_worlds
 from tests.validation.sampled import SETTINGS, Sampled, sample
 from tests.validation.worlds import World, given, simulate

@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Role, Specimen
-from deabayes.posterior import LogPosterior, build
-from deabayes.residual_scale import ResidualScale
+from deabayes.inference.log_posterior import LogPosterior, build
+from deabayes.inference.record_noise import ResidualScale
 from deabayes.study import Settings, Study
 
 Discrepancy = Callable[[np.random.Generator, Experiment], FloatArray]

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def deabayes(*arguments: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "deabayes.cli", *map(str, arguments)],
+        [sys.executable, "-m", "deabayes.cli.main", *map(str, arguments)],
         cwd=cwd,
         capture_output=True,
         text=True,

@@ -13,8 +13,8 @@ import yaml
 
 import deabayes
 from deabayes import pipeline
-from deabayes.pipeline.analyse import analyse_study
-from deabayes.pipeline.identify import build_target
+from deabayes.pipeline.fit import build_target
+from deabayes.pipeline.judge import analyse_study
 from deabayes.studies import load_study, write_study
 from deabayes.study import Sampling
 

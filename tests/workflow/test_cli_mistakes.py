@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from deabayes.cli import main
-from deabayes.preparation.prepared import read_overview, read_prepared
+from deabayes.records.preparation.prepared import read_overview, read_prepared
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = """\

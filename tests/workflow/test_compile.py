@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from deabayes import compiled, pipeline
-from deabayes.commands.compiling import compile_study
+from deabayes import pipeline
+from deabayes.cli.fitting import compile_study
+from deabayes.integrate import compiled
 from deabayes.pipeline import prepare_study
 from deabayes.studies import load_study, write_study
 
@@ -25,7 +26,7 @@ from pathlib import Path
 from deabayes.prediction import bands as prediction
 from deabayes.pipeline import build_target, read_experiments
 from dataclasses import replace
-from deabayes.predict_with import further_prior, wider_systems
+from deabayes.inference.default_priors import further_prior, wider_systems
 from deabayes.studies import load_study
 from deabayes.sampling.warp import fit_warp
 
@@ -71,7 +72,7 @@ def test_later_stages_find_everything_compiled(tmp_path: Path) -> None:
         subprocess.run([sys.executable, *arguments], env=environment, cwd=ROOT, check=True)
         return set(cache.rglob("*.nbc"))
 
-    compiled = run("-m", "deabayes.cli", "compile", str(settings))
+    compiled = run("-m", "deabayes.cli.main", "compile", str(settings))
     assert any("log_prob" in path.name for path in compiled)
     assert run("-c", LATER, str(settings), str(tmp_path / "prepared")) == compiled
 

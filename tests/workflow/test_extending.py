@@ -17,7 +17,7 @@ LAPLACE = '''
 import numpy as np
 
 from deabayes.noise.base import NoiseModel
-from deabayes.noise.default_priors import white_amplitude
+from deabayes.noise.base import white_amplitude
 
 
 class Laplace(NoiseModel):
@@ -64,9 +64,9 @@ class Laplace(NoiseModel):
 YEOH = '''
 """Yeoh spring: powers of the first invariant."""
 
-from deabayes.distributions import LogNormal
-from deabayes.parameter import Parameter
-from deabayes.springs.base import MODULUS_MEDIAN, Spring, column
+from deabayes.prior.distributions import LogNormal
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.springs.base import MODULUS_MEDIAN, Spring, column
 
 
 class Yeoh(Spring):
@@ -102,7 +102,7 @@ USED = """
 import numpy as np
 import deabayes
 from deabayes.experiment import Excitation, Experiment, Specimen
-from deabayes.posterior import build
+from deabayes.inference.log_posterior import build
 from deabayes.study import Study
 
 assert deabayes.__file__.startswith({source!r}), deabayes.__file__

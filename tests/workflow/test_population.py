@@ -17,10 +17,10 @@ from tests.workflow.snakemake_runs import ROOT, TINY, snakemake
 import deabayes
 from deabayes import figures, pipeline
 from deabayes.faults import UserError
-from deabayes.figures.population_results import PopulationResults
+from deabayes.figures.results import PopulationResults
 from deabayes.population.settings import SETTINGS, Population, write_population
 from deabayes.posteriors.storage import read_tree, write_tree
-from deabayes.preparation.prepared import read_prepared, write_prepared
+from deabayes.records.preparation.prepared import read_prepared, write_prepared
 from deabayes.report import build
 from deabayes.studies import load_study, write_study
 from deabayes.study import Sampling

@@ -17,9 +17,9 @@ from tests.unit.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
 from deabayes.cli import main
-from deabayes.commands.drive import read_drive
+from deabayes.cli.using import read_drive
 from deabayes.posteriors.storage import sum_of_draws, write_tree
-from deabayes.preparation.prepared import write_prepared
+from deabayes.records.preparation.prepared import write_prepared
 from deabayes.study import Study
 
 DRIVE = "time [ms],voltage [kV]\n0,0\n10,1.8\n500,1.8\n"

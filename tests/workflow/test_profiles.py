@@ -11,7 +11,7 @@ import pytest
 from tests.workflow.snakemake_runs import ROOT
 
 from deabayes.checks.study import check_study
-from deabayes.reading.yaml_file import read_yaml
+from deabayes.records.schema import read_yaml
 from deabayes.studies import load_studies
 
 PROFILES = ROOT / "workflow" / "profiles"

@@ -35,7 +35,7 @@ def test_version_and_help() -> None:
 def test_every_command_explains_itself() -> None:
     from click.testing import CliRunner
 
-    from deabayes.cli import cli
+    from deabayes.cli.main import cli
 
     for name, command in cli.commands.items():
         result = CliRunner().invoke(cli, [name, "--help"])
@@ -46,7 +46,7 @@ def test_every_command_explains_itself() -> None:
 
 def test_help_loads_nothing_heavy() -> None:
     heavy = ("numpy", "scipy", "numba", "emcee")
-    code = f"import sys, deabayes.cli; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, deabayes.cli.main; print([m for m in {heavy} if m in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 
@@ -132,7 +132,7 @@ def test_a_broken_configuration_is_one_message(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
-    from deabayes import cli
+    from deabayes.cli.main import main as cli
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -145,7 +145,7 @@ def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
 
 
 def test_a_fault_of_the_program_is_not_hidden(monkeypatch) -> None:
-    from deabayes import cli
+    from deabayes.cli.main import main as cli
 
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError

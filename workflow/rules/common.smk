@@ -10,7 +10,7 @@ from deabayes.faults import Faults, UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.checks.prior_sources import Sources
-from deabayes.reading.download import missing_data
+from deabayes.records.download import missing_data
 from deabayes.studies import load_studies
 from deabayes.checks.study import check_names
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from deabayes.faults import UserError
-from deabayes.reading.yaml_file import read_yaml
+from deabayes.records.schema import read_yaml
 from snakemake.utils import update_config
 
 

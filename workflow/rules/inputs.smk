@@ -7,7 +7,7 @@ import yaml
 from deabayes.faults import UserError
 from deabayes.pipeline import fit_made_of, sums
 from deabayes.population.settings import to_settings as population_to_settings
-from deabayes.reading.folder import read_folder
+from deabayes.records.folder import read_folder
 from deabayes.study import settings_on_file
 
 

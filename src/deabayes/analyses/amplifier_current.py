@@ -10,8 +10,8 @@ from deabayes.analyses.summaries import interval
 from deabayes.analyses.tubular_sources import circuits
 from deabayes.experiment import Experiment
 from deabayes.instruments import instrument
-from deabayes.systems.circuit import Circuit
-from deabayes.systems.steady_sine import drive_of
+from deabayes.systems.curves import drive_of
+from deabayes.systems.tubular.circuit import Circuit
 
 SYSTEMS = ("tubular",)
 TITLE = "Amplifier current (16)"

@@ -10,7 +10,7 @@ from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import Cycles, amplitude, resampled
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import Excitation, Experiment, FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 
 if TYPE_CHECKING:
     import xarray as xr

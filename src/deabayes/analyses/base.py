@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 from deabayes.prior.joint import Prior, PriorFromPosterior
 from deabayes.study import Study
 from deabayes.systems.base import System
@@ -69,7 +69,7 @@ class StudyContext:
 
     def prior_of(self, candidate: str) -> Prior:
         """The prior a candidate was fitted under, noise parameters included."""
-        from deabayes.posterior import build
+        from deabayes.inference.log_posterior import build
 
         target = build(self.study, candidate, self.specimen, self.experiments, self.inherited)
         return target.prior

@@ -9,8 +9,12 @@ from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import QUANTILES, interval
 from deabayes.analyses.tubular_sources import Labels, circuits
 from deabayes.experiment import Experiment
-from deabayes.systems.circuit import Circuit, time_constant_from_phase, time_constant_interval
-from deabayes.systems.steady_sine import frequency_of, phasor
+from deabayes.systems.curves import frequency_of, phasor
+from deabayes.systems.tubular.circuit import (
+    Circuit,
+    time_constant_from_phase,
+    time_constant_interval,
+)
 
 SYSTEMS = ("tubular",)
 TITLE = "Circuit (Table III)"

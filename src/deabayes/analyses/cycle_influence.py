@@ -7,7 +7,7 @@ from dataclasses import replace
 from deabayes.analyses.drive import Cycles
 from deabayes.analyses.loops import PHASES, Loops
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.influence import PriorModel
+from deabayes.prediction.influence import PriorModel
 
 FEWEST = 2
 """Whole cycles: creep shows between the first and the last."""

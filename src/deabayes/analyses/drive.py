@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray
-from deabayes.passes import HYSTERESIS, upward_crossings, usual_period
+from deabayes.integrate.periodic import HYSTERESIS, upward_crossings, usual_period
 
 STEPS = ("step", "creep")
 """Protocols of a voltage that is switched on and stays."""

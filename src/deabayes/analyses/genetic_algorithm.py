@@ -12,7 +12,7 @@ from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import band, labels
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.base import System
 
 if TYPE_CHECKING:

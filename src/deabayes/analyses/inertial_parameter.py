@@ -14,8 +14,7 @@ from deabayes.analyses.tubular_sources import (
     stated,
 )
 from deabayes.experiment import FloatArray
-from deabayes.systems.inertial_parameter import moving_mass
-from deabayes.systems.tubular_base import MASSES
+from deabayes.systems.tubular.base import MASSES, moving_mass
 
 SYSTEMS = ("tubular",)
 TITLE = "Inertial parameter (Table II)"

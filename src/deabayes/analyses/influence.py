@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deabayes import influence
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.cycle_influence import cycle_stages, has_cycles
 from deabayes.analyses.drive import Cycles
@@ -20,7 +19,8 @@ from deabayes.analyses.influence_curves import (
     prior_dataset,
 )
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.influence import Curves, PriorModel, Sensitivity, Stages
+from deabayes.prediction import influence
+from deabayes.prediction.influence import Curves, PriorModel, Sensitivity, Stages
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deabayes.analyses.cycle_influence import cycle_numbers, loops, over_cycles
-from deabayes.influence import QUANTILES, Curves, PriorModel, one_at_a_time
+from deabayes.prediction.influence import QUANTILES, Curves, PriorModel, one_at_a_time
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,12 +11,12 @@ from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.drive import STEPS, amplitude, since_step
 from deabayes.analyses.summaries import band, interval, labels
 from deabayes.experiment import FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from deabayes.systems.membrane import Membrane
+    from deabayes.systems.membrane.system import Membrane
 
 SYSTEMS = ("membrane",)
 TITLE = "Pull-in and steady stretch"
@@ -53,7 +53,7 @@ def compute(context: StudyContext) -> Analysis:
 
 def membrane(fitted: Fitted) -> Membrane:
     """The candidate's forward model, known to be a membrane."""
-    from deabayes.systems.membrane import Membrane
+    from deabayes.systems.membrane.system import Membrane
 
     assert isinstance(fitted.system, Membrane)
     return fitted.system

@@ -7,8 +7,8 @@ import numpy as np
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import interval, labels
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.fitted import Fitted
-from deabayes.systems.tubular import Tubular
+from deabayes.posteriors.fitted import Fitted
+from deabayes.systems.tubular.system import Tubular
 
 SYSTEMS = ("tubular",)
 TITLE = "Resonance (Table IV)"

@@ -13,7 +13,7 @@ from deabayes.analyses.loops import Loops
 from deabayes.analyses.summaries import band, beside, interval, labels
 from deabayes.analyses.sweep import Sweep
 from deabayes.experiment import Excitation, Experiment, FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 
 if TYPE_CHECKING:
     import xarray as xr

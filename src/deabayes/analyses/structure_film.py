@@ -10,7 +10,7 @@ from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import QUANTILES, interval, labels
 from deabayes.experiment import FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.base import System
 
 SYSTEMS = ("minimum_energy_structure",)
@@ -62,7 +62,7 @@ def compute(context: StudyContext) -> Analysis:
 
 def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """What `WHOLE` names, SI, each (W,)."""
-    from deabayes.systems.minimum_energy_structure import MinimumEnergyStructure
+    from deabayes.systems.minimum_energy_structure.system import MinimumEnergyStructure
 
     assert isinstance(system, MinimumEnergyStructure)
     found = {name: each.values for name, each in system.derived(draws).items()}
@@ -118,7 +118,7 @@ def determined_rows(
     context: StudyContext, name: str, derived: dict[str, FloatArray]
 ) -> Iterator[dict[str, object]]:
     """Contraction and relative half width of every film parameter and of the whole film's."""
-    from deabayes.posteriors.summary import contractions
+    from deabayes.posteriors.file import contractions
 
     fitted, prior = context.candidates[name], context.prior_of(name)
     own = [n for n in prior.names if n.startswith(("mu_", "alpha_")) or n in paper.FILM]

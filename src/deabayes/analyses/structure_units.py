@@ -9,7 +9,7 @@ import numpy as np
 from deabayes.analyses import structure_paper as paper
 from deabayes.analyses.base import Analysis, StudyContext
 from deabayes.analyses.summaries import interval, labels
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Maxwell units and friction (Table 4)"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deabayes.experiment import FloatArray
-from deabayes.fitted import Fitted
+from deabayes.posteriors.fitted import Fitted
 
 QUANTILES = (0.05, 0.95)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from deabayes.analyses.drive import IntArray
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.passes import upward_crossings
+from deabayes.integrate.periodic import upward_crossings
 
 HARMONICS = 2
 FEWEST = 16

@@ -9,10 +9,10 @@ import numpy as np
 from deabayes.analyses.base import StudyContext
 from deabayes.analyses.summaries import labels
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.fitted import Fitted
-from deabayes.systems.circuit import Circuit
+from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.specimen_quantities import uncertain_quantities
-from deabayes.systems.tubular_base import CIRCUIT_SYMBOLS, TubularBase
+from deabayes.systems.tubular.base import CIRCUIT_SYMBOLS, TubularBase
+from deabayes.systems.tubular.circuit import Circuit
 
 Labels = dict[str, object]
 STATED_DRAWS = 4000

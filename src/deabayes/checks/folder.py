@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.checks.predictable import without_candidate
+from deabayes.checks.study import without_candidate
 from deabayes.faults import Faults, UserError
 from deabayes.quantities import display_unit, short, with_unit
-from deabayes.reading.folder import StudyFolder, scan_folder
-from deabayes.reading.raw import ExperimentRow, RawRecord
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.folder import StudyFolder, scan_folder
 
 if TYPE_CHECKING:
     from deabayes.experiment import FloatArray, Quantity

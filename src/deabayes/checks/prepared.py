@@ -1,20 +1,64 @@
-"""A study's records as its preparation leaves them, and what there is to say of that."""
+"""Prepared records: coarse excitations, and changes that no model knows of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from deabayes.checks.coarse_excitation import too_coarse
+import numpy as np
+
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
+from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
+from deabayes.systems.base import System
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment, Specimen
-    from deabayes.reading.folder import StudyFolder
-    from deabayes.reading.raw import ExperimentRow
+    from deabayes.experiment import Excitation, Experiment, Specimen
+    from deabayes.records.folder import StudyFolder
     from deabayes.study import Study
+
+LARGEST_MISS = 0.002
+"""Of the excitation's range, root mean square: a sine of 28 samples a period."""
+FEWEST_SAMPLES = 16
+LAGS = (1, 3)
+
+
+def missed_by_lines(excitation: Excitation) -> float:
+    r"""What straight lines between samples miss of a curved excitation, rms over its range.
+
+    A sample is off the line between its neighbours by d_k, and half way between two samples of a
+    smooth curve a line misses d/4. Of such a curve d_k d_{k+m} is positive for small m. A jump, a
+    corner and a monitor's noise count for nothing: their mean product is negative or none with
+    neighbours (m = 1), and none beyond the reach of a sample's own noise (m = 3).
+    """
+    at, values = excitation.coordinate, excitation.values
+    extent = float(np.ptp(values))
+    if values.size < FEWEST_SAMPLES or extent == 0.0:
+        return 0.0
+    share = (at[1:-1] - at[:-2]) / (at[2:] - at[:-2])
+    off = values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:]
+    together = max(_surely(off[lag:] * off[:-lag]) for lag in LAGS)
+    return 0.25 * float(np.sqrt(together)) / extent
+
+
+def _surely(products: FloatArray) -> float:
+    """Their mean where it is more than three standard errors above zero, else zero."""
+    mean, error = float(np.mean(products)), float(np.std(products)) / np.sqrt(products.size)
+    return mean if mean > 3.0 * error else 0.0
+
+
+def too_coarse(excitation: Excitation) -> str | None:
+    """What there is to say of an excitation that lines follow badly; None where they do."""
+    missed = missed_by_lines(excitation) if excitation.in_time else 0.0
+    if missed <= LARGEST_MISS:
+        return None
+    return (
+        f"between its samples the {excitation.name} is taken for straight lines, which miss "
+        f"{100 * missed:.2g} % of its range (rms): predicted amplitudes come out too small; log "
+        "the drive at 30 samples a period and more"
+    )
 
 
 def prepared_records(
@@ -24,8 +68,8 @@ def prepared_records(
 
     Warnings are those of the steps: what a record itself is warned of is its folder's.
     """
-    from deabayes.preparation import measured_rows, prepare
-    from deabayes.preparation.idle_masks import with_idle_masks
+    from deabayes.records.preparation import measured_rows, prepare
+    from deabayes.records.preparation.defaults import with_idle_masks
 
     measured: list[ExperimentRow] = []
     experiments: list[Experiment] = []
@@ -76,3 +120,79 @@ def _delay_left_in(study: Study, specimen: Specimen, experiment: Experiment) -> 
         "of the steps is `delay`; add `delay: {}` as the first of them, or, if the records have no "
         "delay, remove it from specimen.yaml"
     ]
+
+
+CAUSES = ("voltage", "control_voltage", "stretch", "displacement", "force")
+"""Channels that make a response; a current, say, is one itself."""
+STATED = {"voltage_kV": "voltage", "bias_kV": "voltage", "amplitude_kV": "voltage"}
+"""Columns of experiments.csv that state a channel."""
+AROUND = ("temperature", "humidity")
+"""What a material depends on and no model here: columns of experiments.csv that begin so."""
+HELD = 0.02
+"""Of its largest value: what a channel may change and count as constant."""
+
+
+def unmodelled(
+    system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]], study: str
+) -> list[str]:
+    """Faults: channels and conditions that differ within records or between them, unknown to all.
+
+    A response that depends on them is put down to something else, in silence.
+    """
+    found = [*_channels(system, records), *_conditions(system, [row for row, _ in records])]
+    return [f"study {study}, {each}" for each in found]
+
+
+def _known(system: type[System]) -> set[str]:
+    return {"time", *system.excitations, *system.responses}
+
+
+def _channels(
+    system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]]
+) -> list[str]:
+    """Columns of records; a voltage of a system that voltage does not drive, say."""
+    faults = []
+    known = _known(system)
+    for name in CAUSES:
+        if COMMANDS.get(name, name) in known:
+            continue
+        columns = {row.name: raw for row, raw in records if name in raw.columns}
+        values = [raw.columns[name] for raw in columns.values()]
+        if not values or (_is_constant(np.concatenate(values)) and len(columns) == len(records)):
+            continue
+        if not any(np.any(each != 0.0) for each in values):
+            continue
+        low, high = min(map(np.min, values)), max(map(np.max, values))
+        unit = next(iter(columns.values())).units[name]
+        span = f"{with_unit(float(low), unit, name, 3)} to {with_unit(float(high), unit, name, 3)}"
+        faults.append(
+            f"column {name} of {', '.join(columns)}: goes from {span}, and system "
+            f"{system.name!r} has no {name}: what it does to the response would be put down to the "
+            f"material. Fit records of one {name} only (`select` or `calibrate` and `validate`), "
+            f"or pass it over by `columns: {name} = -` in experiments.csv"
+        )
+    return faults
+
+
+def _conditions(system: type[System], rows: Sequence[ExperimentRow]) -> list[str]:
+    """Columns of experiments.csv: a stated voltage, a temperature."""
+    told = {name for names in (system.conditions or {}).values() for name in names}
+    faults = []
+    for name in dict.fromkeys(name for row in rows for name in row.metadata):
+        channel = STATED.get(name)
+        unknown = channel is not None and channel not in _known(system)
+        if name in told or not (unknown or name.lower().startswith(AROUND)):
+            continue
+        values = sorted({str(row.metadata.get(name, "nothing")) for row in rows})
+        if len(values) > 1:
+            faults.append(
+                f"column {name} of experiments.csv: is {', '.join(values)} over the records, and "
+                f"no model of system {system.name!r} knows of it: what it does to the response "
+                f"would be put down to the material. Fit records of one {name} only (`select: "
+                f"{{{name}: {values[0]}}}`, or `split_by: {name}`)"
+            )
+    return faults
+
+
+def _is_constant(values: FloatArray) -> bool:
+    return float(np.ptp(values)) <= HELD * float(np.max(np.abs(values)))

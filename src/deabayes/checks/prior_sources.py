@@ -1,23 +1,110 @@
-"""What `prior_from` names, held against the studies of a config before anything is run."""
+"""What `prior_from` names, held against the studies and records of a config."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 from deabayes.api import open_posterior
-from deabayes.checks.counted_twice import repeated_in_prior
-from deabayes.checks.overruled import overruled
+from deabayes.checks.study import used_rows
 from deabayes.faults import UserError, nearest
+from deabayes.inference.default_priors import wider_systems
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posteriors.inheritance import Inheritance, foreign_quantities, inherit_from
-from deabayes.predict_with import wider_systems
-from deabayes.prior.overrides import check_same_order
-from deabayes.reading.specimen import read_specimen
-from deabayes.study import Study
+from deabayes.posteriors.records import CountedRecord, counted_records, counted_twice
+from deabayes.posteriors.storage import read_tree
+from deabayes.prior.overrides import check_same_order, overridden, targets_of
+from deabayes.prior.parameter import Parameter
+from deabayes.records.folder import read_folder
+from deabayes.records.record import sha256_of
+from deabayes.records.specimen import read_specimen
+from deabayes.study import Settings, Study
 from deabayes.systems import System, build
+
+SourceOf = Callable[[str], tuple[Study, ...] | Path]
+"""What a `prior_from` names: studies of the config (those of a population), else a file."""
+
+
+def repeated_in_prior(study: Study, source_of: SourceOf) -> list[str]:
+    """A sentence on each record that would count twice."""
+    if study.prior_from is None:
+        return []
+    known = list(_known(study.prior_from, source_of, set()))
+    return counted_twice(study.name, _calibrated(study), known, study.prior_from)
+
+
+def _known(source: str, source_of: SourceOf, passed: set[str]) -> Iterator[CountedRecord]:
+    """The records behind a posterior, the file there or still to come; circles are passed once."""
+    found = source_of(source)
+    if source in passed:
+        return
+    passed.add(source)
+    if isinstance(found, Path):
+        if found.is_file():
+            yield from counted_records(read_tree(found, ()))
+        return
+    for study in found:
+        yield from _calibrated(study)
+        if study.prior_from is not None:
+            yield from _known(study.prior_from, source_of, passed)
+
+
+def _calibrated(study: Study) -> list[CountedRecord]:
+    """By their files; what is wrong with a folder, or not there, is said elsewhere."""
+    try:
+        folder = read_folder(study.specimen, study.data_root, check_records=False)
+    except UserError:
+        return []
+    rows = [row for row in used_rows(study, folder, []) if row.role == "calibrate"]
+    files = [(row, folder.locate(row)) for row in rows]
+    return [
+        CountedRecord(study.name, row.name, row.response, sha256_of(path))
+        for row, path in files
+        if path is not None
+    ]
+
+
+def overruled(
+    study: Study, system: System, handed_on: Collection[str], theirs: Mapping[str, Settings]
+) -> list[str]:
+    """Warn of entries that are no prior, as one is handed on, and bound it otherwise than there.
+
+    The entry that the posterior was fitted with is needed here, too: it bounds what is handed on.
+
+    Parameters
+    ----------
+    handed_on : names of the parameters that `prior_from` hands on.
+    theirs : `priors:` of the study whose posterior that is.
+    """
+    systems = (system, *wider_systems(study, system).values())
+    parameters = tuple({p.name: p for each in systems for p in each.parameters()}.values())
+    found = []
+    for key, settings in study.priors.items():
+        targets = targets_of(parameters, key, set(study.priors))
+        names = [p.name for p in targets if p.name in handed_on]
+        there = {key: theirs[key]} if key in theirs else {}
+        if names and _read(parameters, {key: settings}) != _read(parameters, there):
+            have = "have their priors" if names[1:] else "has its prior"
+            found.append(
+                f"priors.{key}: {', '.join(names)} {have} from {study.prior_from} (prior_from), "
+                "not from this entry, which only bounds it and sets the scale on which its draws "
+                "are taken over; give the entry that it was fitted with, or none"
+            )
+    return found
+
+
+def _read(
+    parameters: tuple[Parameter, ...], entries: Mapping[str, Settings]
+) -> tuple[list[str], dict[str, float]] | None:
+    """Every prior in words, and minimum ratios; None where the entries mean nothing here."""
+    try:
+        replaced, ratios = overridden(parameters, entries, entries)
+    except UserError:
+        return None
+    return [each.prior.describe() for each in replaced], ratios
+
 
 POSTERIOR = "posterior.nc"
 

@@ -1,16 +1,18 @@
-"""The priors that a study writes down, held against its candidates' parameters."""
+"""Priors that a study writes down, held against parameters and records."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
+from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
 from deabayes.faults import UserError
-
-if TYPE_CHECKING:
-    from deabayes.experiment import Experiment
-    from deabayes.study import Study
-    from deabayes.systems import System
+from deabayes.inference.default_priors import wider_systems
+from deabayes.prior.joint import Prior
+from deabayes.quantities import with_unit
+from deabayes.study import Study
+from deabayes.systems import System
 
 
 def check_priors(
@@ -20,11 +22,11 @@ def check_priors(
 
     Warnings: numbers without a unit, of parameters that have one.
     """
+    from deabayes.inference.default_priors import wider_systems
+    from deabayes.inference.record_noise import noise_parameters
     from deabayes.noise import REGISTRY as NOISE
-    from deabayes.predict_with import wider_systems
     from deabayes.prior.joint import Prior
     from deabayes.prior.overrides import bare_numbers
-    from deabayes.record_noise import noise_parameters
 
     calibrate = [each for each in experiments if each.role == "calibrate"]
     if not systems:
@@ -50,3 +52,100 @@ def check_priors(
 
 def _said(study: Study, sentences: Sequence[str]) -> list[str]:
     return [f"study {study.name}, {sentence}" for sentence in dict.fromkeys(sentences)]
+
+
+DRAWS = 200
+FEWEST = 20
+"""Draws with a response that a comparison needs; with fewer, sampling hardly begins."""
+POINTS = 50
+OUTER = (0.05, 0.95)
+OPPOSITE = -0.5
+"""Correlation with the draws' median below which a record runs against it."""
+BEYOND = 10.0
+"""Factor beyond the outer draws from which units are suspected, not materials."""
+
+
+def unexpected(study: Study, system: System, experiments: Iterable[Experiment]) -> list[str]:
+    """Warn of records far larger, or smaller, than a candidate's prior expects, or opposite.
+
+    Held-out records are held against what predicts them (`predict_with`).
+    """
+    wider = wider_systems(study, system)
+    found: list[str] = []
+    for each in experiments:
+        held_out = each.role == "validate"
+        model = wider.get(each.protocol, system) if held_out else system
+        found += _unexpected(model, each, _draws(study, model))
+    return found
+
+
+def _draws(study: Study, system: System) -> dict[str, FloatArray]:
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
+    theta = prior.sample(np.random.default_rng(0), DRAWS)
+    return dict(zip(prior.names, np.ascontiguousarray(theta.T), strict=True))
+
+
+def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray]) -> list[str]:
+    kept = np.linspace(0, each.coordinate.size - 1, POINTS).round().astype(int)
+    kept = np.unique([*kept, np.argmin(each.response), np.argmax(each.response)])
+    at, measured = each.coordinate[kept], each.response[kept]
+    with np.errstate(all="ignore"):
+        curves = np.asarray(system.predict(each.excitation, at, each.response_name, draws))
+    curves = curves[np.isfinite(curves).all(axis=1)]
+    place = f"{each.name}: "
+    if len(curves) < FEWEST:
+        return [f"{place}{len(curves)} of {DRAWS} draws of the prior have a response to it; are "
+                "the units of record and specimen right?"]  # fmt: skip
+    middle = np.median(curves, axis=0)
+    if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
+        return [f"{place}{_opposite(system, middle, measured, each.response_name)}"]
+    return _of_another_size(curves, measured, each, place) or _off_its_zero(
+        curves[:, 0], measured, each, place
+    )
+
+
+def _opposite(system: System, middle: FloatArray, measured: FloatArray, name: str) -> str:
+    rises = middle[np.argmax(np.abs(middle - middle[0]))] > middle[0]
+    found, expected = ("falls", "rise") if rises else ("rises", "fall")
+    said = f"{name} {found} where the prior expects it to {expected}"
+    alike = np.median(middle) * np.median(measured) > 0.0
+    if name in FREQUENCY_RESPONSE and system.massless and alike:
+        return (
+            f"{said}: the candidate has no mass, so nothing in it resonates; take one with "
+            "_inertia for this record, under candidates or by predict_with"
+        )
+    lag = " (lag is negative)" if name == "phase" else ""
+    return f"{said}; is its sign right{lag}?"
+
+
+def _of_another_size(
+    curves: FloatArray, measured: FloatArray, each: Experiment, place: str
+) -> list[str]:
+    # A record may vary by nothing but noise, or lie far from zero: then the other one fits.
+    for size in (np.ptp, lambda values, axis=-1: np.max(np.abs(values), axis=axis)):
+        low, high = np.quantile(size(curves, axis=1), OUTER)
+        found = float(size(measured))
+        if low / BEYOND <= found <= high * BEYOND:
+            return []
+    unit = "" if each.response_unit == "1" else f" {each.response_unit}"
+    return [
+        f"{place}{each.response_name} reaches {found:.2g}{unit}, where the prior expects "
+        f"{low:.2g} to {high:.2g}{unit} (90 %); are the units of record, specimen and priors right?"
+    ]
+
+
+def _off_its_zero(
+    first: FloatArray, measured: FloatArray, each: Experiment, place: str
+) -> list[str]:
+    # A record begins where the model does: at rest, or after the part of its range that a step
+    # with no rest before it takes.
+    low, high = np.quantile(first, OUTER)
+    reach = float(np.ptp(measured))
+    if each.coordinate_name == "frequency" or low - reach <= measured[0] <= high + reach:
+        return []
+    name, unit = each.response_name, each.response_unit
+    found, expected = (with_unit(v, unit, name, 3) for v in (measured[0], np.median(first)))
+    return [
+        f"{place}{name} begins at {found}, where the model has {expected}; what is it counted "
+        "from? The step `baseline` takes the reading at rest for zero"
+    ]

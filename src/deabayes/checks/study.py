@@ -2,34 +2,205 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.checks.amounts import few_points, unused_steps
-from deabayes.checks.candidates import built_candidates
-from deabayes.checks.predictable import without_candidate
-from deabayes.checks.prepared import prepared_records
-from deabayes.checks.prior_scale import unexpected
-from deabayes.checks.priors import check_priors
-from deabayes.checks.unmodelled import unmodelled
-from deabayes.faults import UserError, nearest
-from deabayes.further import planned
+from deabayes.checks.prepared import prepared_records, unmodelled
+from deabayes.checks.priors import check_priors, unexpected
+from deabayes.comparison import further as planned
+from deabayes.faults import Faults, MissingQuantity, UserError, nearest
+from deabayes.own_models.checks import candidate_faults
+from deabayes.own_models.loading import said_of_the_model
 from deabayes.own_models.trial import try_models
-from deabayes.preparation.addressed import misaddressed
-from deabayes.preparation.settings import noting_bare_numbers
-from deabayes.reading.checks import too_short_for
-from deabayes.reading.folder import StudyFolder, read_folder, scan_folder
-from deabayes.reading.raw import ExperimentRow, RawRecord
-from deabayes.reading.repeated import repeated_records
-from deabayes.reading.selection import in_roles, none_to_fit, selected, told_apart_by
+from deabayes.records.checks import too_few_points, too_short_for
+from deabayes.records.columns import ExperimentRow, RawRecord
+from deabayes.records.folder import StudyFolder, read_folder, repeated_records, scan_folder
+from deabayes.records.preparation.defaults import misaddressed
+from deabayes.records.preparation.working import noting_bare_numbers
+from deabayes.records.table import in_roles, none_to_fit, selected, told_apart_by
 from deabayes.systems import system_class
 
 if TYPE_CHECKING:
-    from deabayes.experiment import Experiment
+    from deabayes.experiment import Excitation, Experiment, Specimen
     from deabayes.study import Study
     from deabayes.systems import System
+
+
+def few_points(
+    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
+) -> list[str]:
+    """Candidates with as many parameters as there are points to fit, once they are prepared."""
+    fitted = [each.response.size for each in experiments if each.role == "calibrate"]
+    if not fitted:  # which is a fault of its own
+        return []
+    return [
+        fault
+        for candidate, system in systems.items()
+        for fault in too_few_points(
+            sum(fitted), len(system.parameters()), f"study {study.name}, {candidate}"
+        )
+    ]
+
+
+def unused_steps(
+    study: Study, protocols: Iterable[str], known: Iterable[str]
+) -> tuple[list[str], list[str]]:
+    """Faults and warnings: preparation of protocols that no record of the study has.
+
+    Parameters
+    ----------
+    protocols : of the study's records.
+    known : those that the specimen's system has a model of; others are a fault.
+    """
+    protocols, known = list(protocols), list(known)
+    faults = [
+        f"study {study.name}, preparation: the specimen's system has no model of protocol {name!r} "
+        f"(it has {', '.join(known)}); correct or remove it"
+        for name in study.preparation
+        if name not in known
+    ]
+    warnings = [
+        f"study {study.name}, preparation.{name}: no record of the study is of this protocol, so "
+        "these steps do nothing"
+        for name in study.preparation
+        if name in known and name not in protocols
+    ]
+    return faults, warnings
+
+
+def built_candidates(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
+    """The candidates that can be built; what is wrong with others, or with what they predict with,
+    is added to the faults.
+    """
+    systems, found = {}, []
+    for candidate in study.candidates:
+        key = "candidates"
+        try:
+            systems[candidate] = _built(study, candidate, specimen)
+            key = "predict_with"
+            for ending in study.predict_with.values():
+                _built(study, candidate + ending, specimen)
+        except UserError as error:
+            found += [f"study {study.name}, {key}: {each}" for each in str(error).splitlines()]
+    faults += dict.fromkeys(found)
+    return systems
+
+
+def _built(study: Study, candidate: str, specimen: Specimen) -> System:
+    """A candidate, and if it is of a user's own system, one that is as it should be."""
+    from deabayes.systems import build
+
+    if study.model is None:
+        return build(specimen.system, candidate, specimen)
+    with said_of_the_model():
+        system = build(specimen.system, candidate, specimen)
+        faults = candidate_faults(system, candidate)
+    if faults:
+        raise Faults(f"{study.model}: {fault}" for fault in faults)
+    return system
+
+
+SAMPLES = 50
+"""Of a record that are shown to a candidate: it need only say whether it can."""
+
+
+def without_candidate(read: StudyFolder) -> list[str]:
+    """What is missing where no candidate can predict a record: a quantity, or what was held.
+
+    Each complaint is said once, of the first record that has it. Of a record with faults only the
+    quantities are asked. Nothing is said of a specimen.yaml with faults, and systems of the
+    user's own are left to their own checks.
+    """
+    from deabayes.systems import OWN, REGISTRY
+
+    system = read.specimen.system
+    if system in OWN or system not in REGISTRY or not read.file.sound:
+        return []
+    found: dict[str, str] = {}
+    for row in read.table:
+        try:
+            reasons = _reasons(read.specimen, row, _driven(read, row))
+        except UserError:  # said elsewhere
+            reasons = _reasons(read.specimen, row, _stand_in(row, system))
+            reasons = [each for each in reasons if isinstance(each, MissingQuantity)]
+        for reason in map(str, reasons):
+            found.setdefault(reason, f"{read.path / 'experiments.csv'} ({row.name}): {reason}")
+    return list(found.values())
+
+
+def _driven(read: StudyFolder, row: ExperimentRow) -> Excitation:
+    """The beginning of a record's excitation."""
+    from deabayes.experiment import Excitation
+    from deabayes.records.preparation.working import conditions, open_record
+
+    raw = read.record(row)
+    record = open_record(row, raw, read.specimen)
+    return Excitation(
+        record.row.excitation,
+        record.excitation_unit,
+        record.excitation_coordinate[:SAMPLES],
+        record.excitation[:SAMPLES],
+        conditions(record.row, raw),
+        record.in_time,
+    )
+
+
+def _stand_in(row: ExperimentRow, system: str) -> Excitation:
+    """An excitation as a record with faults may have it, to ask which quantities it needs."""
+    from deabayes.experiment import Excitation
+    from deabayes.records.columns import COMMANDS
+    from deabayes.records.record_checks import POSITIVE
+    from deabayes.records.table import WITHOUT_TIME, channels_of
+
+    unit = channels_of(system, row.protocol)[0][row.excitation]
+    time = np.linspace(0.0, 1.0, SAMPLES)
+    values = 1.0 + 0.1 * time if row.excitation in POSITIVE else 1e-3 * time
+    in_time = row.protocol not in WITHOUT_TIME
+    name = COMMANDS.get(row.excitation, row.excitation)
+    held = {**row.metadata, "voltage": 0.0}
+    return Excitation(name, unit, time if in_time else values, values, held, in_time)
+
+
+def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequence[UserError]:
+    """Why no candidate predicts a record; none if one may.
+
+    All quantities that the first candidate lacks that lacks any, or else what the first one says.
+    That a candidate is not one for this response says nothing: only examples are tried.
+    """
+    from deabayes.systems import candidates
+
+    each = [_obstacles(specimen, name, row, driven) for name in candidates(specimen.system)]
+    if [] in each:
+        return []
+    general = [found for found in each if not str(found[-1]).startswith("candidate ")]
+    lacking = [[e for e in found if isinstance(e, MissingQuantity)] for found in general]
+    return next(filter(None, lacking), next(iter(general), []))
+
+
+def _obstacles(
+    specimen: Specimen, candidate: str, row: ExperimentRow, driven: Excitation
+) -> Sequence[UserError]:
+    """Every quantity that a candidate lacks, and what else keeps it from predicting a record."""
+    from deabayes.experiment import Quantity
+    from deabayes.systems import build
+
+    found: list[UserError] = []
+    while True:
+        try:
+            build(specimen.system, candidate, specimen).simulator(
+                driven, driven.coordinate, row.response
+            )
+        except MissingQuantity as lacking:
+            found.append(lacking)
+            stand_in = {lacking.quantity: Quantity(1.0, lacking.unit)}
+            specimen = replace(specimen, quantities={**specimen.quantities, **stand_in})
+        except UserError as error:
+            return [*found, error]
+        else:
+            return found
 
 
 def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[str]]:
@@ -104,7 +275,7 @@ def _without_model(
     study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
 ) -> list[str]:
     """Records that a candidate has no model of; each complaint is said once."""
-    from deabayes.predict_with import wider_systems
+    from deabayes.inference.default_priors import wider_systems
 
     found: dict[str, str] = {}
     for candidate, system in systems.items():
@@ -122,7 +293,7 @@ def _without_model(
 
 def _unknown_names(study: Study) -> list[str]:
     from deabayes.noise import REGISTRY as NOISE
-    from deabayes.preparation import REGISTRY as STEPS
+    from deabayes.records.preparation import REGISTRY as STEPS
 
     faults = []
     if study.noise not in NOISE:

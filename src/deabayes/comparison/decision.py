@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.comparison.blocks import BlockLoo, deciding, favour, standard_error
+from deabayes.comparison.left_out import BlockLoo, deciding, favour, standard_error
 from deabayes.experiment import FloatArray
 
 SMALLEST_EVIDENCE_GAIN = 1.0

@@ -12,7 +12,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.comparison.blocks import BlockLoo, block_edges, block_terms, leave_one_block_out
 from deabayes.comparison.decision import (
     Decision,
     Score,
@@ -20,9 +19,15 @@ from deabayes.comparison.decision import (
     elpd_difference,
     evidence_conflict,
 )
-from deabayes.comparison.left_out import leave_blocks_out
+from deabayes.comparison.left_out import (
+    BlockLoo,
+    block_edges,
+    block_terms,
+    leave_blocks_out,
+    leave_one_block_out,
+)
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
 from deabayes.posteriors.storage import stacked
 from deabayes.quantities import with_unit

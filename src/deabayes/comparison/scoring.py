@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.posterior import LogPosterior
+from deabayes.inference.log_posterior import LogPosterior
 
 if TYPE_CHECKING:
     from deabayes.sampling.problem import Split

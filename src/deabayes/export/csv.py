@@ -6,7 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import converged, draws_table, units
+from deabayes.export.taken import converged, draws_table, units
 
 
 def write(tree: xr.DataTree, path: Path) -> None:

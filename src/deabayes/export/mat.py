@@ -9,7 +9,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import converged, draws_table, stated, units
+from deabayes.export.taken import converged, draws_table, stated, units
 from deabayes.faults import UserError
 
 LONGEST_NAME = 63

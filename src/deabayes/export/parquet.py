@@ -7,7 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.table import converged, draws_table, stated
+from deabayes.export.taken import converged, draws_table, stated
 
 
 def write(tree: xr.DataTree, path: Path) -> None:

@@ -14,10 +14,10 @@ import xarray as xr
 from deabayes.experiment import FloatArray
 from deabayes.export.taken import candidate_of, whose
 from deabayes.faults import UserError
-from deabayes.parameter import Parameter
 from deabayes.posteriors.inheritance import handed_on
-from deabayes.prior.distances import distance_from_normal
 from deabayes.prior.from_posterior import FEWEST_DRAWS_PER_PARAMETER, LARGEST_MISFIT
+from deabayes.prior.learned import distance_from_normal
+from deabayes.prior.parameter import Parameter
 
 LEAST_SPREAD = 1e-6
 """What others may leave of a parameter's spread; below it is rounding."""

@@ -23,8 +23,7 @@ from deabayes.faults import UserError, nearest
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from deabayes.figures.population_results import PopulationResults
-    from deabayes.figures.results import CandidateResults, StudyResults
+    from deabayes.figures.results import CandidateResults, PopulationResults, StudyResults
 
     Results = CandidateResults | StudyResults | PopulationResults
 
@@ -148,7 +147,7 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     ExceptionGroup
         Names the figures that failed, after all others were drawn; there is no `index.json` then.
     """
-    from deabayes.figures.population_results import PopulationResults, results_of
+    from deabayes.figures.results import PopulationResults, results_of
 
     whole, out = results_of(Path(study_folder)), Path(out)
     scope = "population" if isinstance(whole, PopulationResults) else "study"
@@ -181,7 +180,7 @@ def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFi
 
 def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     """What `save_all` wrote into `out`; None if it never did, or the results are newer."""
-    from deabayes.figures.population_results import results_of
+    from deabayes.figures.results import results_of
 
     index = out / INDEX
     if not index.is_file():

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import curves, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -30,7 +30,7 @@ def draw(results: StudyResults) -> list[Figure]:
     ax = figure.subplots()
     frequency = bands["frequency"].values
     for k in range(bands["candidate"].size):
-        curves.draw_candidate(ax, frequency, 1e3 * bands["predicted"].values[k], k)
+        panels.draw_candidate(ax, frequency, 1e3 * bands["predicted"].values[k], k)
     seen = table.drop_duplicates("experiment")
     entries: list[Line2D | Patch] = []
     for role, fill in (("calibrate", style.BLACK), ("validate", "white")):
@@ -39,9 +39,9 @@ def draw(results: StudyResults) -> list[Figure]:
             entries += ax.plot(rows["frequency_Hz"], rows["measured_mm"], "o", color=style.BLACK,
                                markerfacecolor=fill, markersize=4, zorder=5,
                                label=f"measured, {ROLES[role]}")  # fmt: skip
-    scales.logarithmic(ax, frequency)
+    panels.logarithmic(ax, frequency)
     ax.set_xlabel("frequency of the voltage (Hz)")
     ax.set_ylabel("peak-to-peak displacement (mm)")
     ax.set_title(f"sine of {short(bands.attrs['amplitude_kV'])} kV", loc="left")
-    panels.legend_below(figure, [*entries, *curves.handles(bands, measured=False)], 3)
+    panels.legend_below(figure, [*entries, *panels.handles(bands, measured=False)], 3)
     return [figure]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import display_unit, symbol_text
 
@@ -60,7 +60,7 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
         right.scatter([], [], c=style.BLUE, s=9, marker=marker, label=text)
     right.axvline(ess, color=style.BLACK, linestyle="--", linewidth=0.8)
     sizes = table[["ess_bulk", "ess_tail"]].to_numpy(dtype=float)
-    scales.logarithmic(right, np.append(sizes[np.isfinite(sizes)], ess))
+    panels.logarithmic(right, np.append(sizes[np.isfinite(sizes)], ess))
     right.set_xlabel(f"effective sample size (limit {ess:g})")
     figure.legend(loc="outside lower right", ncols=2)
     left.set_yticks(rows, [_name(results, n) for n in table.index], fontsize=6.0)
@@ -82,8 +82,8 @@ def _lengths(ax: Axes, results: CandidateResults) -> None:
     long_enough = results.convergence["length"] >= limit
     ax.scatter(lengths, rows, c=style.BLUE if long_enough else style.VERMILLION, s=9)
     ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
-    if scales.spans_much(np.append(lengths, limit)):
-        scales.logarithmic(ax, np.append(lengths, limit), ticks=3)
+    if panels.spans_much(np.append(lengths, limit)):
+        panels.logarithmic(ax, np.append(lengths, limit), ticks=3)
     else:
         # markers of the longest run stand clear of the axis' end
         ax.set_xlim(0.0, 1.1 * np.append(lengths, limit).max())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from deabayes.figures import bands, headings, panels, scales, style
+from deabayes.figures import bands, panels, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -35,7 +35,7 @@ def draw(
 
 
 def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure:
-    figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + headings.room(records))
+    figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + panels.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
         bands.draw(ax, record, x)
@@ -47,7 +47,7 @@ def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure
         ax.set_ylabel(record.label)
         if record.spans_decades:
             ax.set_yscale("log")
-        scales.set_horizontal(ax, x)
-        headings.title(ax, record, role=role)
+        panels.set_horizontal(ax, x)
+        panels.title(ax, record, role=role)
     panels.legend_below(figure, bands.handles(observed))
     return figure

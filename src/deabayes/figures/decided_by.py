@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.posteriors.sensitivity import SENSITIVE
 
 SMALLEST_CONTRACTION = 0.1
 SET_BY_PRIOR = "set by the prior"

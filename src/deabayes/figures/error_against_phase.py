@@ -6,7 +6,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -25,7 +25,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    records = curves.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
+    records = panels.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
     voltages = sorted({round(float(r.attrs["amplitude_kV"]), 1) for r in records}, reverse=True)
     return [
         _sheet([r for r in records if round(float(r.attrs["amplitude_kV"]), 1) == voltage])
@@ -43,14 +43,14 @@ def _sheet(records: list[xr.Dataset]) -> Figure:
         below.set_xticks(range(0, 361, 90))
     axes[0, 0].set_ylabel("displacement (mm)")
     axes[1, 0].set_ylabel("error (% of range)")
-    panels.legend_below(figure, curves.handles(records[0]), 4)
+    panels.legend_below(figure, panels.handles(records[0]), 4)
     return figure
 
 
 def _moved(ax: Axes, record: xr.Dataset) -> None:
     phase = 360.0 * record["phase"].values
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, phase, 1e3 * record["predicted"].values[k], k)
+        panels.draw_candidate(ax, phase, 1e3 * record["predicted"].values[k], k)
     ax.plot(phase, 1e3 * record["measured"].values, "o", color=style.BLACK, markersize=2.5)
     hertz, volts = (short(float(record.attrs[n]), 2) for n in ("frequency_Hz", "amplitude_kV"))
     ax.set_title(f"{volts} kV, {hertz} Hz, {ROLES[str(record.attrs['role'])]}", loc="left")
@@ -59,6 +59,6 @@ def _moved(ax: Axes, record: xr.Dataset) -> None:
 def _error(ax: Axes, record: xr.Dataset) -> None:
     phase = 360.0 * record["phase"].values
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, phase, record["error"].values[k], k)
+        panels.draw_candidate(ax, phase, record["error"].values[k], k)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     ax.set_xlim(0.0, 360.0)

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES
 
@@ -31,7 +31,7 @@ def draw(results: StudyResults) -> list[Figure]:
     if found is None:
         return []
     records = sorted(found.curves.values(), key=_name)
-    records = curves.by_size(records, "amplitude_kV")
+    records = panels.by_size(records, "amplitude_kV")
     steps = [each for each in records if each.attrs["protocol"] != "sine"]
     sines = [each for each in records if each.attrs["protocol"] == "sine"]
     sheets = [_sheet(steps, first=True)] if steps else []
@@ -54,7 +54,7 @@ def _sheet(records: Sequence[xr.Dataset], first: bool) -> Figure:
             row[1].set_title("first 50 s", loc="left", color=style.GREY)
     for ax in axes[-1]:
         ax.set_xlabel("time since the step (s)" if first else "time since the sine's start (s)")
-    panels.legend_below(figure, curves.handles(records[0], measured=False), 4)
+    panels.legend_below(figure, panels.handles(records[0], measured=False), 4)
     return figure
 
 
@@ -62,7 +62,7 @@ def _panel(ax: Axes, record: xr.Dataset, until: float) -> None:
     time = record["time"].values
     shown = (time >= 0.0) & (time <= until)
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, time[shown], record["error"].values[k][:, shown], k)
+        panels.draw_candidate(ax, time[shown], record["error"].values[k][:, shown], k)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     if record.attrs["protocol"] != "sine":
         ax.axvspan(0.0, OVERSHOOT, color="#ececec", zorder=0, linewidth=0)

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, headings, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -41,9 +41,9 @@ def draw(results: StudyResults) -> list[Figure]:
         _panel(ax, tables, [n for n, r in roles.items() if r == role], unconverged)
         ax.set_title(text, loc="left", weight="bold")
     errors = pd.concat([table[COLUMNS] for table in tables.values()]).to_numpy(dtype=float)
-    if scales.spans_much(errors[:, 0]):
+    if panels.spans_much(errors[:, 0]):
         for ax in axes:
-            scales.logarithmic(ax, errors)
+            panels.logarithmic(ax, errors)
     else:
         axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
     axes[-1].set_xlabel("rms error (% of the record's range)")
@@ -64,16 +64,16 @@ def _panel(
             if name in table.index and np.isnan(rows.loc[name, "e_rms_percent"]):
                 failed.setdefault(row, []).append(candidate)
         place = np.arange(len(rows)) + offsets[index]
-        ax.hlines(place, rows["e_rms_q05"], rows["e_rms_q95"], color=curves.colour(index),
+        ax.hlines(place, rows["e_rms_q05"], rows["e_rms_q95"], color=panels.colour(index),
                   linewidth=0.8)  # fmt: skip
         ax.plot(
-            rows["e_rms_percent"], place, curves.marker(index), color=curves.colour(index),
+            rows["e_rms_percent"], place, panels.marker(index), color=panels.colour(index),
             markerfacecolor="white" if candidate in unconverged else None,
             clip_on=False, in_layout=False,
             label=candidate + (" (not converged)" if candidate in unconverged else ""),
         )  # fmt: skip
     for row, candidates in failed.items():
-        words = headings.wrapped(f"{', '.join(candidates)}: {panels.NO_RESPONSE}", 36)
+        words = panels.wrapped(f"{', '.join(candidates)}: {panels.NO_RESPONSE}", 36)
         ax.text(1.01, row, words, fontsize=6, va="center", style="italic",
                 color=style.VERMILLION, transform=ax.get_yaxis_transform())  # fmt: skip
     ax.set_yticks(

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -28,7 +28,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    records = curves.by_size(list(found.curves.values()), "voltage_kV")
+    records = panels.by_size(list(found.curves.values()), "voltage_kV")
     names = [str(name) for name in records[0]["candidate"].values]
     best = results.recommended.name
     shown = names.index(best) if best in names else 0
@@ -48,7 +48,7 @@ def draw(results: StudyResults) -> list[Figure]:
         axes[f"error {k}"].tick_params(labelbottom=False)
     axes[f"error {len(records) - 1}"].set_xlabel("displacement (mm)")
     paper = Line2D([], [], color=style.GREY, linestyle=(0, (1, 1)), label="paper's Table 3")
-    panels.legend_below(figure, [*curves.handles(records[0]), paper], 4)
+    panels.legend_below(figure, [*panels.handles(records[0]), paper], 4)
     return [figure]
 
 
@@ -56,7 +56,7 @@ def _forces(ax: Axes, record: xr.Dataset, shown: int) -> None:
     place = 1e3 * record["displacement"].values
     ax.plot(place, 1e3 * record["paper"].values, color=style.GREY, linestyle=(0, (1, 1)),
             linewidth=0.9)  # fmt: skip
-    curves.draw_candidate(ax, place, 1e3 * record["predicted"].values[shown], shown)
+    panels.draw_candidate(ax, place, 1e3 * record["predicted"].values[shown], shown)
     fitted = record.attrs["role"] == "calibrate"
     measured = 1e3 * record["measured"].values
     ax.plot(place, measured, "o", color=style.BLACK, markersize=1.8, markeredgewidth=0.4,
@@ -68,7 +68,7 @@ def _forces(ax: Axes, record: xr.Dataset, shown: int) -> None:
 def _error(ax: Axes, record: xr.Dataset) -> None:
     place = 1e3 * record["displacement"].values
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, place, record["error"].values[k], k)
+        panels.draw_candidate(ax, place, record["error"].values[k], k)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     for limit in (-LIMIT, LIMIT):
         ax.axhline(limit, color=style.GREY, linestyle=":", linewidth=0.8)

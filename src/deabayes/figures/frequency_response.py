@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import headings, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import ROLES, short
 
@@ -69,12 +69,12 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]
                 marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
                 markeredgewidth=0, alpha=0.8)  # fmt: skip
     if any(record.extrapolation for record in records):
-        ax.set_title(headings.EXTRAPOLATION, loc="right", fontsize=headings.SMALL,
+        ax.set_title(panels.EXTRAPOLATION, loc="right", fontsize=panels.SMALL,
                      color=style.VERMILLION, weight="bold")  # fmt: skip
     if records[0].spans_decades:
         ax.set_yscale("log")
     every = [record.against_coordinate().values for record in records]
-    scales.logarithmic(ax, np.concatenate(every))
+    panels.logarithmic(ax, np.concatenate(every))
     ax.set_ylabel(records[0].label)
 
 

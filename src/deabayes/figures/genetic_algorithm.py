@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -71,7 +71,7 @@ def _moduli(ax: Axes, each: xr.Dataset) -> None:
     for run in range(each["run"].size):
         ax.plot(each["run_mu_0"].values[run] / KILO, MILLI * each["run_rms"].values[run],
                 **_marker(run, style.VERMILLION))  # fmt: skip
-    scales.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
+    panels.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
     errors = MILLI * np.append(each["run_rms"].values, each.attrs["posterior_rms"])
     if errors.max() > DECADE * errors.min():
         ax.set_yscale("log")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import short
 
@@ -31,7 +31,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    loops = curves.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
+    loops = panels.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
     loops = sorted(loops, key=lambda each: -round(float(each.attrs["amplitude_kV"]), 1))
     best, table = results.recommended.name, found.tables["hysteresis_cycles"]
     return [_sheet(list(group), table, best) for group in panels.batches(loops, SHOWN)]
@@ -58,7 +58,7 @@ def _sheet(loops: list[xr.Dataset], table: pd.DataFrame, best: str) -> Figure:
         ax.set_xlabel(label)
     entries = [
         Line2D([], [], color=style.BLACK, label="measured loops, last dark"),
-        *curves.handles(loops[0]),
+        *panels.handles(loops[0]),
     ]
     panels.legend_below(figure, entries, 3)
     return figure
@@ -71,8 +71,8 @@ def _loops(ax: Axes, record: xr.Dataset, candidate: int) -> None:
     for k in range(count):
         ax.plot(volts[k], measured[k], color=shades[k], linewidth=0.8)
     lower, median, upper = 1e3 * record["predicted"].values[candidate][:, -1]
-    curves.fill_loop(ax, volts[-1], lower, upper, candidate)
-    ax.plot(volts[-1], median, color=curves.colour(candidate), linestyle=curves.line(candidate))
+    panels.fill_loop(ax, volts[-1], lower, upper, candidate)
+    ax.plot(volts[-1], median, color=panels.colour(candidate), linestyle=panels.line(candidate))
     ax.set_ylabel("displacement (mm)")
 
 
@@ -82,7 +82,7 @@ def _per_cycle(ax: Axes, rows: pd.DataFrame, names: list[str], name: str, unit: 
         own = rows[rows["candidate"] == candidate]
         keys = (f"{column}_q05", f"{column}_{unit}", f"{column}_q95")
         bands = np.array([own[key].to_numpy() for key in keys])
-        curves.draw_candidate(ax, own["cycle"].to_numpy(), bands, k)
+        panels.draw_candidate(ax, own["cycle"].to_numpy(), bands, k)
     own = rows[rows["candidate"] == names[0]]
     ax.plot(own["cycle"], own[f"measured_{name}_{unit}"], "o", color=style.BLACK, markersize=2.5)
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from deabayes.figures import style
 from deabayes.figures.decided_by import SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.figures.results import CandidateResults
-from deabayes.posteriors.power_scaling import SENSITIVE
+from deabayes.posteriors.sensitivity import SENSITIVE
 from deabayes.quantities import symbol_text
 
 SCOPE = "candidate"

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import display_unit, symbol_text
 
@@ -63,7 +63,7 @@ def _marginal(ax: Axes, results: CandidateResults, name: str) -> None:
         x, density = _smooth(prior, low, high, log)
         ax.plot(x, density, color=style.VERMILLION, linestyle="--")
     if log:
-        scales.logarithmic(ax, np.array([low, high]), 4)
+        panels.logarithmic(ax, np.array([low, high]), 4)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.set_xlim(low, high)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from deabayes.figures import data_and_bands
-from deabayes.figures.population_results import PopulationResults
+from deabayes.figures.results import PopulationResults
 
 SCOPE = "population"
 TITLE = "A new specimen"

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import DisplayUnit, display_unit, plain
 
@@ -42,7 +42,7 @@ def draw(results: CandidateResults) -> list[Figure]:
     left.set_xscale("log")
     left.set_xlabel("share of the record's variance (%)")
     right.set_xscale("log")
-    scales.logarithmic(right, np.array(right.get_xlim()))
+    panels.logarithmic(right, np.array(right.get_xlim()))
     right.set_xlabel(label)
     left.set_yticks(range(len(shares)), list(shares))
     left.set_ylim(len(shares) - 0.5, -0.5)

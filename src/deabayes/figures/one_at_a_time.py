@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from deabayes.figures import moved, panels, scales, style
+from deabayes.figures import moved, panels, style
 from deabayes.figures.prior_axes import drive, head, horizontal, vertical
 from deabayes.figures.results import CandidateResults
 
@@ -40,7 +40,7 @@ def _sheet(curves: xr.Dataset) -> Figure:
         for row, colour in zip(values[k], moved.colours(len(values[k])), strict=True):
             ax.plot(x.values, row / unit.factor, color=colour, linewidth=0.9)
         ax.set_ylim(shared)
-        scales.set_horizontal(ax, x)
+        panels.set_horizontal(ax, x)
         moved.words(ax, curves.isel(parameter=k), np.isnan(values[k, :, 0]))
     moved.label_outer(axes, label)
     panels.legend_below(figure, moved.handles(curves), columns=curves.sizes["quantile"])

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import display_unit, symbol_text
 
@@ -138,7 +138,7 @@ def _padded(centres: FloatArray) -> FloatArray:
 
 def _ticks(ax: Axes, column: _Column, which: Literal["x", "y"], few: int) -> None:
     if column.log:
-        scales.logarithmic(ax, column.on_axis(np.array(column.limits(0.002))), few, which)
+        panels.logarithmic(ax, column.on_axis(np.array(column.limits(0.002))), few, which)
     else:
         axis = ax.xaxis if which == "x" else ax.yaxis
         axis.set_major_locator(MaxNLocator(few, min_n_ticks=2, prune="upper"))

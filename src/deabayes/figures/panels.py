@@ -1,22 +1,32 @@
-"""Small multiples: sheets of panels, and a record shown in one of them."""
+"""Small multiples: sheets of panels, their headings, records and curves in them."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import (
+    FixedLocator,
+    Locator,
+    LogFormatterMathtext,
+    MaxNLocator,
+    NullFormatter,
+)
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.passes import passes, usual_period
-from deabayes.quantities import DisplayUnit, display_unit, plain
+from deabayes.integrate.periodic import passes, usual_period
+from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
 
 PANELS_PER_SHEET = 9
 DENSE = 400
@@ -242,3 +252,183 @@ def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> 
         rasterized=len(x) > DENSE,
         zorder=3,
     )
+
+
+LINES = ("-", "--", "-.", ":")
+BAND = "5–95 % of the draws"
+
+
+def colour(index: int) -> str:
+    """Of the index-th candidate of a study."""
+    return style.SERIES[index % len(style.SERIES)]
+
+
+def line(index: int) -> str:
+    """Line style of the index-th candidate, for where colours are lost."""
+    return LINES[index % len(LINES)]
+
+
+def marker(index: int) -> str:
+    """Marker of the index-th candidate; another one where its colour comes round again."""
+    return style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)]
+
+
+def names(curves: xr.Dataset) -> list[str]:
+    """Candidates of a data set, those that did not converge named so."""
+    pairs = zip(curves["candidate"].values, curves["converged"].values, strict=True)
+    return [str(name) + ("" if converged else " (not converged)") for name, converged in pairs]
+
+
+def draw_candidate(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> None:
+    """Median and band of one candidate from (bound, N): lower, median, upper."""
+    lower, median, upper = bands
+    ax.fill_between(x, lower, upper, color=colour(index), alpha=0.22, linewidth=0)
+    ax.plot(x, median, color=colour(index), linestyle=line(index), linewidth=1.0)
+
+
+def fill_loop(ax: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, index: int) -> None:
+    """Band of a loop, branch by branch: those of the two branches may overlap."""
+    for part in branches(x):
+        ax.fill_between(x[part], lower[part], upper[part], color=colour(index), alpha=0.22,
+                        linewidth=0)  # fmt: skip
+
+
+def handles(curves: xr.Dataset, measured: bool = True) -> list[Line2D | Patch]:
+    """Legend entries: measured, each candidate, the band."""
+    entries: list[Line2D | Patch] = []
+    if measured:
+        entries.append(Line2D([], [], color=style.BLACK, marker="o", markersize=2.5,
+                              linestyle="none", label="measured"))  # fmt: skip
+    entries += [
+        Line2D([], [], color=colour(k), linestyle=line(k), linewidth=1.0, label=name)
+        for k, name in enumerate(names(curves))
+    ]
+    return [*entries, Patch(color=style.GREY, alpha=0.25, label=BAND)]
+
+
+def by_size(curves: Sequence[xr.Dataset], key: str) -> list[xr.Dataset]:
+    """Data sets by an attribute, largest first."""
+    return sorted(curves, key=lambda each: -float(each.attrs[key]))
+
+
+def spread(index: int, count: int, width: float = 0.22) -> float:
+    """Where the index-th of `count` candidates stands beside a category."""
+    return 0.0 if count == 1 else float(np.linspace(-width, width, count)[index])
+
+
+LARGE, SMALL = 7.0, 6.0
+BOLD, LIGHT = 0.68, 0.56
+"""Mean width of a character, of its size."""
+LINE = 8.0
+"""Points from one line to the next."""
+BESIDE = 0.35
+"""Inches of a panel's share of the figure that its labels take."""
+EXTRAPOLATION = "EXTRAPOLATION"
+
+
+def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None:
+    """Name, role and protocol of a record above its panel, and the extrapolation flag.
+
+    `whole` says that what the panel shows of the record is said elsewhere; `role` is said instead
+    of the record's own.
+    """
+    attributes = record.prediction.attrs
+    words = role or str(ROLES.get(str(attributes["role"]), attributes["role"]))
+    if not record.name.startswith(record.protocol):
+        words += f", {plain(record.protocol)}"
+    if record.shown.start and not whole:
+        gaps = after_last_gap(record.prediction["coordinate"].values) > 0
+        words += ", last cycle kept" if gaps else f", last {CYCLES_SHOWN} cycles"
+    heading(ax, record.name, words, EXTRAPOLATION if record.extrapolation else "")
+
+
+def heading(ax: Axes, name: str, words: str, flag: str = "") -> None:
+    """A bold name over grey words, on as many lines as it needs; a flag to their right or below."""
+    width = _width(ax)
+    size = LARGE if len(name) * BOLD * LARGE <= width else SMALL
+    beside = len(words) * LIGHT * SMALL + (len(flag) + 1) * BOLD * SMALL * 1.15 <= width
+    lift = LINE if flag and not beside else 0.0
+    lines = wrapped(name, int(width / (BOLD * size)))
+    ax.set_title(lines, loc="left", fontsize=size, pad=12.5 + lift, weight="bold")
+    place = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
+    ax.annotate(words, (0, 1), (0, 2.5 + lift), fontsize=SMALL, color=style.GREY, **place)
+    if flag:
+        at, side = (1, "right") if beside else (0, "left")
+        mark = {"fontsize": SMALL, "color": style.VERMILLION, "ha": side, "weight": "bold"}
+        ax.annotate(flag, (at, 1), (0, 2.5), **place, **mark)
+
+
+def room(records: Sequence[Record]) -> float:
+    """Inches by which panels three abreast must be higher for the longest name's further lines."""
+    longest = max(len(record.name) for record in records)
+    width = 72.0 * (style.DOUBLE_COLUMN / 3 - BESIDE)
+    return float(np.floor(longest * BOLD * SMALL / width) * LINE / 72.0)
+
+
+def wrapped(name: str, characters: int) -> str:
+    """A name on lines of at most so many characters, broken behind its underscores."""
+    lines = textwrap.wrap(name.replace("_", "_ "), max(characters, 8))
+    return "\n".join(line.replace("_ ", "_") for line in lines)
+
+
+def _width(ax: Axes) -> float:
+    """Points that a panel has about as its own, before the figure is laid out."""
+    place, figure = ax.get_subplotspec(), ax.figure
+    columns = place.get_gridspec().ncols if place is not None else 1
+    return float(72.0 * (figure.get_size_inches()[0] / columns - BESIDE))
+
+
+WITHIN_DECADES = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
+"""Where a decade may have ticks, from fine to coarse."""
+
+WIDE = 20.0
+"""Factor between values beyond which the smallest cannot be told apart on a linear axis."""
+
+
+def spans_much(values: FloatArray) -> bool:
+    """Whether positive values differ so much that a linear axis would hide the small ones."""
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and finite.min() > 0 and finite.max() > WIDE * finite.min())
+
+
+def set_horizontal(ax: Axes, x: Axis) -> None:
+    """Label and scale of the horizontal axis."""
+    ax.set_xlabel(x.label)
+    if x.logarithmic:
+        logarithmic(ax, x.values)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+
+
+def logarithmic(
+    ax: Axes, values: FloatArray, ticks: int = 5, which: Literal["x", "y"] = "x"
+) -> None:
+    """A logarithmic axis over `values`, horizontal unless told, with two to `ticks` labels."""
+    positive = values[values > 0]
+    low, high = (positive.min(), positive.max()) if positive.size else (1.0, 10.0)
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    ax.set(**{f"{which}scale": "log"})
+    if high >= 100.0 * low:
+        axis.set_major_locator(_powers(low, high, ticks))
+        axis.set_major_formatter(LogFormatterMathtext())
+    else:
+        axis.set_major_locator(_fractions(low, high, ticks))
+        axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _powers(low: float, high: float, ticks: int) -> Locator:
+    """Powers of ten, so many apart that few lie between the limits, and the next ones beyond."""
+    first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
+    step = np.ceil((last - first) / (ticks - 1))
+    return FixedLocator(10.0 ** np.arange(first - step, last + 2 * step, step))
+
+
+def _fractions(low: float, high: float, ticks: int) -> Locator:
+    """Round places of less than two decades; equidistant ones where no two are between."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
+    for parts in WITHIN_DECADES:
+        places = np.outer(decades, parts).ravel()
+        if 2 <= np.sum((places >= low) & (places <= high)) <= ticks:
+            return FixedLocator(places)
+    return MaxNLocator(ticks, min_n_ticks=2)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import ROLES
 
@@ -42,7 +42,7 @@ def draw(results: CandidateResults) -> list[Figure]:
     reach = max(_reach(line) for lines in shown.values() for line in lines.values())
     axes[0].set_ylim(np.array([-1.05, 1.05]) * max(reach, 1.5))
     for k, (ax, (role, lines)) in enumerate(zip(axes, shown.items(), strict=True)):
-        _panel(ax, lines, curves.line(k))
+        _panel(ax, lines, panels.line(k))
         ax.set_title(ROLES[role], loc="left")
     axes[0].set_ylabel("departure from uniform\n(1: the 5 % limit)")
     panels.legend_below(figure, panels.labelled(*axes), 3)

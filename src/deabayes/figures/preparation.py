@@ -15,8 +15,8 @@ from matplotlib.ticker import MaxNLocator
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
-from deabayes.preparation.prepared import RawOverview, read_overview, read_prepared
 from deabayes.quantities import DisplayUnit, display_unit, plain
+from deabayes.records.preparation.prepared import RawOverview, read_overview, read_prepared
 
 SCOPE = "study"
 TITLE = "Records before and after preparation"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels
-from deabayes.passes import passes, usual_period
+from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import DisplayUnit, display_unit, plain, short
 
 CYCLES = 3

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import headings, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.prior_axes import drive, head, horizontal, vertical
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import short
@@ -74,10 +74,10 @@ def _panel(ax: Axes, curves: xr.Dataset, factor: float) -> None:
     time = curves["time"].values - curves.attrs["onset"]
     seen = (time >= x.values[0]) & (time <= x.values[-1])
     panels.draw_observed(ax, time[seen], curves["observed"].values[seen] / factor, size=1.6)
-    scales.set_horizontal(ax, x)
+    panels.set_horizontal(ax, x)
     ax.set_xlim(x.values[0], x.values[-1])
     failed = curves["failed"].values
     few = int(failed[: len(drawn)].sum())
     share = short(100 * failed.mean(), 2)
     words = f"fail: {few} of the {len(drawn)} shown, {share} % of {failed.size}"
-    headings.heading(ax, str(curves.attrs["candidate"]), words)
+    panels.heading(ax, str(curves.attrs["candidate"]), words)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import headings, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -28,7 +28,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + headings.room(records))
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + panels.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.horizontal()
         curves = results.prior_predictive[record.name].values
@@ -38,8 +38,8 @@ def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figur
         panels.draw_observed(ax, x.values, observed)
         ax.set_ylim(*_limits(observed, curves))
         ax.set_ylabel(record.label)
-        scales.set_horizontal(ax, x)
-        headings.title(ax, record)
+        panels.set_horizontal(ax, x)
+        panels.title(ax, record)
     panels.legend_below(
         figure,
         [

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import short
 
@@ -37,7 +37,7 @@ def draw(results: StudyResults) -> list[Figure]:
     left, right = figure.subplots(1, 2, width_ratios=(3, 2))
     _steady(left, steady)
     _ends(right, ends, float(steady["record_voltage"].max()) / 1e3 if steady["record"].size else 0)
-    entries = curves.handles(steady, measured=False)
+    entries = panels.handles(steady, measured=False)
     if steady["record"].size:
         last = short(float(steady["record_duration"].max()), 3)
         entries.insert(
@@ -55,7 +55,7 @@ def _steady(ax: Axes, steady: xr.Dataset) -> None:
     volts = steady["voltage"].values / 1e3
     for k in range(steady["candidate"].size):
         shown = steady["share"].values[k] >= HALF
-        curves.draw_candidate(ax, volts[shown], steady["stretch"].values[k][:, shown], k)
+        panels.draw_candidate(ax, volts[shown], steady["stretch"].values[k][:, shown], k)
     ax.plot(steady["record_voltage"].values / 1e3, steady["record_stretch"].values, "o",
             color=style.BLACK, markersize=3, zorder=5)  # fmt: skip
     ax.set_xlabel("voltage (kV)")
@@ -66,8 +66,8 @@ def _steady(ax: Axes, steady: xr.Dataset) -> None:
 def _ends(ax: Axes, ends: pd.DataFrame, highest: float) -> None:
     for k, (_, row) in enumerate(ends.iterrows()):
         reach = [[row["pull_in_kV"] - row["pull_in_q05"]], [row["pull_in_q95"] - row["pull_in_kV"]]]
-        ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=curves.marker(k), capsize=2,
-                    color=curves.colour(k), elinewidth=0.9)  # fmt: skip
+        ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=panels.marker(k), capsize=2,
+                    color=panels.colour(k), elinewidth=0.9)  # fmt: skip
         ax.text(row["pull_in_kV"], k - 0.18, f"{short(row['fold_percent'], 2)} % fold",
                 ha="center", va="bottom", fontsize=6.0, color=style.GREY)  # fmt: skip
     if highest:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import bands, headings, panels, scales, style
+from deabayes.figures import bands, panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import plain
 
@@ -30,7 +30,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + headings.room(records))
+    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + panels.room(records))
     for ax, record in zip(axes, records, strict=True):
         x = record.against_coordinate()
         if record.responds:
@@ -39,7 +39,7 @@ def _sheet(records: Sequence[panels.Record]) -> Figure:
             ax.set(xlabel=x.label, xticks=[], yticks=[])
             panels.say(ax, panels.NO_RESPONSE)
         ax.set_ylabel(f"residual{record.unit.suffix}")
-        headings.title(ax, record)
+        panels.title(ax, record)
     panels.legend_below(figure, bands.handles())
     return figure
 
@@ -49,7 +49,7 @@ def _along(ax: Axes, record: panels.Record, x: panels.Axis) -> None:
     bands.draw(ax, record, x, minus=median)
     panels.draw_observed(ax, x.values, record.response("observed") - median)
     ax.axhline(0, color=style.BLUE, linewidth=1.1)
-    scales.set_horizontal(ax, x)
+    panels.set_horizontal(ax, x)
 
 
 def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:

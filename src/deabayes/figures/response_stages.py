@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import curves, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES
 
@@ -31,7 +31,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    records = curves.by_size(list(found.curves.values()), "voltage_kV")
+    records = panels.by_size(list(found.curves.values()), "voltage_kV")
     return [_sheet(list(group), found.tables["stages"]) for group in panels.batches(records, SHOWN)]
 
 
@@ -48,7 +48,7 @@ def _sheet(records: list[xr.Dataset], stages: pd.DataFrame) -> Figure:
         _shares(axes[1, column], own, record)
     axes[0, 0].set_ylabel("displacement (mm)")
     axes[1, 0].set_ylabel("share added (%)")
-    panels.legend_below(figure, curves.handles(records[0]), 5)
+    panels.legend_below(figure, panels.handles(records[0]), 5)
     return figure
 
 
@@ -57,7 +57,7 @@ def _response(ax: Axes, record: xr.Dataset) -> None:
     shown = time > 0.0
     for k in range(record["candidate"].size):
         bands = 1e3 * record["predicted"].values[k][:, shown]
-        curves.draw_candidate(ax, time[shown], bands, k)
+        panels.draw_candidate(ax, time[shown], bands, k)
     panels.draw_observed(ax, time[shown], 1e3 * record["measured"].values[shown], 1.6)
     ends = record["stage_end"].values
     edges = [time[shown][0], *np.minimum(ends, time[-1])]
@@ -66,7 +66,7 @@ def _response(ax: Axes, record: xr.Dataset) -> None:
             ax.axvline(end, color=style.GREY, linestyle=":", linewidth=0.8)
         ax.text(np.sqrt(start * end), 0.03, number, transform=ax.get_xaxis_transform(),
                 ha="center", color=style.GREY)  # fmt: skip
-    scales.logarithmic(ax, time[shown])
+    panels.logarithmic(ax, time[shown])
     ax.set_xlabel("time since the step (s)")
     ax.set_ylim(bottom=0.0)
 
@@ -76,10 +76,10 @@ def _shares(ax: Axes, stages: pd.DataFrame, record: xr.Dataset) -> None:
     candidates = [str(name) for name in record["candidate"].values]
     for k, name in enumerate(candidates):
         rows = stages[stages["candidate"] == name].set_index("stage").loc[order]
-        x = np.arange(len(order)) + curves.spread(k, len(candidates), 0.18)
+        x = np.arange(len(order)) + panels.spread(k, len(candidates), 0.18)
         middle = rows["predicted_percent"].to_numpy()
         reach = np.abs([middle - rows["predicted_q05"], rows["predicted_q95"] - middle])
-        ax.errorbar(x, middle, yerr=reach, fmt=curves.marker(k), color=curves.colour(k),
+        ax.errorbar(x, middle, yerr=reach, fmt=panels.marker(k), color=panels.colour(k),
                     markersize=2.5, elinewidth=0.8)  # fmt: skip
     measured = stages[stages["candidate"] == candidates[0]].set_index("stage").loc[order]
     ax.bar(np.arange(len(order)), measured["measured_percent"], width=0.7, zorder=0,

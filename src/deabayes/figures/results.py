@@ -1,4 +1,4 @@
-"""A study's results files, read when they are needed."""
+"""Results files of studies, populations and analyses, read when they are needed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.comparison.decision import SHOWN
 from deabayes.faults import UserError
-from deabayes.figures.analysis_results import AnalysisResults
-from deabayes.posteriors.found import fitted_posteriors
+from deabayes.posteriors.storage import fitted_posteriors
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,6 +19,40 @@ if TYPE_CHECKING:
 
     from deabayes.experiment import Experiment, FloatArray
     from deabayes.noise.base import NoiseModel
+
+
+@dataclass(frozen=True)
+class AnalysisResults:
+    """`results/{study}/analyses/{name}`: its title and caption, tables and curves by name."""
+
+    folder: Path
+    title: str
+    caption: str
+    table_names: tuple[str, ...]
+    curve_names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, folder: Path, entry: Mapping[str, Any]) -> AnalysisResults:
+        """From an entry of index.json."""
+        names = (tuple(entry[kind]) for kind in ("tables", "curves"))
+        return cls(folder / entry["name"], entry["title"], entry["caption"], *names)
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+    @cached_property
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        import pandas as pd
+
+        return {name: pd.read_csv(self.folder / f"{name}.csv") for name in self.table_names}
+
+    @cached_property
+    def curves(self) -> Mapping[str, xr.Dataset]:
+        import xarray as xr
+
+        files = {name: self.folder / f"{name}.nc" for name in self.curve_names}
+        return {name: xr.load_dataset(file, engine="h5netcdf") for name, file in files.items()}
 
 
 @dataclass(frozen=True)
@@ -74,7 +107,7 @@ class StudyResults:
     @cached_property
     def experiments(self) -> Mapping[str, Experiment]:
         """The prepared records by name, calibration records first."""
-        from deabayes.preparation.prepared import read_prepared
+        from deabayes.records.preparation.prepared import read_prepared
 
         records = [read_prepared(path) for path in sorted(self.folder.glob("prepared/*.nc"))]
         return {e.name: e for e in sorted(records, key=lambda e: (e.role, e.protocol, e.name))}
@@ -259,3 +292,84 @@ def _decoded(value: object) -> Any:
         except json.JSONDecodeError:
             return value
     return value
+
+
+SETTINGS = "population.yaml"
+
+
+@dataclass(frozen=True)
+class PopulationResults:
+    """`results/populations/{name}`: mean and spread, the specimens, a new specimen."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        return self.folder.resolve().name
+
+    @property
+    def study(self) -> PopulationResults:
+        """Itself: a population is no candidate of a study."""
+        return self
+
+    @cached_property
+    def new_specimen(self) -> CandidateResults:
+        """Its posterior file, summary and predictions are laid out as a candidate's."""
+        return CandidateResults(StudyResults(self.folder.parent), self.folder)
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        return self.new_specimen.attributes
+
+    @property
+    def system(self) -> str:
+        return str(self.attributes.get("system", ""))
+
+    @property
+    def provenance(self) -> str:
+        return self.new_specimen.provenance
+
+    @property
+    def converged(self) -> bool:
+        return self.new_specimen.converged
+
+    @cached_property
+    def settings(self) -> Mapping[str, Any]:
+        """As the population was put together with."""
+        found: Mapping[str, Any] = self.attributes["population"]
+        return found
+
+    @property
+    def parameters(self) -> list[str]:
+        """Those that scatter between specimens, in the file's order."""
+        return self.new_specimen.names("material", "specimen")
+
+    @property
+    def members(self) -> list[str]:
+        return [str(name) for name in self.settings["studies"]]
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """summary.csv indexed by quantity."""
+        import pandas as pd
+
+        return pd.read_csv(self.folder / "summary.csv", index_col="parameter")
+
+    @cached_property
+    def shrinkage(self) -> pd.DataFrame:
+        """shrinkage.csv, one row per specimen and parameter."""
+        import pandas as pd
+
+        return pd.read_csv(self.folder / "shrinkage.csv")
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that a figure may have been drawn from."""
+        patterns = ("posterior.nc", "*.csv", "predictions/*.nc")
+        return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
+
+
+def results_of(folder: Path) -> StudyResults | PopulationResults:
+    """What a results folder holds, by its settings file."""
+    is_population = (folder / SETTINGS).is_file()
+    return PopulationResults(folder) if is_population else StudyResults(folder)

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from deabayes.figures import panels, scales, style
-from deabayes.figures.population_results import PopulationResults
+from deabayes.figures import panels, style
+from deabayes.figures.results import PopulationResults
 from deabayes.quantities import DisplayUnit, display_unit, symbol_text
 
 SCOPE = "population"
@@ -74,7 +74,7 @@ def _panel(ax: Axes, results: PopulationResults, rows: pd.DataFrame, name: str) 
         _interval(ax, row, "shrunken_", place + 0.14, unit, style.BLUE, "D", sound)
     ends = np.array([rows["q05"].min(), rows["q95"].max()]) / unit.factor
     if ends[0] > 0 and np.log10(ends[1] / ends[0]) > LEGIBLE_DECADES:
-        scales.logarithmic(ax, ends, 4)
+        panels.logarithmic(ax, ends, 4)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.set_xlabel(symbol_text(name, label["symbol"]) + unit.suffix)

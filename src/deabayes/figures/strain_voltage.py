@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import bands, headings, panels, style
+from deabayes.figures import bands, panels, style
 from deabayes.figures.results import CandidateResults
-from deabayes.passes import passes, usual_period
+from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import display_unit
 
 SCOPE = "candidate"
@@ -49,7 +49,7 @@ def _sheet(record: panels.Record) -> Figure:
     _curve(loop, record, volts[cycle] / volt.factor, cycle)
     loop.set_xlabel(f"voltage{volt.suffix}, last cycle")
     first.set_ylabel(record.label)
-    headings.title(first, record, whole=True)
+    panels.title(first, record, whole=True)
     panels.legend_below(figure, bands.handles())
     return figure
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES, short
 
@@ -31,7 +31,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    sines = curves.by_size([c for n, c in found.curves.items() if n.startswith(BANDS)],
+    sines = panels.by_size([c for n, c in found.curves.items() if n.startswith(BANDS)],
                            "amplitude_kV")  # fmt: skip
     sweeps = [c for n, c in found.curves.items() if not n.startswith(BANDS)]
     count = len(sines) + len(sweeps)
@@ -40,14 +40,14 @@ def draw(results: StudyResults) -> list[Figure]:
         _sines(ax, record)
     for ax, record in zip(axes[len(sines) :], sweeps, strict=True):
         _sweep(ax, record)
-    panels.legend_below(figure, [*_roles(), *curves.handles(sines[0], measured=False)], 4)
+    panels.legend_below(figure, [*_roles(), *panels.handles(sines[0], measured=False)], 4)
     return [figure]
 
 
 def _sines(ax: Axes, record: xr.Dataset) -> None:
     frequency, last = record["frequency"].values, float(record.attrs["last_sine_Hz"])
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
+        panels.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
     fitted = record["calibrated"].values.astype(bool)
     at, seen = record["record_frequency"].values, 1e3 * record["measured"].values
     for part, fill in ((fitted, style.BLACK), (~fitted, "white")):
@@ -61,7 +61,7 @@ def _sines(ax: Axes, record: xr.Dataset) -> None:
 def _sweep(ax: Axes, record: xr.Dataset) -> None:
     frequency = record["frequency"].values
     for k in range(record["candidate"].size):
-        curves.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
+        panels.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
     ax.plot(frequency, 1e3 * record["measured"].values, ".", color=MEASURED, markersize=4.0,
             markeredgewidth=0, zorder=1.5)  # fmt: skip
     title = f"sweep of {short(float(record.attrs['amplitude_kV']), 2)} kV"
@@ -69,7 +69,7 @@ def _sweep(ax: Axes, record: xr.Dataset) -> None:
 
 
 def _axes(ax: Axes, frequency: np.ndarray, title: str) -> None:
-    scales.logarithmic(ax, frequency)
+    panels.logarithmic(ax, frequency)
     ax.set_xlabel("frequency of the voltage (Hz)")
     ax.set_ylabel("peak to peak (mm)")
     ax.set_title(title, loc="left")

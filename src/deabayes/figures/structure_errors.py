@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import ROLES
 
@@ -38,8 +38,8 @@ def draw(results: StudyResults) -> list[Figure]:
     for ax, voltage in zip(axes, voltages, strict=True):
         _panel(ax, table, voltage)
     errors = table.filter(regex=ERRORS).to_numpy(dtype=float)
-    if scales.spans_much(table.filter(regex=POINTS).to_numpy(dtype=float)):
-        scales.logarithmic(axes[0], errors, which="y")
+    if panels.spans_much(table.filter(regex=POINTS).to_numpy(dtype=float)):
+        panels.logarithmic(axes[0], errors, which="y")
     else:
         axes[0].set_ylim(bottom=0.0)
     axes[0].set_ylabel("$e_\\mathrm{rms}$ (% of range)")
@@ -51,14 +51,14 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
     names = list(dict.fromkeys(table["candidate"]))
     for k, name in enumerate(names):
         own = table[table["candidate"] == name]
-        place = own["frequency_Hz"].to_numpy() + 0.8 * curves.spread(k, len(names))
+        place = own["frequency_Hz"].to_numpy() + 0.8 * panels.spread(k, len(names))
         value = own[f"e_rms_{voltage}_percent"].to_numpy()
         ends = own[f"e_rms_{voltage}_q05"].to_numpy(), own[f"e_rms_{voltage}_q95"].to_numpy()
-        ax.vlines(place, *ends, color=curves.colour(k), linewidth=0.9)
+        ax.vlines(place, *ends, color=panels.colour(k), linewidth=0.9)
         fitted = (own[f"role_{voltage}"] == "calibrate").to_numpy()
-        for part, fill in ((fitted, curves.colour(k)), (~fitted, "white")):
-            ax.plot(place[part], value[part], linestyle="none", marker=curves.marker(k),
-                    color=curves.colour(k), markerfacecolor=fill, markersize=3.5,
+        for part, fill in ((fitted, panels.colour(k)), (~fitted, "white")):
+            ax.plot(place[part], value[part], linestyle="none", marker=panels.marker(k),
+                    color=panels.colour(k), markerfacecolor=fill, markersize=3.5,
                     clip_on=False, in_layout=False)  # fmt: skip
     printed = table.drop_duplicates("frequency_Hz")
     ax.plot(printed["frequency_Hz"], printed[f"paper_e_rms_{voltage}_percent"], "x",
@@ -71,7 +71,7 @@ def _panel(ax: Axes, table: pd.DataFrame, voltage: str) -> None:
 def _handles(table: pd.DataFrame) -> list[Line2D]:
     pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
     entries = [
-        Line2D([], [], color=curves.colour(k), marker=curves.marker(k), linestyle="none",
+        Line2D([], [], color=panels.colour(k), marker=panels.marker(k), linestyle="none",
                label=f"{name}" + ("" if converged else " (not converged)"))
         for k, (name, converged) in enumerate(pairs)
     ]  # fmt: skip

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deabayes.figures import curves, panels, scales, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -49,7 +49,7 @@ def draw(results: StudyResults) -> list[Figure]:
     left.set_xlabel("contraction (%)")
     left.set_xlim(min(-5.0, left.get_xlim()[0]), 104.0)
     right.set_xlabel("half width of the interval (% of the median)")
-    scales.logarithmic(right, table["half_width_percent"].to_numpy())
+    panels.logarithmic(right, table["half_width_percent"].to_numpy())
     for ax in (left, right):
         ax.axhline(whole.nunique() - 0.5, color=style.GREY, linewidth=0.6)
     panels.legend_below(figure, _handles(table), 4)
@@ -61,8 +61,8 @@ def _points(ax: Axes, table: pd.DataFrame, quantities: list[str], column: str) -
     for k, name in enumerate(names):
         own = table[table["candidate"] == name].set_index("quantity")[column]
         rows = [(i, own[q]) for i, q in enumerate(quantities) if q in own.index]
-        place = np.array([i for i, _ in rows]) + curves.spread(k, len(names))
-        ax.plot([value for _, value in rows], place, curves.marker(k), color=curves.colour(k),
+        place = np.array([i for i, _ in rows]) + panels.spread(k, len(names))
+        ax.plot([value for _, value in rows], place, panels.marker(k), color=panels.colour(k),
                 markersize=3.5)  # fmt: skip
     for i in range(len(quantities)):
         ax.axhline(i, color=style.LIGHT_GREY, linewidth=0.4, zorder=0)
@@ -71,7 +71,7 @@ def _points(ax: Axes, table: pd.DataFrame, quantities: list[str], column: str) -
 def _handles(table: pd.DataFrame) -> list[Line2D]:
     pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
     return [
-        Line2D([], [], color=curves.colour(k), marker=curves.marker(k), linestyle="none",
+        Line2D([], [], color=panels.colour(k), marker=panels.marker(k), linestyle="none",
                label=f"{name}" + ("" if converged else " (not converged)"))
         for k, (name, converged) in enumerate(pairs)
     ]  # fmt: skip

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deabayes.figures import curves, panels, style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import short
 
@@ -33,7 +33,7 @@ def draw(results: StudyResults) -> list[Figure]:
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []
-    records = curves.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
+    records = panels.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
     shown = [r for r in records if _matches(float(r.attrs["frequency_Hz"]))]
     voltages = sorted({_volts(r) for r in shown}, reverse=True)
     if not shown:
@@ -49,7 +49,7 @@ def draw(results: StudyResults) -> list[Figure]:
         _transition(left, own[0])
         _rates(right, own, candidate, rates)
         left.set_ylabel("displacement (mm)")
-        right.set_title(f"{short(volts)} kV, last cycle, {curves.names(own[0])[candidate]}",
+        right.set_title(f"{short(volts)} kV, last cycle, {panels.names(own[0])[candidate]}",
                         loc="left")  # fmt: skip
     for ax in axes[-1]:
         ax.set_xlabel("voltage (kV)")
@@ -73,10 +73,10 @@ def _rates(ax: Axes, records: list[xr.Dataset], candidate: int, rates: list[str]
         k = rates.index(_rate(record))
         volts = record["voltage"].values[-1] / 1e3
         lower, median, upper = 1e3 * record["predicted"].values[candidate][:, -1]
-        curves.fill_loop(ax, volts, lower, upper, k)
-        ax.plot(volts, median, color=curves.colour(k), linestyle=curves.line(k))
+        panels.fill_loop(ax, volts, lower, upper, k)
+        ax.plot(volts, median, color=panels.colour(k), linestyle=panels.line(k))
         ax.plot(volts[::4], 1e3 * record["measured"].values[-1][::4], linestyle="none",
-                marker=curves.marker(k), markersize=2.2, color=curves.colour(k),
+                marker=panels.marker(k), markersize=2.2, color=panels.colour(k),
                 markeredgecolor=style.BLACK, markeredgewidth=0.3)  # fmt: skip
 
 
@@ -86,11 +86,11 @@ def _rate(record: xr.Dataset) -> str:
 
 def _handles(rates: list[str]) -> list[Line2D | Patch]:
     entries: list[Line2D | Patch] = [
-        Line2D([], [], color=curves.colour(k), linestyle=curves.line(k), marker=curves.marker(k),
+        Line2D([], [], color=panels.colour(k), linestyle=panels.line(k), marker=panels.marker(k),
                markersize=2.5, label=f"{rate} Hz")
         for k, rate in enumerate(rates)
     ]  # fmt: skip
-    return [*entries, Patch(color=style.GREY, alpha=0.25, label=curves.BAND)]
+    return [*entries, Patch(color=style.GREY, alpha=0.25, label=panels.BAND)]
 
 
 def _matches(hertz: float) -> bool:

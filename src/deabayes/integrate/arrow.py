@@ -24,9 +24,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.compiled import njit
+from deabayes.experiment import FloatArray
 from deabayes.integrate import rodas5p as t
-from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, FloatArray, interpolate
+from deabayes.integrate.compiled import njit
+from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, interpolate
 
 LANES = 32
 START, ARGUMENT, U1, U2, U3, U4, U5, U6, U7, U8 = (row * LANES for row in range(10))

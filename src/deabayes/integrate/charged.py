@@ -20,8 +20,8 @@ import math
 
 import numpy as np
 
-from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
+from deabayes.integrate.compiled import njit
 from deabayes.integrate.linear import LANES, Hold, in_lanes
 from deabayes.integrate.state_space import StateSpace, fill_lanes, output_lanes, step_lanes
 

@@ -1,21 +1,76 @@
-"""A voltage history as few smooth pieces, for integration with steps as long as they can be.
-
-The history is linear between its knots. Where many neighbouring knots lie on one
-polynomial within a tolerance they are samples of a smooth curve (a sine, a plateau), and
-the polynomial is taken: it is closer to that curve than the straight lines, and its pieces
-are long. Elsewhere (the two knots of a step, a triangle's corners) the lines stay.
-"""
+"""A voltage history as few smooth pieces, and step grids that depend on it alone."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.integrate.smooth_piece import DEGREE, fitted, line
-from deabayes.roughness import roughness
+from deabayes.integrate.periodic import roughness
+
+DEGREE = 5
+LARGEST_SCATTER = 5.0
+"""Knots may lie this many times their scatter about a smooth curve from the polynomial."""
+LONGEST_GAP = 4.0
+"""Times the mean distance of the knots: a polynomial is bound to nothing in a longer gap."""
+EVEN = 1e-9
+"""Knots this close to even spacing, over their span, share one basis."""
+_CHEBYSHEV_POWERS = np.zeros((DEGREE + 1, DEGREE + 1))
+for _n in range(DEGREE + 1):
+    _shifted = np.polynomial.Chebyshev.basis(_n, domain=[0.0, 1.0])
+    _CHEBYSHEV_POWERS[: _n + 1, _n] = _shifted.convert(
+        kind=np.polynomial.Polynomial, domain=[-1.0, 1.0], window=[-1.0, 1.0]
+    ).coef
+
+
+def line(start: float, end: float) -> FloatArray:
+    return np.array([start, end - start, 0.0, 0.0, 0.0, 0.0])
+
+
+def fitted(
+    knots: FloatArray, volts: FloatArray, begin: int, count: int, allowed: tuple[float, float]
+) -> FloatArray | None:
+    """Least-squares polynomial over `count` intervals, or None if it misses knots.
+
+    Parameters
+    ----------
+    allowed : misfit of a knot, and the scatter that comes on top.
+    """
+    time, values = knots[begin : begin + count + 1], volts[begin : begin + count + 1]
+    if np.ptp(values) == 0.0:
+        return line(float(values[0]), float(values[0]))
+    x = (time - time[0]) / (time[-1] - time[0])
+    if np.max(np.abs(x - np.arange(count + 1) / count)) < EVEN:
+        basis, to_powers = _even_basis(count)
+    elif np.max(np.diff(x)) > LONGEST_GAP / count:
+        return None
+    else:
+        basis, to_powers = _basis(x)
+    weights = basis.T @ values
+    misfit, noise = np.abs(basis @ weights - values), allowed[1]
+    if np.max(misfit) > allowed[0] + LARGEST_SCATTER * noise:
+        return None
+    # More than noise would leave is a shape the polynomial misses (chi-square, 2 sd).
+    more = 1.0 + 2.0 * np.sqrt(2.0 / misfit.size)
+    if np.mean(misfit**2) > allowed[0] ** 2 + more * noise**2:
+        return None
+    return np.asarray(to_powers @ weights)
+
+
+def _basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal polynomials at `x` (M,) within [0, 1], (M, 6), and the powers they are of."""
+    chebyshev = np.polynomial.chebyshev.chebvander(2.0 * x - 1.0, DEGREE)
+    basis, triangle = np.linalg.qr(chebyshev)
+    return basis, _CHEBYSHEV_POWERS @ np.linalg.inv(triangle)
+
+
+@lru_cache(maxsize=256)
+def _even_basis(count: int) -> tuple[FloatArray, FloatArray]:
+    return _basis(np.arange(count + 1) / count)
+
 
 FEWEST_KNOTS = 12
 """On one polynomial, twice its coefficients, before it counts as the signal's own shape."""
@@ -209,3 +264,96 @@ def _restarts(edges: FloatArray, coefficients: FloatArray) -> FloatArray:
     worth = turn * length[1:] > WORTH * peak
     sharp = (jump > JUMP * peak) | ((turn > TURN * largest) & worth)
     return np.r_[1.0, sharp.astype(float)]
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """How a graded grid follows a piecewise-linear signal.
+
+    Attributes
+    ----------
+    first_step : step after a kink [s]; a fraction of the shortest time constant.
+    growth : h = first_step + (growth - 1) x time since the kink, so that relaxations
+        of every time constant are resolved alike.
+    increment : largest relative change of the signal in a step.
+    kink : step after a kink x its change of slope, if that is more than first_step: a
+        smaller kink restarts less. What the dense output then misses is at most about
+        the change of slope x the shortest time constant, for a few of these.
+    """
+
+    first_step: float = 0.015
+    growth: float = 1.1
+    increment: float = 0.05
+    kink: float = 3e-4
+
+
+def simplify(time: FloatArray, value: FloatArray, tolerance: float) -> NDArray[np.intp]:
+    """Indices of the knots needed to follow the signal within `tolerance`.
+
+    The line between two kept knots passes within `tolerance` of every knot it skips
+    (each skipped knot narrows the cone of admissible slopes from the last kept one).
+    """
+    kept = [0]
+    low, high = -np.inf, np.inf
+    times, values = time.tolist(), value.tolist()
+    for i in range(1, len(times)):
+        anchor = kept[-1]
+        slope = (values[i] - values[anchor]) / (times[i] - times[anchor])
+        if not low <= slope <= high:
+            kept.append(i - 1)
+            anchor, low, high = i - 1, -np.inf, np.inf
+        width = tolerance / (times[i] - times[anchor])
+        slope = (values[i] - values[anchor]) / (times[i] - times[anchor])
+        low, high = max(low, slope - width), min(high, slope + width)
+    if len(times) > 1:
+        kept.append(len(times) - 1)
+    return np.array(kept)
+
+
+def graded_grid(time: FloatArray, value: FloatArray, settings: GridSettings) -> FloatArray:
+    """Times of steps that end at every knot and are fine after every kink.
+
+    Parameters
+    ----------
+    time, value : (K,) knots, ascending in time; at rest before the first.
+
+    Returns
+    -------
+    (S + 1,) times from the first knot to the last.
+    """
+    grid = [float(time[0])]
+    age, slope_before = np.inf, 0.0
+    for i in range(len(time) - 1):
+        start, end = float(time[i]), float(time[i + 1])
+        slope = float(value[i + 1] - value[i]) / (end - start)
+        age = min(age, _age_after_kink(abs(slope - slope_before), settings))
+        relative_rate = abs(slope) / min(value[i], value[i + 1])
+        largest = settings.increment / relative_rate if relative_rate > 0.0 else np.inf
+        age = _fill(grid, end, age, largest, settings)
+        slope_before = slope
+    return np.array(grid)
+
+
+def _age_after_kink(change: float, settings: GridSettings) -> float:
+    """Time since a kink that would allow the step this change of slope allows."""
+    if change == 0.0:
+        return np.inf
+    allowed = settings.kink / change - settings.first_step
+    return max(0.0, allowed) / (settings.growth - 1.0)
+
+
+def _fill(
+    grid: list[float], end: float, age: float, largest: float, settings: GridSettings
+) -> float:
+    """Append steps from the grid's last time to `end`; returns the age there."""
+    while grid[-1] < end:
+        remaining = end - grid[-1]
+        step = min(settings.first_step + (settings.growth - 1.0) * age, largest)
+        if step * settings.growth >= remaining:
+            step = remaining
+            grid.append(end)
+        else:
+            step = min(step, remaining / 2.0)
+            grid.append(grid[-1] + step)
+        age += step
+    return age

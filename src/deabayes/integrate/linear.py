@@ -1,15 +1,4 @@
-r"""Exact response of first-order relaxation units to a piecewise polynomial input.
-
-A unit tau y' = -y + w(t), with w = p0 + p1 u + p2 u^2 on a step of length h
-(u = s / h in [0, 1]), advances without discretisation error by
-
-y(h) = exp(-z) y(0) + p0 psi_0(z) + p1 psi_1(z) + p2 psi_2(z),   z = h / tau,
-psi_k(z) = z \int_0^1 exp(-z (1 - u)) u^k du.
-
-Integration by parts gives psi_0 = 1 - exp(-z), psi_k = 1 - k psi_{k-1} / z, used
-for large z; for small z, where these differences cancel, psi_2 is summed as a
-series and the same relation is used backwards. All psi_k are positive.
-"""
+"""Exact response of first-order relaxation units to a piecewise polynomial input."""
 
 from __future__ import annotations
 
@@ -20,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
+from deabayes.integrate.compiled import njit
 
 LANES = 8
 SMALL_STEP = 0.5
@@ -254,3 +243,95 @@ def _advance(  # type: ignore[no-untyped-def]
                 response[block * LANES + lane, i] = (
                     sums[output_index[i], lane] + compliances[block, 0, lane] * load[i]
                 )
+
+
+SMALL_NORM = 0.5
+TERMS = 16
+"""SMALL_NORM^16 / 16! is 7e-19: the series is complete."""
+MOST_DOUBLINGS = 60
+
+
+@njit(cache=True)
+def fill_propagator(a, b, length, scratch, step, drive) -> None:  # type: ignore[no-untyped-def]
+    """Fill E (n, n) and G (n, 3) for A (n, n), B (n,) and one length; NaN if not finite.
+
+    scratch (2, n, n + 1) is overwritten.
+    """
+    doublings = _doublings(a, length)
+    if doublings < 0:
+        step[:] = math.nan
+        drive[:] = math.nan
+        return
+    _series(a, b, length * 2.0**-doublings, scratch, step, drive)
+    for _ in range(doublings):
+        _double(scratch[0], step, drive)
+
+
+@njit(cache=True)
+def _doublings(a, length) -> int:  # type: ignore[no-untyped-def]
+    """Halvings that bring the maximum norm of A h below SMALL_NORM; -1 if not finite."""
+    norm = 0.0
+    for i in range(a.shape[0]):
+        total = 0.0
+        for j in range(a.shape[0]):
+            total += abs(a[i, j])
+        if not total * length < SMALL_NORM * 2.0**MOST_DOUBLINGS:
+            return -1
+        norm = max(norm, total * length)
+    return 0 if norm <= SMALL_NORM else math.ceil(math.log2(norm / SMALL_NORM))
+
+
+@njit(cache=True)
+def _series(a, b, h, scratch, step, drive) -> None:  # type: ignore[no-untyped-def]
+    """The series of E and G; the last column of `term` is (A h)^j B h / j!."""
+    size = a.shape[0]
+    term, after = scratch[0], scratch[1]
+    step[:] = 0.0
+    drive[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            term[i, j] = 1.0 if i == j else 0.0
+        term[i, size] = h * b[i]
+    for order in range(TERMS):
+        for i in range(size):
+            share = term[i, size] / (order + 1.0)
+            drive[i, 0] += share
+            drive[i, 1] += share / (order + 2.0)
+            drive[i, 2] += 2.0 * share / ((order + 2.0) * (order + 3.0))
+            for j in range(size + 1):
+                total = 0.0
+                for k in range(size):
+                    total += a[i, k] * term[k, j]
+                after[i, j] = h * total / (order + 1.0)
+                if j < size:
+                    step[i, j] += after[i, j]
+        term, after = after, term
+
+
+@njit(cache=True)
+def _double(product, step, drive) -> None:  # type: ignore[no-untyped-def]
+    """Propagators of twice the step; product (n, n + 1) is overwritten."""
+    size = step.shape[0]
+    for k in range(2, -1, -1):
+        for i in range(size):
+            total = 0.0
+            for j in range(size):
+                total += step[i, j] * drive[j, k]
+            product[i, 0] = total
+        for i in range(size):
+            g_0, g_1, g_2 = drive[i, 0], drive[i, 1], drive[i, 2]
+            if k == 0:
+                drive[i, 0] = product[i, 0] + 2.0 * g_0
+            elif k == 1:
+                drive[i, 1] = 0.5 * (product[i, 0] + 2.0 * g_1 + g_0)
+            else:
+                drive[i, 2] = 0.25 * (product[i, 0] + 2.0 * g_2 + 2.0 * g_1 + g_0)
+    for i in range(size):
+        for j in range(size):
+            total = 2.0 * step[i, j]
+            for k in range(size):
+                total += step[i, k] * step[k, j]
+            product[i, j] = total
+    for i in range(size):
+        for j in range(size):
+            step[i, j] = product[i, j]

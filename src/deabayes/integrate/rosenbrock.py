@@ -8,13 +8,11 @@ so that a draw's arithmetic does not depend on where in a batch it stands.
 
 from __future__ import annotations
 
-from deabayes.experiment import FloatArray
-
 import numpy as np
-from numpy.typing import NDArray
 
-from deabayes.compiled import njit
+from deabayes.experiment import FloatArray
 from deabayes.integrate import rodas5p
+from deabayes.integrate.compiled import njit
 
 LANES = 32
 KERNEL_OPTIONS = {

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
-from deabayes.integrate.linear import LANES, Hold, in_lanes
-from deabayes.integrate.propagator import fill_propagator
+from deabayes.integrate.compiled import njit
+from deabayes.integrate.linear import LANES, Hold, fill_propagator, in_lanes
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, contiguous, rate, variance
-from deabayes.noise.default_priors import (
+from deabayes.noise.base import (
+    Draws,
+    contiguous,
     correlated_amplitude,
     correlation_length,
+    rate,
+    variance,
     white_amplitude,
 )
 from deabayes.noise.gaussian import GaussianNoise, white_sample
-from deabayes.parameter import Parameter
+from deabayes.prior.parameter import Parameter
 
 
 class Matern32(GaussianNoise):

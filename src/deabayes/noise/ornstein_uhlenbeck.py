@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, contiguous, rate, variance
-from deabayes.noise.default_priors import (
+from deabayes.noise.base import (
+    Draws,
+    contiguous,
     correlated_amplitude,
     correlation_length,
+    rate,
+    variance,
     white_amplitude,
 )
 from deabayes.noise.gaussian import GaussianNoise, white_sample
-from deabayes.parameter import Parameter
+from deabayes.prior.parameter import Parameter
 
 
 class OrnsteinUhlenbeck(GaussianNoise):
@@ -56,8 +59,7 @@ class OrnsteinUhlenbeck(GaussianNoise):
     def log_prob(
         self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws
     ) -> FloatArray:
-        from deabayes.noise.kalman import distances
-        from deabayes.noise.kalman_lanes import log_prob
+        from deabayes.noise.kalman import distances, log_prob
 
         steps = distances(contiguous(coordinate))
         total = log_prob(contiguous(residuals), steps, contiguous(weights), *self._laws(draws))

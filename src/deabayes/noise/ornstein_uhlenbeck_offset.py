@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, variance
-from deabayes.noise.default_priors import offset_amplitude
+from deabayes.noise.base import Draws, offset_amplitude, variance
 from deabayes.noise.ornstein_uhlenbeck import OrnsteinUhlenbeck
-from deabayes.parameter import Parameter
+from deabayes.prior.parameter import Parameter
 
 
 class OrnsteinUhlenbeckOffset(OrnsteinUhlenbeck):

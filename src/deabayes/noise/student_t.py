@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, NoiseModel, variance
-from deabayes.noise.default_priors import white_amplitude
-from deabayes.parameter import Parameter
+from deabayes.noise.base import Draws, NoiseModel, variance, white_amplitude
+from deabayes.prior.distributions import LogNormal
+from deabayes.prior.parameter import Parameter
 
 
 class StudentT(NoiseModel):

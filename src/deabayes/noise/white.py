@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, variance
-from deabayes.noise.default_priors import white_amplitude
+from deabayes.noise.base import Draws, variance, white_amplitude
 from deabayes.noise.gaussian import LOG_2PI, GaussianNoise, white_sample
-from deabayes.parameter import Parameter
+from deabayes.prior.parameter import Parameter
 
 
 class White(GaussianNoise):

@@ -1,25 +1,23 @@
-"""A user's own systems: Python files, named under `models:` in a config, that define them.
-
-A file is run once per text of it, and what it defines is known by name to
-`deabayes.systems` from then on, as the shipped systems are. A posterior records its file
-and the SHA-256 of its text, and is used with that text only.
-"""
+"""A user's own systems: which files define them, and loading them."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType, ModuleType
+from typing import Any
 
 from deabayes.faults import Faults, UserError
-from deabayes.own_models.class_checks import system_faults
-from deabayes.own_models.origin import fault_of, said
-from deabayes.systems import OWN, System
+from deabayes.own_models.checks import fault_of, said, system_faults
+from deabayes.records.schema import read_yaml, violations
+from deabayes.records.specimen import system_named
+from deabayes.systems import OWN, REGISTRY, System
 
 REMEDY = "docs/how-to/own-model.md has one to start from"
 
@@ -191,3 +189,61 @@ def _compiled(path: Path, source: bytes, name: str) -> CodeType:
     except (SyntaxError, ValueError) as error:
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
         raise UserError(f"{path}{line}: {said(error)}; correct the model there") from error
+
+
+def load_named(content: Mapping[str, Any], bases: Sequence[Path], where: str) -> dict[str, Path]:
+    """Load the systems whose files a config names, once for all studies.
+
+    Parameters
+    ----------
+    content : what the config holds, as its schema has it.
+    bases : folders that its paths may be relative to.
+    where : the config, for messages.
+
+    Returns
+    -------
+    dict
+        System -> its file, seen from the working directory.
+
+    Raises
+    ------
+    Faults : every fault of every file.
+    """
+    files = list(content.get("models") or ())
+    key = "models" if files else "model"
+    files += [study["model"] for study in content["studies"].values() if study.get("model")]
+    try:
+        return load_models(*(seen(Path(file), bases) for file in files))
+    except UserError as error:
+        faults = str(error).splitlines()
+        raise Faults(f"{where}, {key}: {fault}" for fault in faults) from None
+
+
+def load_for(system: str, config: Path) -> None:
+    """Load the files under `models` of a config, if there is one and the system does not ship.
+
+    Nothing else of the config is looked at: the studies may be still to come.
+
+    Raises
+    ------
+    Faults : as `load_named`, and a key `models` that is no list of files.
+    """
+    if not system or system in REGISTRY or not Path(config).is_file():
+        return
+    content = read_yaml(Path(config))
+    faults = violations(content, "config", str(config))
+    faults = [fault for fault in faults if fault.startswith(f"{config}, models")]
+    if faults:
+        raise Faults(faults)
+    load_named({**content, "studies": {}}, [Path(config).parent], str(config))
+
+
+def model_of(specimen: Path, own: Mapping[str, Path]) -> Path | None:
+    """The file among these that defines the system of a study folder; None if it ships."""
+    return own.get(system_named(specimen)) if own else None
+
+
+def seen(file: Path, bases: Sequence[Path]) -> Path:
+    """A config's file, seen from the working directory."""
+    base = next((base for base in bases if (base / file).is_file()), bases[0])
+    return Path(os.path.normpath(base / file))

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.own_models.candidate_checks import name_faults
-from deabayes.own_models.class_checks import unit_faults
+from deabayes.own_models.checks import name_faults, unit_faults
 from deabayes.prior.joint import Prior
 from deabayes.systems import Derived, Draws, Simulator, System
 

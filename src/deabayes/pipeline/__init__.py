@@ -4,19 +4,26 @@ The command line and the workflow's rules call these; each reads files, calls
 the layers below and writes files, nothing else.
 """
 
-from deabayes.pipeline.analyse import analyse_study
-from deabayes.pipeline.design import entries_of, further_experiments
-from deabayes.pipeline.identify import build_target, fit_candidate, seed_of
+from deabayes.pipeline.fit import (
+    build_target,
+    fit_candidate,
+    fit_made_of,
+    prepare_study,
+    read_experiments,
+    seed_of,
+    select_rows,
+    sums,
+)
 from deabayes.pipeline.judge import (
+    analyse_study,
     check_evidence,
     compare_candidates,
+    entries_of,
+    further_experiments,
     predict_candidate,
     score_candidate,
 )
-from deabayes.pipeline.made_of import fit_made_of, sums
-from deabayes.pipeline.population import fit_population
-from deabayes.pipeline.prepare import prepare_study, read_experiments, select_rows
-from deabayes.pipeline.publish import build_report, draw_figures, export_posterior
+from deabayes.pipeline.publish import build_report, draw_figures, export_posterior, fit_population
 
 __all__ = [
     "analyse_study",

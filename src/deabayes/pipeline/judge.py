@@ -1,18 +1,22 @@
-"""From posteriors to scores, predictions, errors and the comparison of candidates."""
+"""From posteriors to scores, predictions, errors, comparisons and further experiments."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deabayes.faults import UserError
+from deabayes.faults import Faults, UserError
 from deabayes.files import write_atomically, write_text_atomically
-from deabayes.pipeline.identify import seed_of, stored_target
-from deabayes.pipeline.prepare import read_experiments
+from deabayes.pipeline.fit import inherited_prior, read_experiments, seed_of, stored_target
+from deabayes.study import Settings, from_settings
+
+if TYPE_CHECKING:
+    from deabayes.posteriors.fitted import Fitted
+    from deabayes.study import Study
 
 PREDICTION_DRAWS = 1000
 BRIDGE_DRAWS = 1000
@@ -91,12 +95,11 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
     """
     import pandas as pd
 
-    from deabayes.fitted import Fitted
-    from deabayes.posteriors.fitted_records import check_fitted_records
+    from deabayes.posteriors.fitted import Fitted
+    from deabayes.posteriors.records import check_fitted_records
     from deabayes.posteriors.storage import read_tree, sum_of_draws, write_datasets
     from deabayes.prediction.bands import to_dataset
-    from deabayes.prediction.errors_table import error_row
-    from deabayes.prediction.held_out import SCORED_DRAWS
+    from deabayes.prediction.errors import SCORED_DRAWS, error_row
 
     tree = read_tree(posterior, ("posterior", "observed_data"))
     experiments = read_experiments(prepared)
@@ -155,3 +158,130 @@ def _nested_of(posterior: Path) -> dict[str, float]:
         return {}
     content: dict[str, float] = json.loads(found.read_text())
     return content
+
+
+DRAWS = 500
+
+
+def further_experiments(results: Path, asked: Mapping[str, Settings], output: Path) -> None:
+    """Weigh held-out records and experiments asked for; write further_experiments.csv.
+
+    Parameters
+    ----------
+    results : `results/{study}` with prepared records, posteriors and the comparison.
+    asked : `further_experiments` of the study.
+    """
+    import pandas as pd
+
+    from deabayes.comparison.further import contenders, further_table, plan
+    from deabayes.posteriors.fitted import Fitted
+    from deabayes.posteriors.storage import read_tree
+
+    comparison = results / "comparison.csv"
+    if not comparison.is_file():
+        raise UserError(f"{comparison}: no such file; run `deabayes compare {results.name}` first")
+    planned = plan(read_experiments(results / "prepared"), asked)
+    names = contenders(pd.read_csv(comparison))
+    trees = [read_tree(results / name / "posterior.nc", ("posterior",)) for name in names]
+    fitted = {
+        name: Fitted.from_tree(t, DRAWS, seed=1) for name, t in zip(names, trees, strict=True)
+    }
+
+    def seed(experiment: str) -> np.random.SeedSequence:
+        study = from_settings(json.loads(trees[0].attrs["study"]))
+        return seed_of(study, experiment, "further experiment")
+
+    table = further_table(planned if trees else [], fitted, seed)
+    write_atomically(lambda path: table.to_csv(path, index=False), output)
+
+
+def entries_of(asked: str) -> dict[str, Settings]:
+    """`further_experiments` from YAML, held against the schema of a config."""
+    import yaml
+
+    from deabayes.records.schema import violations
+
+    try:
+        entries = yaml.safe_load(asked) or {}
+    except yaml.YAMLError:
+        raise UserError(
+            f"--asked {asked!r} is no YAML; write such as '{{longer: {{like: NAME, duration: 2}}}}'"
+        ) from None
+    study = {"specimen": "any", "candidates": ["any"], "further_experiments": entries}
+    faults = violations({"studies": {"asked": study}}, "config", "--asked")
+    if faults:
+        raise Faults(faults)
+    return dict(entries)
+
+
+def check_as_fitted(results: Path) -> None:
+    """Refuse a study's results whose prepared records are no longer those of its posteriors.
+
+    Results without prepared records, a population's among them, are passed over.
+
+    Raises
+    ------
+    Faults : each record that was added, taken out or changed since, by candidate.
+    """
+    from deabayes.posteriors.records import check_fitted_records
+    from deabayes.posteriors.storage import fitted_posteriors, read_tree
+
+    posteriors, prepared = fitted_posteriors(results), results / "prepared"
+    if not posteriors or not any(prepared.glob("*.nc")):
+        return
+    experiments, found = read_experiments(prepared), []
+    for path in posteriors:
+        try:
+            check_fitted_records(read_tree(path, ("observed_data",)), experiments)
+        except UserError as error:
+            found += str(error).splitlines()
+    if found:
+        raise Faults(found)
+
+
+ANALYSIS_DRAWS = 1000
+"""The very draws that records are predicted with: a quantity has one value on the page."""
+
+
+def analyse_study(results: Path, output: Path) -> list[str]:
+    """Compute every analysis of a fitted study's system into `output`; their names.
+
+    Parameters
+    ----------
+    results : `results/{study}` with study.yaml, prepared records and posteriors.
+    """
+    from deabayes.analyses import run_all
+    from deabayes.analyses.base import StudyContext
+    from deabayes.studies import load_study
+
+    check_as_fitted(results)
+    study = load_study(results / "study.yaml")
+    candidates = fitted_candidates(study, results)
+    inherited = inherited_prior(study)
+    context = StudyContext(
+        study,
+        next(iter(candidates.values())).specimen,
+        read_experiments(results / "prepared"),
+        candidates,
+        inherited.prior if inherited else None,
+    )
+    return run_all(context, output)
+
+
+def fitted_candidates(study: Study, results: Path) -> dict[str, Fitted]:
+    """The candidates of a study that have a posterior, in the study's order."""
+    from deabayes.posteriors.fitted import Fitted
+    from deabayes.posteriors.storage import read_tree
+
+    files = {name: results / name / "posterior.nc" for name in study.candidates}
+    found = {
+        name: Fitted.from_tree(read_tree(path, ("posterior",)), size=ANALYSIS_DRAWS, seed=1)
+        for name, path in files.items()
+        if path.is_file()
+    }
+    if not found:
+        raise UserError(
+            f"{results}: holds no fitted candidate (*/posterior.nc); "
+            "run `snakemake --cores 2` or `deabayes fit` first"
+        )
+    return found

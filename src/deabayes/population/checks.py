@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from deabayes.distributions import REGISTRY
-from deabayes.distributions.settings import from_settings
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.parameter import Parameter
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.settings import Population
+from deabayes.prior.distributions import REGISTRY
 from deabayes.prior.joint import Prior
+from deabayes.prior.overrides import from_settings
+from deabayes.prior.parameter import Parameter
 from deabayes.study import Settings, Study
 
 FEWEST_SPECIMENS = 3
@@ -89,7 +89,7 @@ def _parameter_faults(population: Population, members: Sequence[Study], where: s
 
 def _coordinate(study: Study, candidate: str) -> Coordinate:
     """Of all parameters of a candidate, whose priors are the study's own."""
-    from deabayes.reading.specimen import read_specimen
+    from deabayes.records.specimen import read_specimen
     from deabayes.systems import build
 
     specimen = read_specimen(study.specimen)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.parameter import Parameter
+from deabayes.prior.parameter import Parameter
 
 OF_LOGARITHM = "of the logarithm, about a relative one"
 """In the description of a spread that may be read as per cent."""

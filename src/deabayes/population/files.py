@@ -17,7 +17,7 @@ from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
 from deabayes.posteriors.content import convergence_summary
-from deabayes.posteriors.counted_records import ATTRIBUTE, CountedRecord, to_json
+from deabayes.posteriors.records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.engine import Sampled
 

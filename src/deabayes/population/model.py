@@ -5,22 +5,71 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import exp, inf, log, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deabayes.distributions import Distribution, HalfNormal, LogNormal, Normal
-from deabayes.distributions.settings import from_settings
 from deabayes.experiment import FloatArray
-from deabayes.parameter import Parameter
+from deabayes.integrate.compiled import njit
 from deabayes.population.coordinate import OF_LOGARITHM, Coordinate
-from deabayes.population.kernel import log_marginals
 from deabayes.population.member import Member
+from deabayes.prior.distributions import Distribution, HalfNormal, LogNormal, Normal
 from deabayes.prior.joint import Prior
+from deabayes.prior.overrides import from_settings
+from deabayes.prior.parameter import Parameter
 from deabayes.sampling import engine
 from deabayes.sampling.engine import Sampled
 from deabayes.sampling.problem import Problem
 from deabayes.sampling.progress import Progress
 from deabayes.study import Sampling, Settings
+
+
+@njit(cache=True, error_model="numpy")
+def log_marginals(
+    centres: FloatArray,
+    spreads: FloatArray,
+    log_weights: FloatArray,
+    means: FloatArray,
+    covariances: FloatArray,
+    member: NDArray[np.intp],
+    members: int,
+) -> FloatArray:
+    """log sum_j v_j N(m; a_j, B_j + diag(s^2)) of every member, (W, members), up to a constant.
+
+    Parameters
+    ----------
+    centres, spreads : (W, d) m and s.
+    log_weights, means, covariances : (J,), (J, d), (J, d, d) of the components of all members.
+    member : (J,) whose component it is.
+    """
+    walkers, dimension = centres.shape
+    result = np.full((walkers, members), -inf)
+    factor = np.empty((dimension, dimension))
+    solved = np.empty(dimension)
+    for w in range(walkers):
+        for j in range(log_weights.size):
+            total = log_weights[j]
+            for row in range(dimension):
+                residual = centres[w, row] - means[j, row]
+                for column in range(row + 1):
+                    value = covariances[j, row, column]
+                    if row == column:
+                        value += spreads[w, row] ** 2
+                    for k in range(column):
+                        value -= factor[row, k] * factor[column, k]
+                    if row == column:
+                        factor[row, row] = sqrt(value)
+                    else:
+                        factor[row, column] = value / factor[column, column]
+                        residual -= factor[row, column] * solved[column]
+                solved[row] = residual / factor[row, row]
+                total -= 0.5 * solved[row] ** 2 + log(factor[row, row])
+            before = result[w, member[j]]
+            high, low = max(before, total), min(before, total)
+            result[w, member[j]] = high if low == -inf else high + log(1.0 + exp(low - high))
+    return result
+
 
 RELATIVE_SPREAD = 0.5
 """Scale of the default half-normal prior of a logarithm's sd: from alike to a factor apart."""

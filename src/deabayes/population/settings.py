@@ -51,7 +51,7 @@ def load_populations(
     ------
     Faults : every violation of the schema, and every study that the config does not have.
     """
-    from deabayes.reading.yaml_file import read_yaml
+    from deabayes.records.schema import read_yaml
 
     studies = load_studies(config, where)
     content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
@@ -82,8 +82,7 @@ def load_population(path: Path) -> Population:
     ------
     Faults : violations of the schema.
     """
-    from deabayes.reading.schema import violations
-    from deabayes.reading.yaml_file import read_yaml
+    from deabayes.records.schema import read_yaml, violations
 
     content = read_yaml(Path(path))
     name = str(content.pop("name", None) or Path(path).parent.name)

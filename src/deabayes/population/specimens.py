@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.pareto import UNRELIABLE_K_HAT, smoothed
-from deabayes.population.member import Member
+from deabayes.population.member import SILENT, Member
 from deabayes.population.model import PopulationModel
-from deabayes.population.silence import SILENT
+from deabayes.posteriors.sensitivity import UNRELIABLE_K_HAT, smoothed
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 
 FEWEST_EFFECTIVE = 100.0

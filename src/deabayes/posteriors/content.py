@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.posterior import LogPosterior
-from deabayes.posteriors.counted_records import CountedRecord
+from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.inheritance import Inheritance
-from deabayes.posteriors.leaning import leaning
+from deabayes.posteriors.records import CountedRecord
+from deabayes.posteriors.sensitivity import leaning
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
 from deabayes.sampling.engine import Sampled

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.noise.coordinates import noise_coordinates
-from deabayes.posterior import LogPosterior, Record
+from deabayes.inference.log_posterior import LogPosterior, Record
+from deabayes.noise.base import noise_coordinates
 from deabayes.prior.coordinates import prior_coordinates
 from deabayes.sampling.problem import Coordinates, Problem, Split
-from deabayes.systems.batch import Batch
+from deabayes.systems.base import Batch
 
 
 def problem_of(target: LogPosterior) -> Problem:
     """The problem of a candidate: coordinates of prior, noise model and system, and its hops."""
-    from deabayes.posteriors.summary import quantities
+    from deabayes.posteriors.file import quantities
 
     prior, system = target.prior, target.system
     experiments = [record.experiment for record in target.records]

@@ -18,6 +18,7 @@ import deabayes
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.files import write_netcdf_atomically
+from deabayes.records.schema import read_yaml
 
 GROUPS = ("posterior", "summary")
 ATTRIBUTES = (
@@ -187,3 +188,16 @@ def specimen_from_json(text: str) -> Specimen:
         quantities={k: Quantity(**q) for k, q in content["quantities"].items()},
         instruments={k: Quantity(**q) for k, q in content["instruments"].items()},
     )
+
+
+def fitted_posteriors(results: Path) -> list[Path]:
+    """`{candidate}/posterior.nc` of each fitted candidate, by name.
+
+    A candidate that has been taken out of the study keeps its folder, and is passed over:
+    study.yaml lists those that count. Stages run one by one may have written none, and what
+    is there counts.
+    """
+    found = sorted(results.glob("*/posterior.nc"))
+    settings = results / "study.yaml"
+    listed = read_yaml(settings).get("candidates") if settings.is_file() else None
+    return [path for path in found if listed is None or path.parent.name in listed]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.prediction.noise_origin import CalibratedRecord
-from deabayes.prediction.rapidity import fastest
+from deabayes.prediction.noise_origin import CalibratedRecord, fastest
 from deabayes.systems.base import System
 
 LONGEST_EXTRAPOLATION = 1.5

@@ -1,15 +1,18 @@
-"""How far predictions are from observations, as the papers measure it and as forecasters do.
-
-The papers' measures (equations.md section 4) compare curves; the scores of
-samples (CRPS, coverage, joint log score) judge a predictive distribution.
-"""
+"""How far predictions are from observations, and whether bands hold what they promise."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deabayes.experiment import FloatArray
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.prediction.bands import LEVELS, Samples
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def relative_maximum_error(observed: ArrayLike, predicted: ArrayLike) -> FloatArray:
@@ -158,3 +161,119 @@ def _same_length(observed: ArrayLike, other: ArrayLike) -> tuple[FloatArray, Flo
             f"observations {observed.shape} and predictions {other.shape} differ in length"
         )
     return observed, other
+
+
+def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:
+    """Errors of the posterior median curve with their posterior intervals, and band scores.
+
+    e_rms and e_m are those of equations.md section 4, in percent, NaN where the record does not
+    vary; their intervals come from the draws' own errors. Coverage is that of the
+    predictive band, CRPS that of one sample per draw of the same law, both NaN where fewer than two
+    draws have a response or the noise is not known; `joint_log_score` is log mean_s p(y | theta_s),
+    a failed draw's p being zero, and `joint_log_score_draws` how many draws carry that mean;
+    `pit_p` tests whether the probability integral transforms are uniform.
+    """
+    observed = experiment.response
+    median = np.median(samples.parameter, axis=0)
+    row: dict[str, object] = {
+        "experiment": experiment.name,
+        "role": experiment.role,
+        "protocol": experiment.protocol,
+    }
+    for name, measure in (("e_rms", relative_rms_error), ("e_m", relative_maximum_error)):
+        value = low = high = np.nan
+        if np.ptp(observed) > 0.0:
+            value = 100.0 * measure(observed, median[None])[0]
+            low, high = np.quantile(100.0 * measure(observed, samples.parameter), [0.05, 0.95])
+        row[f"{name}_percent"] = float(value)
+        row[f"{name}_q05"], row[f"{name}_q95"] = float(low), float(high)
+    predictive = samples.predictive
+    known = len(predictive) > 1 and bool(np.isfinite(predictive).all())
+    for level, band in zip(LEVELS, samples.bands["predictive"], strict=True):
+        covered = interval_coverage(observed, *band) if known else np.nan
+        row[f"coverage_{round(100 * level)}"] = covered
+    row["crps"] = float(np.mean(crps(observed, predictive))) if known else np.nan
+    row["pit_p"] = uniformity_p(samples.pit)
+    row["extrapolation"] = extrapolation
+    if samples.log_density is not None:
+        row["joint_log_score"] = joint_log_score(samples.log_density)
+        row["joint_log_score_draws"] = draws_behind_joint_log_score(samples.log_density)
+    row["failed_draws"] = samples.failed
+    return row
+
+
+NARROW_COVERAGE = 0.7
+"""Share of a record's points in its 90 % band below which the band is too narrow."""
+REJECTED = 1e-3
+"""p of the probability integral transforms of a record that was fitted, below which its own
+residuals reject the model."""
+MOST_NAMED = 4
+SCORED_DRAWS = "posterior_draws"
+"""Column of errors.csv: of which draws the scores are."""
+UNCHECKED = "so nothing tells here whether bands on records that were not fitted are wide enough"
+
+
+def missed(errors: pd.DataFrame) -> pd.DataFrame:
+    """The rows of errors.csv of held-out records that the 90 % predictive band misses."""
+    held_out = errors[errors["role"] == "validate"]
+    return held_out[held_out["coverage_90"] < NARROW_COVERAGE]
+
+
+def rejected(errors: pd.DataFrame) -> pd.DataFrame:
+    """The rows of errors.csv of fitted records whose residuals, or bands, reject the model."""
+    fitted = errors[errors["role"] == "calibrate"]
+    return fitted[(fitted["coverage_90"] < NARROW_COVERAGE) | (fitted["pit_p"] < REJECTED)]
+
+
+def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
+    """What the errors.csv beside a posterior.nc says of its bands; nothing if they hold.
+
+    Parameters
+    ----------
+    draws : what tells the posterior's draws from others (`sum_of_draws`).
+    none_held_out : the study names no record to hold out, so that there is nothing to score.
+    """
+    table = posterior.with_name("errors.csv")
+    errors = _scores(table, draws)
+    if errors is not None:
+        return _too_narrow(errors)
+    if none_held_out:
+        return ""
+    if table.is_file():
+        return (
+            f"errors.csv beside the posterior is not of its draws, {UNCHECKED}; score them again "
+            "(`deabayes predict` without --excitation), or copy the errors.csv that belongs to it"
+        )
+    return (
+        f"held-out scores (errors.csv) are not beside the posterior, {UNCHECKED}; copy errors.csv "
+        "along with it"
+    )
+
+
+def _scores(table: Path, draws: str) -> pd.DataFrame | None:
+    """An errors.csv, if it is there and of these draws."""
+    import pandas as pd
+
+    try:
+        errors = pd.read_csv(table)
+    except (OSError, ValueError):  # not there, or no table
+        return None
+    of_these = SCORED_DRAWS in errors and bool((errors[SCORED_DRAWS] == draws).all())
+    return errors if of_these else None
+
+
+def _too_narrow(errors: pd.DataFrame) -> str:
+    """How many held-out records the bands miss, and which; nothing if they miss none."""
+    rows = missed(errors).sort_values("coverage_90")
+    if rows.empty:
+        return ""
+    count = int((errors["role"] == "validate").sum())
+    named = [
+        f"{row['experiment']} {100 * row['coverage_90']:.0f} %"
+        for _, row in rows.head(MOST_NAMED).iterrows()
+    ]
+    more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
+    return (
+        f"of {count} held-out records the 90 % bands of {len(rows)} are too narrow (they hold, of "
+        f"{', '.join(named)}{more}); those of a drive of your own may be as much so"
+    )

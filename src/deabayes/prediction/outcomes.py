@@ -1,12 +1,4 @@
-"""What an experiment may read under a candidate: as a density, and as samples.
-
-y is all that the experiment would read. A candidate M predicts it by its posterior's draws,
-
-    p(y | M) = E[p(y | theta, M)],    theta ~ p(theta | data, M),
-
-of which p(y | theta, M) is known exactly, samples are easy, and the mean is not: with S draws,
-(1/S) sum_s p(y | theta_s) needs some exp(I) of them where y tells I nats about theta.
-"""
+"""What an experiment may read under a candidate, and probability integral transforms."""
 
 from __future__ import annotations
 
@@ -169,3 +161,51 @@ class Predictive:
         by_draw = np.stack(rows, axis=1)
         halves = [logsumexp(each, axis=0) - np.log(len(each)) for each in (normal, by_draw)]
         return np.asarray(np.logaddexp(*halves) - np.log(2.0))
+
+
+ENOUGH_DRAWS = 20.0
+"""Effective draws below which weights stay as they are."""
+
+
+def transforms(
+    scores: FloatArray, log_density: FloatArray | None = None, enough: float = ENOUGH_DRAWS
+) -> FloatArray:
+    r"""PIT (N,) of points, uniform and independent if model and noise hold.
+
+    .. math:: u_k = \sum_s w_{sk} \Phi(e_{sk}), \quad w_{sk} \propto p(y_1, ..., y_{k-1} | theta_s)
+
+    where e are a draw's innovations: p(y_k | y_1..k-1) is a mean over the posterior *given those
+    points*, so a record that the fit has not seen is learned from point by point. With equal
+    weights a right model's error, smooth along a record, would count at each point anew.
+
+    Parameters
+    ----------
+    scores : (S, N) innovations, standard normal for a right draw; rows with NaN do not count.
+    log_density : (S, N) log p(y_k | y_1..k-1, theta_s) of a held-out record; None where the
+        draws have seen the record: equal weights.
+    enough : effective draws; from the first point with fewer weights stay what they were, as a
+        few draws would be all that is left.
+    """
+    from scipy.special import ndtr
+
+    finite = np.all(np.isfinite(scores), axis=1)
+    if log_density is not None:
+        finite &= np.all(np.isfinite(log_density), axis=1)
+    if not finite.any():
+        return np.full(scores.shape[1], np.nan)
+    each = ndtr(scores[finite])
+    if log_density is None:
+        return np.asarray(each.mean(axis=0))
+    return np.asarray(np.sum(_weights(log_density[finite], enough) * each, axis=0))
+
+
+def _weights(log_density: FloatArray, enough: float) -> FloatArray:
+    """(S, N), each point's sum is 1; the first point's are equal."""
+    before = np.cumsum(log_density, axis=1) - log_density
+    weights = np.exp(before - before.max(axis=0))
+    weights /= weights.sum(axis=0)
+    few = 1.0 / np.sum(weights**2, axis=0) < min(enough, 0.5 * len(weights))
+    if few.any():
+        first = max(int(np.argmax(few)), 1)
+        weights[:, first:] = weights[:, first - 1 : first]
+    return weights

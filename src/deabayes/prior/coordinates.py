@@ -20,10 +20,10 @@ from math import lgamma, log, sqrt
 
 import numpy as np
 
-from deabayes.distributions import LogNormal, LogUniform, Uniform
-from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Independent
+from deabayes.prior.distributions import LogNormal, LogUniform, Uniform
+from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.joint import Prior
 from deabayes.prior.ordered import ROUNDING, Ordered

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deabayes.distributions.scores import FloatArray, log_normal_density
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.prior.distances import distance, distance_from_normal
-from deabayes.prior.learned import Learned, Shown
+from deabayes.prior.distributions.scores import log_normal_density
+from deabayes.prior.learned import Learned, Shown, distance, distance_from_normal
 from deabayes.prior.normal_mixture import NormalMixture
 
 FEWEST_DRAWS_PER_PARAMETER = 10
@@ -251,3 +251,31 @@ def _best_number(z: FloatArray, normal: NormalMixture) -> int:
             scores[components] = float(found.log_density(left_out).mean())
     enough = max(scores.values()) - LEAST_GAIN
     return min(components for components, score in scores.items() if score >= enough)
+
+
+LARGEST_SCORE = 30.0
+"""Further out, normal probabilities are no longer told apart."""
+
+
+def check_scores(name: str, scores: FloatArray, prior: str) -> None:
+    """Refuse draws of a parameter outside its default prior, or so far out that they are as good
+    as outside.
+
+    Parameters
+    ----------
+    scores : (S,), standard normal where the prior holds, NaN outside it.
+    prior : it in words.
+
+    Raises
+    ------
+    UserError
+    """
+    outside = int(np.sum(~np.isfinite(scores)))
+    far = int(np.sum(np.abs(scores) > LARGEST_SCORE))
+    if not outside and not far:
+        return
+    place = "outside" if outside else f"more than {LARGEST_SCORE:.0f} standard deviations out in"
+    raise UserError(
+        f"prior_from: {outside or far} of {len(scores)} draws of {name} are {place} its "
+        f"prior here ({prior}); widen it under priors:"
+    )

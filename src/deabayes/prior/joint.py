@@ -6,16 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from deabayes.distributions import format_number
-from deabayes.distributions.scores import FloatArray, log_normal_density
-from deabayes.parameter import Parameter
-from deabayes.prior.blocks import Block
-from deabayes.prior.default_map import DefaultMap
-from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior
-from deabayes.prior.inherited_scores import check_scores
+from deabayes.experiment import FloatArray
+from deabayes.prior.blocks import Block, DefaultMap
+from deabayes.prior.distributions import format_number
+from deabayes.prior.distributions.scores import log_normal_density
+from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior, check_scores
 from deabayes.prior.learned import Shown
 from deabayes.prior.ordered import Ordered
 from deabayes.prior.overrides import check_same_order, overridden
+from deabayes.prior.parameter import Parameter
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0

@@ -1,4 +1,4 @@
-r"""What draws of a posterior have learned beyond a default prior, as a likelihood.
+"""What draws of a posterior have learned beyond a default prior, as a likelihood.
 
 A mixture fitted to draws is a fair description of where they are, and a poor one of a thin
 slice at their rim: it is lumpy there, and log densities are off by a nat. But a posterior is
@@ -24,8 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.distributions.scores import FloatArray, log_normal_density
-from deabayes.parameter import Parameter
+from deabayes.experiment import FloatArray
+from deabayes.prior.distributions.scores import log_normal_density
+from deabayes.prior.parameter import Parameter
 
 LOG_STRETCHES = np.linspace(-0.3, 0.3, 5)
 """Beyond the one at rest, at which a film's stress is taken: 0.74 to 1.35 times as far."""
@@ -205,3 +206,39 @@ def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: flo
         loss, start, jac=gradient, hess=curvature, method="trust-exact", options=options
     )
     return np.asarray(found.x)
+
+
+def distance_from_normal(z: FloatArray) -> float:
+    """How far draws z (S, k) are from N(0, I): the largest distance of distribution functions.
+
+    Of each column from N(0, 1), and of the squared length from chi-squared with k degrees of
+    freedom, which sees a bent or forked shape that no column shows.
+    """
+    from scipy.special import gammainc, ndtr
+
+    columns = _with_squared_length(z)
+    columns[:, :-1] = ndtr(columns[:, :-1])
+    columns[:, -1] = gammainc(z.shape[1] / 2, columns[:, -1] / 2)
+    return _largest_gap(np.sort(columns, axis=0))
+
+
+def distance(z: FloatArray, others: FloatArray, weights: FloatArray) -> float:
+    """How far draws z (S, k) are from weighted others (S_o, k): as `distance_from_normal`."""
+    gaps = []
+    for own, other in zip(_with_squared_length(z).T, _with_squared_length(others).T, strict=True):
+        order = np.argsort(other)
+        below = np.concatenate([[0.0], np.cumsum(weights[order])]) / weights.sum()
+        at = np.searchsorted(other[order], np.sort(own), side="right")
+        gaps.append(_largest_gap(below[at][:, None]))
+    return max(gaps)
+
+
+def _with_squared_length(z: FloatArray) -> FloatArray:
+    return np.concatenate([z, np.sum(z**2, axis=1, keepdims=True)], axis=1)
+
+
+def _largest_gap(probabilities: FloatArray) -> float:
+    """Between (S, n) distribution functions at S ascending draws and the share of these below."""
+    size = len(probabilities)
+    above = np.arange(1, size + 1)[:, None] / size - probabilities
+    return float(np.max(np.maximum(above, 1.0 / size - above)))

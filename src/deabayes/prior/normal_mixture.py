@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from deabayes.distributions.scores import FloatArray, log_normal_density
+from deabayes.experiment import FloatArray
+from deabayes.prior.distributions.scores import log_normal_density
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from deabayes.distributions import Distribution, LogNormal, LogUniform
-from deabayes.distributions.scores import UNRESOLVED_SCORE, FloatArray
+from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
+from deabayes.prior.distributions import Distribution, LogNormal, LogUniform
+from deabayes.prior.distributions.scores import UNRESOLVED_SCORE
 
 LARGEST_SCORE = 37.0
 ROUNDING = 1e-12

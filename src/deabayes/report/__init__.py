@@ -10,8 +10,7 @@ from deabayes.faults import UserError
 
 if TYPE_CHECKING:
     from deabayes.figures import SavedFigure
-    from deabayes.figures.population_results import PopulationResults
-    from deabayes.figures.results import StudyResults
+    from deabayes.figures.results import PopulationResults, StudyResults
     from deabayes.report.notices import Notice
 
 
@@ -45,12 +44,10 @@ def build(
     UserError
         If a folder holds no fitted candidate, or two are called alike.
     """
-    from deabayes.figures.population_results import PopulationResults, results_of
-    from deabayes.figures.results import StudyResults
+    from deabayes.figures.results import PopulationResults, StudyResults, results_of
     from deabayes.files import write_text_atomically
-    from deabayes.report import populations as report_of_populations
-    from deabayes.report.images import embed_all
-    from deabayes.report.page import render
+    from deabayes.report import sections
+    from deabayes.report.page import embed_all, render
     from deabayes.report.tables import write_csv
 
     found = [results_of(Path(folder)) for folder in study_folders]
@@ -60,7 +57,7 @@ def build(
     _check_names(populations)
     figures = {each.folder: _figures(each) for each in found}  # or a fault, nothing written
     write_csv(studies, Path(tables_folder))
-    report_of_populations.write_csv(populations, Path(tables_folder))
+    sections.write_csv(populations, Path(tables_folder))
     images = embed_all([sheet for sheets in figures.values() for sheet in sheets])
     page = render(studies, figures, left_out, images, populations, Path(tables_folder), failed)
     output = Path(output)

@@ -20,8 +20,8 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.compiled import njit
 from deabayes.experiment import FloatArray
+from deabayes.integrate.compiled import njit
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
 """Standard deviations beyond which terms stay constant: polynomials must not run away."""

@@ -1,7 +1,7 @@
 """Physical systems by name.
 
-Adding one: a module `systems/<name>.py` and a line in REGISTRY. The module's class
-derives from `System`. Modules are imported when first asked for, so that a job pays
+Adding one: a folder `systems/<name>/` with a module `system`, and a line in REGISTRY. The
+class derives from `System`. Modules are imported when first asked for, so that a job pays
 for its own system only. Systems in a user's own files come in through `own_models`.
 """
 
@@ -12,8 +12,7 @@ from importlib import import_module
 
 from deabayes.experiment import Specimen
 from deabayes.faults import UserError, nearest
-from deabayes.systems.base import Derived, Draws, Simulator, System
-from deabayes.systems.unknown_candidate import UnknownCandidate
+from deabayes.systems.base import Derived, Draws, Simulator, System, UnknownCandidate
 
 REGISTRY: dict[str, str] = {
     "membrane": "Membrane",
@@ -21,7 +20,7 @@ REGISTRY: dict[str, str] = {
     "tensile_strip": "TensileStrip",
     "tubular": "Tubular",
 }
-"""System -> class in the module of the same name."""
+"""System -> its class, in the module `system` of the folder of the same name."""
 
 OWN: dict[str, type[System]] = {}
 """System of a user's own file -> its class."""
@@ -42,7 +41,7 @@ def system_class(system: str) -> type[System]:
             f"unknown system {system!r}{nearest(system, [*REGISTRY, *OWN])} (a system of your own: "
             "name the file that defines it under `models` in config.yaml)"
         )
-    found: type[System] = getattr(import_module(f"deabayes.systems.{system}"), REGISTRY[system])
+    found: type[System] = getattr(import_module(f"{__name__}.{system}.system"), REGISTRY[system])
     return found
 
 

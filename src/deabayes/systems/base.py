@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from math import isfinite
+from numbers import Real
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +21,53 @@ from deabayes.experiment import (
     Specimen,
 )
 from deabayes.faults import Faults, MissingQuantity, UserError, nearest
-from deabayes.parameter import Parameter
-from deabayes.systems.conditions import Conditions, condition_faults
-from deabayes.systems.stretched_spring import StretchedSpring
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.springs.stretched import StretchedSpring
+
+Conditions = Mapping[str, Mapping[str, float | str | None]]
+"""Excitation channel -> condition -> its value where a record states none; None if not known.
+
+A condition is a text where that value is one, and else a number."""
+
+TEXT, BARE = "a text", "a finite number without a unit (the one of its name, else SI)"
+
+
+def condition_faults(
+    system: str, told: Conditions | None, given: Mapping[str, object]
+) -> list[str]:
+    """What is wrong with conditions; a system that tells none (`told` None) may have any."""
+    unstated = {name: held for names in (told or {}).values() for name, held in names.items()}
+    if told is None:
+        return [fault for name in given for fault in _wrong(name, given[name], (BARE, TEXT))]
+    hint = "" if unstated else "; it has none, remove it"
+    faults = [
+        f"condition {name!r} is unknown for system {system!r}{hint or nearest(name, unstated)}"
+        for name in given
+        if name not in unstated and name != "protocol"
+    ]
+    for name in (each for each in given if each in unstated):
+        wanted = TEXT if isinstance(unstated[name], str) else BARE
+        faults += _wrong(name, given[name], (wanted,))
+    return faults
+
+
+def _wrong(name: str, value: object, wanted: tuple[str, ...]) -> list[str]:
+    """What is said of a value that is nothing of what is wanted."""
+    if (TEXT in wanted and isinstance(value, str)) or (BARE in wanted and _is_number(value)):
+        return []
+    return [f"condition {name!r} must be {' or '.join(wanted)}, found {value!r}"]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+
 
 if TYPE_CHECKING:
     from deabayes.prior.joint import Prior
-    from deabayes.systems.linear_model import LinearModel
-    from deabayes.systems.ridges.film import FilmStress
-    from deabayes.systems.ridges.gent_pair import GentPair
-    from deabayes.systems.ridges.nested_shares import NestedShares
-    from deabayes.systems.ridges.shares import Shares
-    from deabayes.systems.ridges.terms import LogParts
-    from deabayes.systems.ridges.unit_hop import UnitHop
-    from deabayes.systems.solid import Solid
+    from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress
+    from deabayes.systems.ridges.terms import GentPair, LogParts
+    from deabayes.systems.ridges.units import NestedShares, Shares, UnitHop
+    from deabayes.systems.solid import LinearModel, Solid
 
     Ridge = FilmStress | GentPair | LogParts | NestedShares | Shares
 
@@ -135,9 +170,8 @@ class System(ABC):
         ----------
         free : columns of the prior that are not inherited.
         """
-        from deabayes.systems.ridges.gent_pair import gent_pairs
-        from deabayes.systems.ridges.terms import term_shares
-        from deabayes.systems.ridges.unit_shares import unit_shares
+        from deabayes.systems.ridges.terms import gent_pairs, term_shares
+        from deabayes.systems.ridges.units import unit_shares
 
         return [
             *gent_pairs(prior, self.stretched_springs(experiments), free),
@@ -147,7 +181,7 @@ class System(ABC):
 
     def hops(self, prior: Prior, experiments: Sequence[Experiment]) -> list[UnitHop]:
         """Proposals between modes: units or terms numbered in another way."""
-        from deabayes.systems.ridges.unit_hop import UnitHop
+        from deabayes.systems.ridges.units import UnitHop
 
         hop = UnitHop.of(prior, self.largest_stretches(experiments))
         return [] if hop is None else [hop]
@@ -311,3 +345,37 @@ class System(ABC):
                 f"response {response!r} does not go with excitation {excitation!r}: a frequency "
                 "response has excitation 'frequency' and response 'gain' or 'phase'"
             )
+
+
+Made = TypeVar("Made")
+
+
+class Batch(Mapping[str, FloatArray]):
+    """Draws by parameter name that stay as they are, and what systems have made of them."""
+
+    def __init__(self, draws: Draws) -> None:
+        self._draws = dict(draws)
+        self.made: dict[Hashable, Any] = {}
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self._draws[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._draws)
+
+    def __len__(self) -> int:
+        return len(self._draws)
+
+
+def once(draws: Draws, key: Hashable, make: Callable[[], Made]) -> Made:
+    """What `make` gives: for a `Batch` made once, however many records ask for it."""
+    if not isinstance(draws, Batch):
+        return make()
+    if key not in draws.made:
+        draws.made[key] = make()
+    found: Made = draws.made[key]
+    return found
+
+
+class UnknownCandidate(UserError):
+    """Raised by a system; `systems.build` knows whether it is another one's."""

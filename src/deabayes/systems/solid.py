@@ -1,4 +1,4 @@
-"""The solid that a candidate describes, as programs of finite elements take one."""
+"""A candidate as a solid of finite element programs, and as a linear model of control design."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.parameter import Parameter
-from deabayes.springs import REGISTRY as SPRINGS
+from deabayes.integrate.state_space import StateSpace
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.springs import REGISTRY as SPRINGS
 
 LINEAR = "linear_elastic"
 """The law that is no spring: Young's modulus `E` and Poisson's ratio `nu`."""
@@ -104,3 +105,42 @@ def coefficients(
 def no_relaxation(like: FloatArray) -> FloatArray:
     """Shares, or times, of a solid that does not relax, (W, 0)."""
     return np.empty((like.size, 0))
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An input, an output or a state."""
+
+    name: str
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class At:
+    """A value of the operating point, (W,), or () where it is the same for all draws."""
+
+    unit: str
+    description: str
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """x' = A x + B u, y = C x + D u of every draw.
+
+    Attributes
+    ----------
+    space : the matrices, (W, ...).
+    input, output, states : in the order of the matrices.
+    validity : where the equations hold.
+    operating_point : what u, x and y of a linearised model are deviations from; empty where
+        the model is linear as it is.
+    """
+
+    space: StateSpace
+    input: Signal
+    output: Signal
+    states: tuple[Signal, ...]
+    validity: str
+    operating_point: Mapping[str, At]

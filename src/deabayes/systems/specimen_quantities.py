@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from deabayes.distributions import LogNormal
 from deabayes.experiment import FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.parameter import Parameter
+from deabayes.prior.distributions import LogNormal
+from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Draws
 
 

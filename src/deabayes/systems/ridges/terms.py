@@ -1,42 +1,22 @@
-r"""Terms of an Ogden spring, of which records show the sum.
-
-Where a record shows fewer terms than the spring has, one of them is invisible, at whatever
-exponent, or shares what is seen with a neighbour: modes between which the exponents meet, as with
-relaxation units (see `shares`). With v_i the stress of term i at the largest stretch on record,
-
-u: ln sum_i v_i, ln(v_{i+1} / v_i); sum_i w_i alpha_i, alpha_{i+1} - alpha_i,
-v_i = mu_i (lambda_1^alpha_i - lambda_3^alpha_i), w_i = v_i / sum_j v_j:
-
-the sum and the mean exponent, which is the slope there of ln stress against ln stretch, are what a
-record fixes. Exponents are counted in standard deviations of their prior. The Jacobian of u by
-ln(mu_i alpha_i / 2), which carries the prior, and by alpha_i is 1.
-
-What a record fixes next is the slope's own change, which is the variance of the exponents so
-weighted: of two terms w_1 w_2 (alpha_2 - alpha_1)^2. Where it is fixed, the further the smaller
-term's exponent, the smaller the term. For parts of a stress at given stretches, of which records
-fix that much, its root takes the place of alpha_2 - alpha_1 (`Shares.spread`). In the ridge of a
-film handed on, one term's share from 1 to 60 %, a cubic in ln(v_2 / v_1) leaves 0.025 of the root,
-as a straight line does; of the exponents' difference 0.16, and a straight line 0.23.
-
-Of two terms handed on that are both seen records fix more than that: see `film`.
-"""
+"""Coordinates of Ogden terms and of a stretched Gent spring, of which records show the sum."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from deabayes.distributions import Uniform
-from deabayes.distributions.scores import log_normal_density
 from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Parts
 from deabayes.prior.coordinates import log_normals
+from deabayes.prior.distributions import Uniform
+from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.joint import Prior
-from deabayes.springs.ogden import stress_of_one
-from deabayes.systems.ridges.film import FilmStress
-from deabayes.systems.ridges.shares import Shares
-from deabayes.systems.ridges.units import units_of
+from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress
+from deabayes.systems.ridges.units import Shares, units_of
+from deabayes.systems.springs.ogden import stress_of_one
+from deabayes.systems.springs.stretched import StretchedSpring
 
 Stresses = Shares | FilmStress
 
@@ -192,3 +172,48 @@ def _shares(
     logarithms = float(np.log(stretches[0])), float(np.log(stretches[1]))
     hidden = Stretched(middle, sd, logarithms)
     return Shares(exponents, coefficients, np.log(medians), sigmas, hidden)
+
+
+@dataclass(frozen=True)
+class GentPair:
+    """Modulus and limit of a Gent spring, as columns of z.
+
+    ln mu = constant + modulus_slope z, ln J = limit_intercept + limit_slope z.
+    """
+
+    spring: StretchedSpring
+    columns: tuple[int, int]
+    modulus_slope: float
+    limit_intercept: float
+    limit_slope: float
+
+    def straighten(self, u: FloatArray) -> float:
+        """Put the score of mu h(J) in the place of that of mu."""
+        u[:, self.columns[0]] += self._log_secant(u)
+        return 0.0
+
+    def bend(self, u: FloatArray) -> None:
+        """Undo it."""
+        u[:, self.columns[0]] -= self._log_secant(u)
+
+    def _log_secant(self, z: FloatArray) -> FloatArray:
+        """ln h(J) on the scale of the modulus's score."""
+        with np.errstate(over="ignore"):
+            limit = np.exp(self.limit_intercept + self.limit_slope * z[:, self.columns[1]])
+        return self.spring.log_secant(limit) / self.modulus_slope
+
+
+def gent_pairs(
+    prior: Prior, springs: Sequence[StretchedSpring], free: frozenset[int]
+) -> list[GentPair]:
+    """One for each spring that records are known to have stretched."""
+    pairs: list[GentPair] = []
+    for spring in springs:
+        columns = [prior.names.index(name) for name in (spring.modulus, spring.limit)]
+        normals = log_normals(prior, columns, free)
+        if len(normals) == 2:
+            modulus, limit = normals
+            intercept = float(np.log(limit.median))
+            places = columns[0], columns[1]
+            pairs.append(GentPair(spring, places, modulus.sigma, intercept, limit.sigma))
+    return pairs

@@ -1,0 +1,136 @@
+"""Commands from records to posteriors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from deabayes.cli.arguments import CONFIG, EXISTING, RESULTS, TARGET, find_study
+
+if TYPE_CHECKING:
+    from deabayes.experiment import Experiment
+    from deabayes.inference.log_posterior import LogPosterior
+    from deabayes.study import Study
+
+
+@click.command()
+@click.argument("study")
+@CONFIG
+@click.option("-o", "--output", type=TARGET, required=True, help="Folder for {experiment}.nc.")
+def prepare(study: str, config: Path, output: Path) -> None:
+    """Read and prepare the records of STUDY for inference."""
+    from deabayes.cli.by_hand import prepare_by_name
+
+    prepare_by_name(study, config, output)
+
+
+@click.command(name="compile")
+@click.argument("study")
+@CONFIG
+def compile_kernels(study: str, config: Path) -> None:
+    """Compile what STUDY needs, once, into numba's cache on disk.
+
+    STUDY is a settings file with the prepared records beside it. Another study of the same
+    system waits until this one is compiled.
+    """
+
+    compile_study(study, config)
+
+
+@click.command()
+@click.argument("study")
+@click.argument("candidate")
+@CONFIG
+@RESULTS
+@click.option("--prepared", type=EXISTING, help="Prepared records; default: prepare them first.")
+@click.option("-o", "--output", type=TARGET, help="Default: STUDY/CANDIDATE/posterior.nc.")
+@click.option("--summary", type=TARGET, help="Default: summary.csv beside it.")
+def fit(
+    study: str,
+    candidate: str,
+    config: Path,
+    results: Path,
+    prepared: Path | None,
+    output: Path | None,
+    summary: Path | None,
+) -> None:
+    """Sample the posterior of CANDIDATE (voigt_kelvin_2, kv_gm_3, ...) in STUDY.
+
+    All ensembles are run and judged together; the last line says whether they converged.
+    Interrupt it at any time: the same command goes on where it stopped.
+    """
+    from deabayes.cli.by_hand import fit_by_name
+
+    click.echo(fit_by_name(study, candidate, config, results, prepared, output, summary))
+
+
+TRIAL_WALKERS = 2
+
+
+def compile_study(study: str, config: Path) -> None:
+    """Do once, for each candidate, all that later stages do with kernels: numba keeps them.
+
+    Studies of one system are compiled one after the other: the second finds what the first left.
+    A posterior that `prior_from` names may be still to come.
+    """
+    from deabayes.integrate.compiled import one_at_a_time
+    from deabayes.pipeline import build_target, read_experiments
+    from deabayes.records.specimen import read_specimen
+
+    found = replace(find_study(study, config), prior_from=None)
+    prepared = Path(study).parent / "prepared"
+    experiments = read_experiments(prepared)
+    with one_at_a_time(f"compile_{read_specimen(found.specimen).system}"):
+        for candidate in found.candidates:
+            target = build_target(found, candidate, prepared)
+            _use_every_kernel(target, experiments)
+            _use_wider_systems(found, target, experiments)
+        _use_the_proposal()
+
+
+def _use_the_proposal() -> None:
+    """The sampler's straightening map, there and back."""
+    from deabayes.sampling.warp import fit_warp
+
+    samples = np.random.default_rng(0).standard_normal((200, 2))
+    warp = fit_warp(samples)
+    assert warp is not None
+    warp.inverse(warp.forward(samples))
+
+
+def _use_wider_systems(
+    study: Study, target: LogPosterior, experiments: Sequence[Experiment]
+) -> None:
+    """What `predict_with` asks for, at the median of the prior."""
+    from deabayes.inference.default_priors import further_prior, wider_systems
+
+    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
+    draws = dict(target.draws(theta))
+    further = further_prior(study, target.system, target.names)
+    if further is not None:
+        theta = further.to_parameters(np.zeros((TRIAL_WALKERS, len(further.names))))
+        draws |= dict(zip(further.names, np.ascontiguousarray(theta.T), strict=True))
+    for protocol, system in wider_systems(study, target.system).items():
+        for each in experiments:
+            if each.protocol == protocol:
+                system.simulator_of(each)(draws)
+
+
+def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
+    """Likelihood, derived quantities, every record's response; noise and its innovations."""
+    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
+    draws = target.draws(theta)
+    target.log_likelihood(theta)
+    target.pointwise_log_likelihood(theta)
+    target.system.derived(draws)
+    for each in experiments:
+        target.system.simulator_of(each)(draws)
+    record, random = target.records[0], np.random.default_rng(0)
+    coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
+    correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
+    target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)

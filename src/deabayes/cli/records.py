@@ -1,0 +1,159 @@
+"""Commands on folders, records and downloads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from deabayes.cli.arguments import CONFIG, TARGET, find_population, find_study
+from deabayes.faults import Faults, UserError
+
+if TYPE_CHECKING:
+    from deabayes.population.settings import Population
+    from deabayes.study import Study
+
+
+@click.command()
+@click.argument("name")
+@click.option("--system", required=True, help="tubular, tensile_strip, ...")
+@click.option("--folder", type=TARGET, default=Path("data"), show_default=True)
+@CONFIG
+def new(name: str, system: str, folder: Path, config: Path) -> None:
+    """Write a commented study folder to fill in, and print its config entry."""
+    from deabayes.cli.by_hand import new_by_name
+
+    click.echo(new_by_name(name, system, folder, config), nl=False)
+
+
+@click.command()
+@click.argument("what")
+@CONFIG
+def check(what: str, config: Path) -> None:
+    """Check a study folder: print what was understood and every fault found.
+
+    WHAT is a folder (data/NAME), or the name of a study: then also what
+    config.yaml asks of its records; or that of a population: then all its studies.
+    Ends with status 1 if anything is at fault.
+    """
+
+    check_by_name(what, config, click.echo)
+
+
+@click.command()
+@click.argument("studies", nargs=-1)
+@CONFIG
+def data(studies: Sequence[str], config: Path) -> None:
+    """Download the public data sets that STUDIES (default: all) need, checked by SHA-256."""
+    from deabayes.cli.by_hand import download
+
+    for line in download(studies, config):
+        click.echo(line)
+
+
+def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
+    """Check a study folder, a study with its folder, or a population and its studies.
+
+    A name that the config has is that of the study, also where a folder is called so.
+    Faults are raised once all is said.
+    """
+    from deabayes.population.settings import load_populations
+
+    a_path = Path(what).is_dir() or Path(what).name != what
+    if a_path and not _names_entry(config, what):
+        _check_folder(Path(what), config, say)
+    elif any(each.name == what for each in load_populations(config)):
+        _check_population(find_population(what, config), config, say)
+    else:
+        _check_study(find_study(what, config), say, config)
+
+
+def _names_entry(config: Path, what: str) -> bool:
+    """Whether a config has a study or a population called as a folder here is."""
+    from deabayes.records.schema import read_yaml
+
+    if Path(what).name != what or not Path(config).is_file():
+        return False
+    content = read_yaml(config)
+    return any(what in (content.get(key) or ()) for key in ("studies", "populations"))
+
+
+def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> None:
+    from deabayes.checks.folder import check_folder
+    from deabayes.own_models.loading import load_for
+    from deabayes.records.specimen import system_named
+
+    load_for(system_named(folder), config)
+    report = check_folder(folder)
+    say(report.text(with_faults=False))
+    if report.faults:
+        raise Faults(report.faults)
+
+
+def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
+    """The report on its folder, then what is said of the study."""
+    from deabayes.checks.folder import check_folder, counted
+    from deabayes.checks.study import check_study
+
+    report = check_folder(study.specimen, study.data_root, as_study=False)
+    faults, warnings = check_study(study, compare=True)
+    if not faults:
+        faults, of_prior = _of_prior(study, config)
+        warnings += of_prior
+    of_folder = tuple(fault for fault in report.faults if fault in faults)
+    its_own = len(faults) > len(of_folder)
+    say(replace(report, faults=of_folder).text(with_faults=False, with_count=not its_own))
+    if its_own:
+        count = counted(faults, [*report.warnings, *warnings])
+        say(f"\n{count} in {report.folder} and study {study.name}")
+    elif warnings:
+        say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
+    for warning in warnings:
+        say(f"  - {warning}")
+    if faults:
+        raise Faults(faults)
+
+
+def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
+    """What is wrong with the posterior that a study has for its prior, and what to know of it."""
+    from deabayes.checks.prior_sources import Sources
+    from deabayes.population.settings import load_populations
+    from deabayes.studies import load_studies
+
+    if study.prior_from is None:
+        return [], []
+    studies = {each.name: each for each in load_studies(config)}
+    populations = {each.name: each for each in load_populations(config)}
+    sources = Sources(studies, populations)
+    faults = sources.faults(study)
+    return faults, [] if faults else sources.cautions(study)
+
+
+def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
+    """Its settings are sound by now; what is left are its members, all of them."""
+    say(
+        f"population {population.name}: {len(population.studies)} specimens by "
+        f"{population.candidate}, {', '.join(population.parameters)} scatter between them"
+    )
+    faults: list[str] = []
+    for name in population.studies:
+        say("")
+        try:
+            _check_study(find_study(name, config), say, config)
+        except UserError as error:
+            faults += str(error).splitlines()
+    if faults:
+        raise Faults(faults)
+
+
+def checked(study: Study, compare: bool = False) -> list[str]:
+    """The warnings on a study; its faults are raised."""
+    from deabayes.checks.study import check_study
+
+    faults, warnings = check_study(study, compare)
+    if faults:
+        raise Faults(faults)
+    return warnings

@@ -1,0 +1,377 @@
+"""Which further experiment would tell candidates and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from deabayes.comparison.decision import SHOWN
+from deabayes.experiment import PHASE, Experiment, FloatArray
+from deabayes.faults import Faults, nearest
+from deabayes.posteriors.fitted import Fitted
+from deabayes.prediction.outcomes import Predictive, Readings
+from deabayes.study import Settings
+
+HELD = ("creep", "step", "relaxation")
+"""Protocols that end with a held excitation, which can be held longer."""
+SHOWN_CONDITIONS = ("deformation", "load_g", "voltage", "bias_kV")
+"""Conditions that say what is done, in their column's unit (voltage: V)."""
+TIMELESS = ("quasi_static", "frequency_response")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An experiment with all its records (a gain has its phase); `what` describes it in words."""
+
+    name: str
+    records: tuple[Experiment, ...]
+    what: str
+    held_out: bool
+
+
+def plan(experiments: Sequence[Experiment], asked: Mapping[str, Settings]) -> list[Planned]:
+    """The held-out records of a study, and what it asks for under `further_experiments`.
+
+    Raises
+    ------
+    Faults : entries that name no record, or ask of one what cannot be done.
+    """
+    protocols = {each.row: each.protocol for each in experiments}
+    found = faults(asked, protocols)
+    if found:
+        raise Faults([f"further_experiments: {fault}" for fault in found])
+    rows: dict[str, tuple[Experiment, ...]] = dict.fromkeys(protocols, ())
+    for each in experiments:
+        rows[each.row] = (*rows[each.row], each)
+    held_out = [
+        Planned(name, records, described(records[0]), True)
+        for name, records in rows.items()
+        if records[0].role == "validate"
+    ]
+    return held_out + [
+        _altered_row(name, rows[str(settings["like"])], settings)
+        for name, settings in asked.items()
+    ]
+
+
+def faults(asked: Mapping[str, Settings], protocols: Mapping[str, str]) -> list[str]:
+    """What is wrong with entries of `further_experiments`, given the records' protocols."""
+    found = []
+    for name, settings in asked.items():
+        like = str(settings["like"])
+        protocol = protocols.get(like, "")
+        if name in protocols:
+            found.append(f"{name} is a record already; give the experiment another name")
+        if not protocol:
+            found.append(f"{name}: like {like!r} is no record of it{nearest(like, protocols)}")
+        elif "speed" in settings and protocol in TIMELESS:
+            found.append(f"{name}: {like} has no time ({protocol}), leave out speed")
+        elif "duration" in settings and protocol not in HELD:
+            found.append(
+                f"{name}: {like} ({protocol}) does not end with a held excitation to hold longer, "
+                f"as {', '.join(HELD)} do; leave out duration"
+                + ("" if protocol in TIMELESS else ", or give speed")
+            )
+    return found
+
+
+def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment:
+    """An experiment like another one, with settings of `further_experiments` as factors.
+
+    `excitation` multiplies the excitation's distance from rest (which is 0, of a stretch 1),
+    `speed` how fast time runs, sampling as before, and `duration` the record's length, its last
+    excitation held. No reading is known.
+    """
+    factors = {key: float(str(value)) for key, value in settings.items() if key != "like"}
+    result = replace(experiment, name=name, role="validate", nodes=None, steps=(), warnings=(),
+                     metadata={}, record_sha256="")  # fmt: skip
+    result = _driven(result, factors.get("excitation", 1.0))
+    result = _run(result, factors.get("speed", 1.0))
+    result = _held(result, factors.get("duration", 1.0))
+    return replace(result, response=np.full(result.coordinate.size, np.nan))
+
+
+def described(experiment: Experiment) -> str:
+    """What is done, in words: protocol, range of the excitation, duration."""
+    driven = experiment.excitation
+    unit = "" if driven.unit == "1" else f" {driven.unit}"
+    low, high = driven.values.min(), driven.values.max()
+    low, high = (0.0 if abs(end) < 1e-3 * (high - low) else end for end in (low, high))
+    held = "".join(
+        f", {n} {driven.conditions[n]}" for n in SHOWN_CONDITIONS if driven.conditions.get(n)
+    )
+    text = f"{experiment.protocol}, {driven.name} {low:.4g} to {high:.4g}{unit}{held}"
+    if experiment.coordinate_name != "time":
+        return text
+    return f"{text}, {np.ptp(experiment.coordinate):.4g} s"
+
+
+def _altered_row(name: str, records: Sequence[Experiment], settings: Settings) -> Planned:
+    endings = [PHASE if each.name.endswith(PHASE) and len(records) > 1 else "" for each in records]
+    made = tuple(
+        altered(each, name + ending, settings)
+        for each, ending in zip(records, endings, strict=True)
+    )
+    return Planned(name, made, f"{described(made[0])}; {_said(settings)}", False)
+
+
+def _said(settings: Settings) -> str:
+    """An entry of `further_experiments` in words."""
+    words = {"excitation": "excitation × {}", "speed": "{} × as fast", "duration": "{} × as long"}
+    parts = [words[key].format(value) for key, value in settings.items() if key in words]
+    return f"like {settings['like']}" + (f", {', '.join(parts)}" if parts else " once more")
+
+
+def _driven(experiment: Experiment, factor: float) -> Experiment:
+    driven = experiment.excitation
+    rest = 1.0 if driven.unit == "1" else 0.0
+
+    def scaled(values: FloatArray) -> FloatArray:
+        return rest + factor * (values - rest)
+
+    if experiment.coordinate_name == driven.name:
+        excitation = replace(
+            driven, coordinate=scaled(driven.coordinate), values=scaled(driven.values)
+        )
+        return replace(experiment, coordinate=scaled(experiment.coordinate), excitation=excitation)
+    return replace(experiment, excitation=replace(driven, values=scaled(driven.values)))
+
+
+def _run(experiment: Experiment, speed: float) -> Experiment:
+    if speed == 1.0:
+        return experiment
+    driven = experiment.excitation
+    return replace(
+        experiment,
+        coordinate=experiment.coordinate / speed,
+        samples_averaged=np.maximum(experiment.samples_averaged / speed, 1.0),
+        excitation=replace(driven, coordinate=driven.coordinate / speed),
+    )
+
+
+def _held(experiment: Experiment, factor: float) -> Experiment:
+    """At most as many points are added as there are."""
+    if factor == 1.0:
+        return experiment
+    time, driven = experiment.coordinate, experiment.excitation
+    last, added = time[-1], (factor - 1.0) * float(np.ptp(time))
+    spacing = max(float(time[-1] - time[-2]), added / time.size)
+    more = last + spacing * np.arange(1, int(added / spacing + 1e-9) + 1)
+    before = driven.coordinate < last
+    knots = np.concatenate([driven.coordinate[before], [last, last + added]])
+    values = np.concatenate([driven.values[before], np.repeat(driven.at(time[-1:]), 2)])
+    averaged = np.append(
+        experiment.samples_averaged, np.full(more.size, experiment.samples_averaged[-1])
+    )
+    return replace(
+        experiment,
+        coordinate=np.concatenate([time, more]),
+        samples_averaged=averaged,
+        excitation=replace(driven, coordinate=knots, values=values),
+    )
+
+
+@dataclass(frozen=True)
+class CandidateInformation:
+    """What y tells about which candidate is right, with Monte Carlo standard errors.
+
+    Attributes
+    ----------
+    nats : lower bound of the mutual information of M and y, all candidates equally probable;
+        at most the logarithm of their number.
+    probability_right : of naming the right candidate from y.
+    """
+
+    nats: float
+    nats_error: float
+    probability_right: float
+    probability_right_error: float
+
+
+def candidate_information(
+    predictives: Sequence[Predictive], rng: np.random.Generator
+) -> CandidateInformation:
+    r"""Mutual information of the candidate and an experiment's outcome.
+
+    I(M; y) >= log K + E[log q(M | y)],  q(M | y) = q(y | M) / sum_j q(y | M_j),
+
+    for any q (Barber & Agakov 2003, Advances in Neural Information Processing Systems 16; for
+    experiments Foster et al. 2019, arXiv:1903.05480), with y drawn from the candidates' own
+    predictives and q their `Predictive`, made from other draws. What q gets wrong loses
+    information and never adds any; naming the candidate of the largest q(M | y) likewise is
+    at most as often right as by p. No response is an outcome too.
+    """
+    count = len(predictives)
+    terms = [_of_truth(predictives, truth, rng) for truth in range(count)]
+    nats, right = (np.array([term[k] for term in terms]) for k in (0, 1))
+    errors = np.sqrt(np.sum(np.array([term[2] for term in terms]) ** 2, axis=0)) / count
+    return CandidateInformation(
+        float(np.log(count) + nats.mean()), float(errors[0]), float(right.mean()), float(errors[1])
+    )
+
+
+def _of_truth(
+    predictives: Sequence[Predictive], truth: int, rng: np.random.Generator
+) -> tuple[float, float, tuple[float, float]]:
+    """Means of log q(M | y) and of being right where one candidate is, with their errors."""
+    share = predictives[truth].failed_share
+    nats, right = _judged(np.array([[each.log_failed[0]] for each in predictives]), truth)
+    if share == 1.0:
+        return float(nats[0]), float(right[0]), (0.0, 0.0)
+    y = predictives[truth].sample(rng)
+    log_q = [_log_response(each, y) for each in predictives]
+    seen_nats, seen_right = _judged(np.stack(log_q), truth)
+    kept = (1.0 - share) / np.sqrt(len(seen_nats))
+    return (
+        share * float(nats[0]) + (1.0 - share) * float(seen_nats.mean()),
+        share * float(right[0]) + (1.0 - share) * float(seen_right.mean()),
+        (kept * float(seen_nats.std()), kept * float(seen_right.std())),
+    )
+
+
+def _log_response(predictive: Predictive, y: Readings) -> FloatArray:
+    """log q of outcomes; only a failure is expected where no draw has a response."""
+    if not predictive.known:
+        return np.full(len(y[0]), -np.inf)
+    return predictive.log_failed[1] + predictive.log_density(y)
+
+
+def _judged(log_q: FloatArray, truth: int) -> tuple[FloatArray, FloatArray]:
+    """log q(M | y) of the truth and the share of right answers, for log q(y | M) (K, Y).
+
+    Where candidates are equally probable, one of them is picked at random.
+    """
+    from scipy.special import logsumexp
+
+    best = log_q >= log_q.max(axis=0) - 1e-12
+    right = np.where(best[truth], 1.0 / best.sum(axis=0), 0.0)
+    return np.asarray(log_q[truth] - logsumexp(log_q, axis=0)), right
+
+
+def parameter_information(predictive: Predictive) -> tuple[float, float]:
+    r"""Expected information about a candidate's parameters in nats, and its standard error.
+
+    (1 - f) E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] - f log f - (1 - f) log(1 - f), with f the
+    share of draws without a response, which tell that much, and E over draws of the noise C
+    (Lindley 1956, 10.1214/aoms/1177728069, for a linear model with normal noise; Chaloner &
+    Verdinelli 1995, 10.1214/ss/1177009939). Exact for curves linear in the parameters; of all
+    laws with the curves' covariance the normal one gives most. Information about the
+    noise is left out.
+    """
+    from scipy.special import entr
+
+    failed = predictive.failed_share
+    values = (1.0 - failed) * np.array([each.information for each in predictive.normals])
+    failing = float(entr(failed) + entr(1.0 - failed))
+    return float(values.mean()) + failing, float(values.std() / np.sqrt(values.size))
+
+
+IN_THE_RUNNING = 3.0
+"""Nats of log evidence below the best, odds of 20 to 1, within which a candidate counts."""
+FIRST = f"{SHOWN}|^nothing to compare"
+SHARE_FOR_DENSITY = 2.0 / 3.0
+COLUMNS = (
+    "experiment", "what", "held_out", "candidates",
+    "information_candidate_nats", "information_candidate_error_nats",
+    "probability_right", "probability_right_error",
+    "failed_share", "failure", "extrapolation",
+)  # fmt: skip
+Seed = Callable[[str], np.random.SeedSequence]
+"""Of an experiment by name."""
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What one candidate says of an experiment, and why some of its draws have no response."""
+
+    predictive: Predictive
+    failure: str
+
+
+def contenders(comparison: pd.DataFrame) -> list[str]:
+    """The candidates that the records leave in the running, the chosen one first.
+
+    Those chosen or unresolved, and those whose evidence is close to theirs: a larger model that
+    the records neither need nor contradict is passed over, and may be right all the same. No
+    candidate that did not converge.
+    """
+    ranked = comparison[comparison["converged"].astype(bool)]
+    passed_over = ranked["verdict"].astype(str).str.startswith("not chosen")
+    if passed_over.all():
+        return []
+    least = ranked["log_evidence"][~passed_over].max() - IN_THE_RUNNING
+    kept = ranked[~passed_over | (ranked["log_evidence"] > least)]
+    chosen = kept["verdict"].astype(str).str.contains(FIRST)
+    ordered = kept.assign(later=~chosen).sort_values(["later", "n_parameters"], kind="stable")
+    return [str(name) for name in ordered["candidate"]]
+
+
+def further_table(
+    planned: Sequence[Planned], candidates: Mapping[str, Fitted], seed: Seed
+) -> pd.DataFrame:
+    """One row per experiment, the most telling first.
+
+    Parameters
+    ----------
+    candidates : those in the running, with a few hundred draws each in random order.
+    """
+    names = [f"information_{c}{end}" for c in candidates for end in ("_nats", "_error_nats")]
+    rows = [_row(each, candidates, np.random.default_rng(seed(each.name))) for each in planned]
+    table = pd.DataFrame(rows, columns=[*COLUMNS, *names])
+    key = "information_candidate_nats" if len(candidates) > 1 else (names or [COLUMNS[0]])[0]
+    return table.sort_values(key, ascending=False, kind="stable", ignore_index=True)
+
+
+def outlook(planned: Planned, fitted: Fitted) -> Outlook:
+    """A candidate's predictive of an experiment: a draw that fails on a record fails on all."""
+    found = [fitted.reading(record) for record in planned.records]
+    kept = np.logical_and.reduce([ok for _, ok in found])
+    failed = int(np.sum(~kept))
+    failure = ""
+    if failed:
+        record = planned.records[0]
+        lost = {n: np.ascontiguousarray(v[~kept]) for n, v in fitted.draws.items()}
+        system = fitted.system_for(record)
+        failure = system.failure_note(record.excitation, record.coordinate, lost)
+    if kept.sum() < 2:  # a density and a sample ask for one draw each
+        return Outlook(Predictive((), (), (kept.size, kept.size)), failure)
+    picked = np.flatnonzero(kept)
+    cut = max(int(SHARE_FOR_DENSITY * picked.size), 1)
+    known, others = (
+        tuple(reading.of_draws(part) for reading, _ in found)
+        for part in (picked[:cut], picked[cut:])
+    )
+    return Outlook(Predictive(known, others, (failed, kept.size)), failure)
+
+
+def _row(
+    planned: Planned, candidates: Mapping[str, Fitted], rng: np.random.Generator
+) -> dict[str, object]:
+    outlooks = {name: outlook(planned, fitted) for name, fitted in candidates.items()}
+    row: dict[str, object] = {
+        "experiment": planned.name,
+        "what": planned.what,
+        "held_out": planned.held_out,
+        "candidates": ", ".join(candidates),
+        "failed_share": np.mean([each.predictive.failed_share for each in outlooks.values()]),
+        "failure": "; ".join(
+            f"{n}: {each.failure}" for n, each in outlooks.items() if each.failure
+        ),
+        "extrapolation": next(iter(candidates.values())).extrapolation(planned.records[0]),
+    }
+    if len(candidates) > 1:
+        found = candidate_information([each.predictive for each in outlooks.values()], rng)
+        row |= {
+            "information_candidate_nats": max(found.nats, 0.0),
+            "information_candidate_error_nats": found.nats_error,
+            "probability_right": found.probability_right,
+            "probability_right_error": found.probability_right_error,
+        }
+    for name, each in outlooks.items():
+        if each.predictive.known:
+            nats, error = parameter_information(each.predictive)
+            row |= {f"information_{name}_nats": nats, f"information_{name}_error_nats": error}
+    return row

@@ -1,0 +1,1 @@
+"""The log-posterior of a candidate given prepared records."""

@@ -1,0 +1,193 @@
+"""Default priors that follow the records, and models that predict held-out protocols."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.prior.distributions import Distribution, LogNormal, LogUniform
+from deabayes.prior.joint import Prior, PriorFromPosterior
+from deabayes.prior.parameter import Parameter
+from deabayes.study import Study
+from deabayes.systems import build as build_system
+from deabayes.systems.base import System
+
+STIFF = ("Pa", "Pa s", "N/m", "N s/m")
+"""Units of moduli, stiffnesses and viscosities."""
+WIDE = 2.0
+"""Of a log-normal prior that is left where it is: it spans three decades as it is."""
+LENGTHS = 4.0
+"""Of the longest record: a unit that is slower than that looks like a spring."""
+DECADES = np.arange(-2, 3)
+"""By which a material may be stiffer than the literature's."""
+ALIKE = 0.5
+"""Decades by which a record and the prior's median may differ before moduli are moved."""
+
+
+def following(
+    parameters: Sequence[Parameter],
+    system: System,
+    experiments: Sequence[Experiment],
+    overrides: Mapping[str, object],
+    inherited: Collection[str] = (),
+) -> tuple[Parameter, ...]:
+    """A system's parameters with default priors that follow the records to calibrate on.
+
+    Times of relaxation units are log-uniform from the shortest interval between points to
+    four lengths of the longest record, in the system's own measure of a time. Moduli, stiffnesses
+    and viscosities are as many decades larger than in the literature as the model must be
+    stiffer to move, or to pull, as the records do; wide priors stay. Priors of a system of one's
+    own are its own.
+
+    Parameters
+    ----------
+    overrides : priors of the study, by parameter or group.
+    inherited : names of parameters whose prior is another study's posterior.
+    """
+    from deabayes.systems import OWN
+
+    timed = [each for each in experiments if each.coordinate_name == "time"]
+    if not experiments or type(system) in OWN.values():
+        return tuple(parameters)
+    if timed:
+        prior, source = _times(timed, system.time_scale)
+        parameters = [
+            replace(p, prior=prior, source=source)
+            if p.is_time_constant and p.name not in inherited
+            else p
+            for p in parameters
+        ]
+    return _stiffened(parameters, system, experiments, overrides, inherited)
+
+
+def _times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
+    shortest = min(float(_steps(each.coordinate).min()) for each in timed)
+    longest = max(each.elapsed for each in timed)
+    source = (
+        f"from the shortest interval between points, {shortest:.2g} s, to {LENGTHS:g} lengths of "
+        f"the longest record, {longest:.3g} s"
+    )
+    if scale != 1.0:
+        source += f", times {scale:.3g}: a unit relaxes with 1/{scale:.3g} of it at rest"
+    return LogUniform(scale * shortest, scale * LENGTHS * longest), source
+
+
+def _steps(coordinate: FloatArray) -> FloatArray:
+    steps = np.diff(np.sort(coordinate))
+    return steps[steps > 0.0]
+
+
+def _stiffened(
+    parameters: Sequence[Parameter],
+    system: System,
+    experiments: Sequence[Experiment],
+    overrides: Mapping[str, object],
+    inherited: Collection[str],
+) -> tuple[Parameter, ...]:
+    """Moduli and what goes with them moved by the decades that the records ask for."""
+    prior = Prior.from_parameters(parameters, overrides, overrides)
+    moved = [
+        p.name
+        for p in prior.parameters
+        if p.unit in STIFF and p.source != "config" and p.name not in inherited
+        and isinstance(p.prior, LogNormal) and p.prior.sigma < WIDE
+    ]  # fmt: skip
+    decades = _decades(prior, system, experiments, moved) if moved else 0
+    if decades == 0:
+        return tuple(parameters)
+    return tuple(
+        replace(
+            p,
+            prior=LogNormal(10.0**decades * p.prior.median, p.prior.sigma),
+            source=f"{p.source}; times 1e{decades:d}, as stiff as the records are",
+        )
+        if p.name in moved and isinstance(p.prior, LogNormal)
+        else p
+        for p in parameters
+    )
+
+
+def _decades(
+    prior: Prior, system: System, experiments: Sequence[Experiment], moved: Sequence[str]
+) -> int:
+    """How many decades stiffer the median specimen must be to answer as the records do."""
+    middle = prior.to_parameters(np.zeros((1, len(prior.names))))[0]
+    draws = {n: np.full(DECADES.size, v) for n, v in zip(prior.names, middle, strict=True)}
+    draws |= {name: draws[name] * 10.0**DECADES for name in moved}
+    off = np.zeros(DECADES.size)
+    for each in experiments:
+        with np.errstate(all="ignore"):
+            found = system.simulator_of(each)(draws)
+            off += np.abs(np.log10(_size(system, each, found) / _size(system, each, each.response)))
+    off = np.where(np.isfinite(off), off / len(experiments), np.inf)
+    best = int(np.argmin(off))
+    usual = int(np.flatnonzero(DECADES == 0)[0])
+    return int(DECADES[best]) if off[best] < off[usual] - ALIKE else 0
+
+
+def _size(system: System, experiment: Experiment, response: FloatArray) -> FloatArray:
+    """The largest response, or its range where it is not counted from rest, over points."""
+    if experiment.response_name in system.zero_at_rest:
+        return np.asarray(np.max(np.abs(response), axis=-1))
+    return np.asarray(np.ptp(response, axis=-1))
+
+
+def wider_systems(study: Study, system: System) -> dict[str, System]:
+    """Protocol -> the system that predicts its held-out records."""
+    specimen, candidate = system.specimen, system.candidate
+    return {
+        protocol: build_system(specimen.system, candidate + ending, specimen)
+        for protocol, ending in study.predict_with.items()
+    }
+
+
+def further_prior(
+    study: Study,
+    system: System,
+    fitted: Sequence[str],
+    inherited: PriorFromPosterior | None = None,
+) -> Prior | None:
+    """The prior of the parameters that only `predict_with` needs; None if there are none.
+
+    No fitted record tells anything of them: their posterior is this.
+
+    Parameters
+    ----------
+    fitted : names of the parameters that the fit of `system` samples.
+    inherited : names and draws (S, k) of another study's posterior.
+    """
+    further = {
+        parameter.name: parameter
+        for wide in wider_systems(study, system).values()
+        for parameter in wide.parameters()
+        if parameter.name not in fitted
+    }
+    if not further:
+        return None
+    known = (*fitted, *names_of_all(study, system.specimen))
+    prior = Prior.from_parameters(further.values(), study.priors, known)
+    if inherited is not None and set(inherited.names) & set(prior.names):
+        prior = prior.inherit(*inherited)
+    return prior
+
+
+def only_for_predictions(
+    inherited: PriorFromPosterior, prior: Prior, study: Study, specimen: Specimen
+) -> bool:
+    """Whether `prior_from` holds parameters of what `predict_with` adds, and none of the fit's."""
+    names = set(inherited.names)
+    further = set(names_of_all(study, specimen)) if study.predict_with else set()
+    return not names & set(prior.names) and bool(names & further)
+
+
+def names_of_all(study: Study, specimen: Specimen) -> tuple[str, ...]:
+    """Parameters of all candidates, and of what predicts with them."""
+    return tuple(
+        parameter.name
+        for candidate in study.candidates
+        for ending in ("", *study.predict_with.values())
+        for parameter in build_system(specimen.system, candidate + ending, specimen).parameters()
+    )

@@ -1,0 +1,225 @@
+"""The posterior of a candidate given prepared records, vectorised over draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.inference.default_priors import following, names_of_all, only_for_predictions
+from deabayes.inference.record_noise import (
+    ResidualScale,
+    noise_coordinate,
+    noise_group,
+    noise_parameters,
+    record_scale,
+)
+from deabayes.noise import REGISTRY as NOISE_MODELS
+from deabayes.noise.base import NoiseModel
+from deabayes.prior.joint import Prior, PriorFromPosterior
+from deabayes.study import Study
+from deabayes.systems import build as build_system
+from deabayes.systems.base import Batch, Simulator, System
+
+
+@dataclass(frozen=True)
+class Record:
+    """One calibrated experiment with its forward model, noise group and scale."""
+
+    experiment: Experiment
+    simulate: Simulator
+    group: str
+    scale: ResidualScale
+    noise_coordinate: FloatArray
+
+    @property
+    def weights(self) -> FloatArray:
+        """Variance of each point's white noise relative to one raw sample's."""
+        return 1.0 / self.experiment.samples_averaged
+
+    def solved_by(self, system: System) -> Record:
+        """The same record with the forward model of a system."""
+        return replace(self, simulate=system.simulator_of(self.experiment))
+
+
+@dataclass
+class Failures:
+    """How many draws were tried, and how many had no finite likelihood."""
+
+    evaluations: int = 0
+    failed: int = 0
+
+
+@dataclass
+class LogPosterior:
+    r"""log p(theta | y) of one candidate, over records that share its material parameters.
+
+    The model is y_e = f_e(theta) + s_e r_e with r_e from the noise model of the
+    record's group and s_e the record's scale (its range, or 1), so that
+
+    log L(theta) = sum_e [ log p_noise((y_e - f_e(theta)) / s_e) - N_e log s_e ],
+
+    and with ln(y_e / f_e) in place of y_e - f_e where a response's errors are in proportion
+    to it (see `ResidualScale`).
+
+    Sampling happens in the prior's standard-normal coordinate z (see
+    `Prior.to_parameters`): calling the object with z (W, d) gives
+    log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence (corrected where
+    theta(z) makes only nearly the prior of N(0, I), see `Prior.log_correction`).
+    A draw whose response is not finite has log-probability -inf and is counted.
+    """
+
+    system: System
+    records: tuple[Record, ...]
+    noise: NoiseModel
+    prior: Prior
+    failures: Failures = field(default_factory=Failures)
+    quantities_counted: bool = False
+    """Whether the prior knows the data on the specimen itself, so that they do not count again."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.prior.names
+
+    @property
+    def dimension(self) -> int:
+        return len(self.prior.names)
+
+    def draws(self, theta: FloatArray) -> Batch:
+        """Columns of theta (W, d) by parameter name, each (W,) and contiguous."""
+        return Batch(dict(zip(self.names, np.ascontiguousarray(theta.T), strict=True)))
+
+    def responses(self, theta: FloatArray) -> dict[str, FloatArray]:
+        """f_e(theta), (W, N_e), by experiment."""
+        draws = self.draws(theta)
+        return {record.experiment.name: record.simulate(draws) for record in self.records}
+
+    def pointwise_log_likelihood(
+        self, theta: FloatArray, experiments: Sequence[str] | None = None
+    ) -> dict[str, FloatArray]:
+        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment, of all or of those named."""
+        draws = self.draws(theta)
+        return {
+            record.experiment.name: self.noise.pointwise_log_prob(
+                *self.residuals(record, draws), self.noise_draws(draws, record.group)
+            )
+            + record.scale.log_derivative(record.experiment.response)
+            for record in self.records
+            if experiments is None or record.experiment.name in experiments
+        }
+
+    def log_likelihood(
+        self, theta: FloatArray, experiments: Sequence[str] | None = None
+    ) -> FloatArray:
+        """log L(theta), (W,); `experiments` limits the sum to those records, without the data on
+        the specimen itself (`System.log_likelihood_of_quantities`).
+
+        A proposal far outside the prior may overflow: it fails, and is counted, in silence.
+        """
+        total = np.zeros(theta.shape[0])
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            draws = self.draws(theta)
+            for record in self.records:
+                if experiments is not None and record.experiment.name not in experiments:
+                    continue
+                residuals, coordinate, weights = self.residuals(record, draws)
+                total += self.noise.log_prob(
+                    residuals, coordinate, weights, self.noise_draws(draws, record.group)
+                )
+                total += record.scale.log_derivative(record.experiment.response).sum()
+            if experiments is None and not self.quantities_counted:
+                total += self.system.log_likelihood_of_quantities(draws)
+        self.failures.evaluations += total.size
+        finite = np.isfinite(total)
+        self.failures.failed += int(total.size - finite.sum())
+        return np.where(finite, total, -np.inf)
+
+    def log_density_beside_records(self, theta: FloatArray, z: FloatArray) -> FloatArray:
+        """What the log-posterior holds beside the records and N(z; 0, I), (W,).
+
+        The data on the specimen itself, and the correction of an inherited prior.
+        """
+        total = self.prior.log_correction(theta, z)
+        if not self.quantities_counted:
+            total = total + self.system.log_likelihood_of_quantities(self.draws(theta))
+        return np.asarray(total)
+
+    def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
+        """log [L(theta) p(theta) / q(theta)], (W,), for z (W, d) in the standard-normal coordinate.
+
+        q is what theta(z) makes of N(0, I): the prior p itself but for some inherited ones
+        (`Prior.log_correction`).
+        """
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            theta = self.prior.to_parameters(z)
+            return self.log_likelihood(theta) + self.prior.log_correction(theta, z)
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """log [L(theta(z)) p / q] + log N(z; 0, I), (W,)."""
+        return self.log_likelihood_of_normal(z) + log_standard_normal(z)
+
+    def rough(self) -> LogPosterior:
+        """The same, solved less accurately where that is quicker: for draws that are dropped."""
+        system = self.system.for_likelihood(rough=True)
+        if system is self.system:
+            return self
+        return replace(self, records=tuple(record.solved_by(system) for record in self.records))
+
+    def noise_draws(self, draws: Mapping[str, FloatArray], group: str) -> dict[str, FloatArray]:
+        """The noise parameters of one group without their prefix."""
+        prefix = f"{group}."
+        return {name[len(prefix) :]: v for name, v in draws.items() if name.startswith(prefix)}
+
+    def residuals(
+        self, record: Record, draws: Mapping[str, FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As the noise model takes them: residuals (W, N), its coordinate and weights (N,)."""
+        experiment = record.experiment
+        residuals = record.scale.residuals(experiment.response, record.simulate(draws))
+        return residuals, record.noise_coordinate, record.weights
+
+
+def log_standard_normal(z: FloatArray) -> FloatArray:
+    """log N(z; 0, I), (W,), for z (W, d)."""
+    return -0.5 * np.sum(z**2, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi)
+
+
+def build(
+    study: Study,
+    candidate: str,
+    specimen: Specimen,
+    experiments: Sequence[Experiment],
+    inherited: PriorFromPosterior | None = None,
+    quantities_counted: bool = False,
+) -> LogPosterior:
+    """Put a candidate and its calibration records together.
+
+    Parameters
+    ----------
+    experiments : prepared records; only those with role `calibrate` are used.
+    inherited : names and draws (S, k) of another study's posterior that becomes
+        the prior of the parameters of those names, correlations kept.
+    quantities_counted : whether it is of the same specimen.
+    """
+    system = build_system(specimen.system, candidate, specimen)
+    solved, noise = system.for_likelihood(), NOISE_MODELS[study.noise]()
+    calibrate = [e for e in experiments if e.role == "calibrate"]
+    records = tuple(
+        Record(
+            e,
+            solved.simulator_of(e),
+            noise_group(study, e),
+            record_scale(study, system, e),
+            noise_coordinate(study.noise_coordinate, e),
+        )
+        for e in calibrate
+    )
+    names = () if inherited is None else inherited.names
+    material = following(system.parameters(), system, calibrate, study.priors, names)
+    parameters = (*material, *noise_parameters(study, noise, calibrate, system))
+    prior = Prior.from_parameters(parameters, study.priors, names_of_all(study, specimen))
+    if inherited is not None and not only_for_predictions(inherited, prior, study, specimen):
+        prior = prior.inherit(*inherited)
+    return LogPosterior(system, records, noise, prior, quantities_counted=quantities_counted)

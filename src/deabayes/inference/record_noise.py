@@ -1,0 +1,207 @@
+"""Which noise a record has: group, scale, priors, and whether it is relative."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Quantity
+from deabayes.faults import UserError
+from deabayes.instruments import instrument
+from deabayes.noise.base import NoiseModel
+from deabayes.prior.distributions import LogNormal
+from deabayes.prior.parameter import Parameter
+from deabayes.study import Study
+from deabayes.systems.base import System
+
+
+@dataclass(frozen=True)
+class ResidualScale:
+    r"""The residual r of a response y about a model's f, and back.
+
+    r = (y - f) / s, or ln(y / f) / s for a response whose errors are in proportion to it.
+
+    The second suits the gain of a frequency response, which spans decades: with the phase's
+    difference it is the complex logarithm of measured over modelled response, real and
+    imaginary part, so that both may share one law. Noise that is stationary in r is, in the
+    gain, largest at the resonance.
+
+    Attributes
+    ----------
+    scale : s, one for all draws or one per draw (W,).
+    proportional : whether r is the logarithm of the ratio.
+    """
+
+    scale: FloatArray | float = 1.0
+    proportional: bool = False
+
+    def residuals(self, response: FloatArray, mean: FloatArray) -> FloatArray:
+        """r (W, N) of y (N,) about f (W, N); NaN where a ratio is not positive."""
+        if not self.proportional:
+            return np.asarray((response - mean) / self._column)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.log(response / mean) / self._column)
+
+    def with_residuals(self, mean: FloatArray, residuals: FloatArray) -> FloatArray:
+        """y (W, N) whose residuals about f (W, N) are r (W, N)."""
+        if not self.proportional:
+            return np.asarray(mean + self._column * residuals)
+        return np.asarray(mean * np.exp(self._column * residuals))
+
+    def log_derivative(self, response: FloatArray) -> FloatArray:
+        """log |dr/dy| at y (N,): what turns a density of r into one of y; (1, N) or (W, N)."""
+        at = -np.log(response) if self.proportional else np.zeros_like(response)
+        return np.asarray(at - np.log(self._column))
+
+    def level(self, response: FloatArray) -> FloatArray:
+        """y (W, N), or ln y: what residuals, times s, are differences of."""
+        if not self.proportional:
+            return response
+        return np.asarray(np.log(np.maximum(response, np.finfo(float).tiny)))
+
+    def in_levels(self, residuals: FloatArray) -> FloatArray:
+        """Residuals (W, N) as differences of levels."""
+        return np.asarray(self._column * residuals)
+
+    def response(self, level: FloatArray) -> FloatArray:
+        """y of levels of any shape."""
+        return np.asarray(np.exp(level)) if self.proportional else level
+
+    @property
+    def _column(self) -> FloatArray:
+        return np.atleast_1d(np.asarray(self.scale, dtype=float))[:, None]
+
+
+ANGLE = "rad"
+SENSOR_NOISE_SIGMA = 0.4
+"""Of the logarithm: a stated sensor noise is known to a factor of about two."""
+
+
+def noise_group(study: Study, experiment: Experiment) -> str:
+    """The name under which a record shares its noise parameters with others."""
+    return experiment.protocol if study.noise_groups == "protocol" else experiment.name
+
+
+def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
+    """Along what a record's noise is correlated, (N,).
+
+    The record's own coordinate from its first point on, since what is computed with a clock time
+    loses digits, or the number of the point on the likelihood's grid:
+    where that grid is fine at first and coarse later, so is the error of a model with
+    a few relaxation times, and a correlation time in seconds suits neither end.
+    """
+    if along == "grid":
+        return np.arange(experiment.coordinate.size, dtype=float)
+    return experiment.coordinate - experiment.coordinate[0]
+
+
+def record_scale(study: Study, system: System, experiment: Experiment) -> ResidualScale:
+    """What a record's residuals are: divided by its range or as they are, or logarithms of ratios.
+
+    Those of frequency responses are relative in themselves, whatever the study's `noise_scale`.
+    """
+    if is_ratio(system, experiment.response_name):
+        return ResidualScale(1.0, experiment.response_name in system.proportional)
+    return ResidualScale(experiment.response_range if study.noise_scale == "range" else 1.0)
+
+
+def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
+    """Unit of a record's residuals."""
+    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
+    return "1" if relative else experiment.response_unit
+
+
+def typical_size(study: Study, system: System, experiment: Experiment) -> float:
+    """The range of a record's residuals were the model to explain nothing of it."""
+    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
+    return 1.0 if relative else experiment.response_range
+
+
+def is_ratio(system: System, response: str) -> bool:
+    """Whether residuals are plain numbers whatever the study says: of a gain, or of an angle."""
+    return response in system.proportional or system.responses[response] == ANGLE
+
+
+def noise_parameters(
+    study: Study, noise: NoiseModel, experiments: Sequence[Experiment], system: System
+) -> tuple[Parameter, ...]:
+    """The noise parameters of every group, prefixed by the group's name.
+
+    Where specimen.yaml states the noise of the one sensor that a group's records were read
+    with, it is the median of the white noise's prior, known to a factor of about two.
+
+    Raises
+    ------
+    UserError : records of one group whose residuals, or coordinates, have different units;
+        two readings at one place that the noise model makes the same.
+    """
+    groups: dict[str, list[Experiment]] = {}
+    for experiment in experiments:
+        groups.setdefault(noise_group(study, experiment), []).append(experiment)
+    parameters: list[Parameter] = []
+    for group, members in groups.items():
+        _check_one_unit(group, "size", {residual_unit(study, system, m) for m in members})
+        if noise.length and study.noise_coordinate != "grid":
+            _check_one_unit(group, "length", {m.coordinate_unit for m in members})
+        scales = [record_scale(study, system, m) for m in members]
+        unit = residual_unit(study, system, members[0])
+        scale = float(np.mean([typical_size(study, system, m) for m in members]))
+        along = [noise_coordinate(study.noise_coordinate, m) for m in members]
+        if not noise.has_white:
+            _check_no_repeats(noise, members, along)
+        span = float(np.median([np.ptp(coordinate) for coordinate in along]))
+        coordinate_unit = "1" if study.noise_coordinate == "grid" else members[0].coordinate_unit
+        sensor = _stated_noise(system, members)
+        divisor = float(np.mean([s.scale for s in scales]))
+        parameters += [
+            replace(_of_sensor(p, sensor, divisor), name=f"{group}.{p.name}")
+            for p in noise.parameters(unit, scale, span, coordinate_unit)
+        ]
+    return tuple(parameters)
+
+
+def _check_one_unit(group: str, what: str, units: set[str]) -> None:
+    """Records that share a size of their noise must have it in one unit, and so its length."""
+    if len(units) > 1:
+        along = "along coordinates " if what == "length" else ""
+        raise UserError(
+            f"noise group {group!r} has records {along}in {' and in '.join(sorted(units))}, which "
+            f"cannot share the {what} of their noise; set noise_groups: experiment for the study"
+        )
+
+
+def _check_no_repeats(
+    noise: NoiseModel, members: Sequence[Experiment], along: Sequence[FloatArray]
+) -> None:
+    for experiment, coordinate in zip(members, along, strict=True):
+        repeated = np.flatnonzero(np.diff(coordinate) == 0.0)
+        if repeated.size:
+            at = experiment.coordinate[repeated[0]]
+            raise UserError(
+                f"record {experiment.name}: {repeated.size} readings repeat their "
+                f"{experiment.coordinate_name} (the first at {at:.6g} {experiment.coordinate_unit})"
+                f", and noise {noise.name!r} has no white part that they could differ by; set "
+                "noise: ornstein_uhlenbeck or noise_coordinate: grid for the study"
+            )
+
+
+def _stated_noise(system: System, members: Sequence[Experiment]) -> Quantity | None:
+    """The sensor's noise as specimen.yaml states it, where residuals are differences.
+
+    None where records were read with several sensors: they share one size, in no sensor's unit.
+    """
+    first = members[0]
+    several = len({m.response_name for m in members}) > 1
+    if several or first.response_name in system.proportional:
+        return None
+    return instrument(system.specimen, "noise", first.response_name, first.response_unit)
+
+
+def _of_sensor(parameter: Parameter, sensor: Quantity | None, scale: float) -> Parameter:
+    """The white noise's parameter with the sensor's stated noise as its prior."""
+    if sensor is None or parameter.name != "sigma_white":
+        return parameter
+    prior = LogNormal(sensor.value / scale, SENSOR_NOISE_SIGMA)
+    return replace(parameter, prior=prior, source="noise of the sensor in specimen.yaml")

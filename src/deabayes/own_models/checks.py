@@ -1,0 +1,171 @@
+"""What is wrong with a user's own system: its class, its candidates, its errors."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
+from pathlib import Path
+from typing import Any
+
+from deabayes.experiment import PROTOCOLS, Specimen
+from deabayes.faults import UserError, nearest
+from deabayes.prior.distributions import Distribution
+from deabayes.prior.parameter import Parameter
+from deabayes.systems import REGISTRY, System
+from deabayes.units import si_unit, to_si
+
+UNITS_OF = {
+    "excitations": "{'voltage': 'V'}",
+    "responses": "{'displacement': 'm'}",
+    "required_quantities": "{'thickness': 'm'}, or {}",
+}
+"""Attribute that maps names to SI units -> an example."""
+
+
+def system_faults(kind: type[System]) -> list[str]:
+    """Every fault of a class: its name, the methods and the attributes it lacks, its units."""
+    faults = _name_faults(kind) + _protocol_faults(kind)
+    if kind.__abstractmethods__:
+        methods = ", ".join(sorted(kind.__abstractmethods__))
+        faults.append(f"lacks {methods}; add what deabayes.systems.System asks for")
+    for attribute, example in UNITS_OF.items():
+        value = getattr(kind, attribute, None)
+        if not isinstance(value, Mapping):
+            found = "none" if value is None else repr(value)
+            faults.append(f"{attribute} maps names to SI units, such as {example}; found {found}")
+        else:
+            faults += unit_faults(attribute, value)
+    faults += unit_faults("optional_quantities", kind.optional_quantities)
+    return [f"class {kind.__name__}: {fault}" for fault in faults]
+
+
+def _name_faults(kind: type[System]) -> list[str]:
+    name = getattr(kind, "name", None)
+    if not isinstance(name, str) or not name:
+        found = "none" if name is None else repr(name)
+        return [f"name is what `system:` in specimen.yaml says, a text; found {found}"]
+    if name in REGISTRY:
+        return [f"name {name!r} is a shipped system's; choose another"]
+    return []
+
+
+def _protocol_faults(kind: type[System]) -> list[str]:
+    protocols = getattr(kind, "protocols", None)
+    if not isinstance(protocols, tuple | list) or not protocols:
+        found = "none" if protocols is None else repr(protocols)
+        return [f"protocols is a tuple such as ('creep',); found {found}"]
+    unknown = [name for name in protocols if name not in PROTOCOLS]
+    return [f"unknown protocol {name!r}{nearest(str(name), PROTOCOLS)}" for name in unknown]
+
+
+def unit_faults(attribute: str, units: Mapping[str, Any]) -> list[str]:
+    """Units, of what bears these names, that are unknown or not SI."""
+    faults = []
+    for name, unit in units.items():
+        try:
+            base = si_unit(str(unit), f"{attribute}, {name}")
+            if float(to_si(1.0, str(unit), base, name)) != 1.0:
+                faults.append(f"{attribute}, {name}: unit {unit!r} is not SI; write {base!r}")
+        except UserError as error:
+            faults.append(str(error))
+    return faults
+
+
+RESERVED = ("chain", "draw", "ensemble", "time")
+"""What draws are numbered by, in posterior files and in tables of them, and responses by."""
+
+
+def candidate_faults(system: System, candidate: str) -> list[str]:
+    """Every fault of the system that was built for a candidate, before it is asked for responses.
+
+    What its methods raise is raised as it comes.
+    """
+    faults = _attribute_faults(system, candidate)
+    found, where = system.parameters(), f"parameters() of {candidate}"
+    if not isinstance(found, Sequence) or not all(isinstance(p, Parameter) for p in found):
+        return [*faults, f"{where} gives {found!r:.80}; return a tuple of Parameter"]
+    if not found:
+        return [*faults, f"{where} gives none; there is nothing to fit"]
+    for parameter in found:
+        if not isinstance(parameter.prior, Distribution):
+            faults.append(
+                f"parameter {parameter.name!r}: the prior is {parameter.prior!r:.80}; give a "
+                "distribution, such as LogNormal(1e6, 1.0) of deabayes.prior.distributions"
+            )
+    channels = (*system.excitations, *system.responses)
+    faults += name_faults("parameter", [p.name for p in found], channels)
+    return faults + unit_faults("parameter", {str(p.name): p.unit for p in found})
+
+
+def name_faults(kind: str, names: Sequence[object], taken: Iterable[str] = ()) -> list[str]:
+    """Names that files of results cannot have, that something else has, or that come twice."""
+    known = {*RESERVED, *taken}
+    faults = []
+    for name in dict.fromkeys(names):
+        if not isinstance(name, str) or not name.isidentifier():
+            faults.append(
+                f"{kind} {name!r}: a name is of letters, digits and underscores and begins with "
+                "no digit (noise parameters have the dot)"
+            )
+        elif name in known:
+            faults.append(f"{kind} {name!r}: the name is taken; choose another")
+        elif names.count(name) > 1:
+            faults.append(f"{kind} {name!r} is there {names.count(name)} times; give each a name")
+    return faults
+
+
+def _attribute_faults(system: System, candidate: str) -> list[str]:
+    """What `__init__` has to set, and did not, or to something else."""
+    order, specimen = getattr(system, "order", None), getattr(system, "specimen", None)
+    faults = []
+    if getattr(system, "candidate", None) != candidate:
+        found = _found(system, "candidate")
+        faults.append(f"__init__ sets self.candidate to the candidate's name; found {found}")
+    if not isinstance(order, Integral):
+        found = _found(system, "order")
+        faults.append(f"__init__ sets self.order to a whole number; found {found}")
+    if not isinstance(specimen, Specimen):
+        found = _found(system, "specimen")
+        faults.append(f"__init__ sets self.specimen to the specimen it is given; found {found}")
+    return faults
+
+
+def _found(system: System, attribute: str) -> str:
+    return repr(getattr(system, attribute)) if hasattr(system, attribute) else "none"
+
+
+PACKAGE = str(Path(__file__).parents[1])
+OURS = (RuntimeError, OSError, ImportError, MemoryError, SystemError)
+"""What arguments do not cause: raised in what a model calls, these are no mistake of the model."""
+
+
+def fault_of(error: BaseException, path: Path) -> str | None:
+    """Where in a model's file an error arose, and which; None if it is not the model's.
+
+    It is the model's where, of its code and this package's, its own was last to run. What the
+    package could not do with what the model called it with is said as that.
+    """
+    file = str(path.resolve())
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename == file or Path(frame.filename).is_relative_to(PACKAGE)
+    ]
+    own = [frame for frame in frames if frame.filename == file]
+    if not own:
+        return None
+    place = f"{path}, line {own[-1].lineno}"
+    if frames[-1].filename == file:
+        return f"{place}: {said(error)}; correct the model there"
+    if isinstance(error, OURS):
+        return None
+    called = Path(frames[-1].filename).relative_to(PACKAGE).with_suffix("")
+    module = ".".join(("deabayes", *called.parts))
+    return f"{place}: {module}, called there, raises {said(error)}; correct what it is given"
+
+
+def said(error: BaseException) -> str:
+    """The kind of an error and its words, in one line."""
+    words = error.msg if isinstance(error, SyntaxError) else str(error)
+    return f"{type(error).__name__}: {words}".replace("\n", " ").rstrip(": ")

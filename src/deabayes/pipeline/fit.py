@@ -1,0 +1,306 @@
+"""From raw records to prepared ones, and from these to a posterior."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from deabayes.experiment import Experiment
+from deabayes.faults import UserError, nearest
+from deabayes.records.columns import ExperimentRow
+from deabayes.records.table import in_roles, none_to_fit, selected
+from deabayes.study import Study, fit_settings
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from deabayes.experiment import Specimen
+    from deabayes.inference.log_posterior import LogPosterior
+    from deabayes.posteriors.content import PosteriorContent
+    from deabayes.posteriors.inheritance import Inheritance
+    from deabayes.sampling.engine import Sampled
+
+
+def prepare_study(study: Study, output: Path) -> list[Experiment]:
+    """Read, check and prepare every record of a study into `output/{experiment}.nc`.
+
+    A frequency response gives two, its gain and its phase. Nothing is written before all are
+    prepared; what was there of records that the study no longer has is removed.
+    """
+    from deabayes.posteriors.storage import write_datasets
+    from deabayes.records.folder import read_folder
+    from deabayes.records.preparation import measured_rows, prepare
+    from deabayes.records.preparation.defaults import misaddressed, with_idle_masks
+    from deabayes.records.preparation.prepared import to_dataset
+
+    folder = read_folder(study.specimen, study.data_root)
+    rows = select_rows(study, folder.table)
+    if wrong := misaddressed(study.preparation, folder.table):
+        raise UserError("\n".join(f"study {study.name}, {fault}" for fault in wrong))
+    experiments, raws = [], []
+    for row in rows:
+        raw, steps = folder.record(row), study.preparation.get(row.protocol)
+        for each in measured_rows(row, raw):
+            experiment = prepare(each, raw, folder.specimen, steps)
+            said = {warning.partition(": ")[2] for warning in experiment.warnings}
+            unseen = [w for w in folder.warnings(row) if w.partition(": ")[2] not in said]
+            experiments.append(replace(experiment, warnings=(*experiment.warnings, *unseen)))
+            raws.append(raw)
+    experiments = with_idle_masks(experiments)
+    datasets = {e.name: to_dataset(e, raw) for e, raw in zip(experiments, raws, strict=True)}
+    write_datasets(datasets, output, mark="record_sha256")
+    return experiments
+
+
+def read_experiments(prepared: Path) -> list[Experiment]:
+    """All prepared records of a study, by name."""
+    from deabayes.records.preparation.prepared import read_prepared
+
+    paths = sorted(Path(prepared).glob("*.nc"))
+    if not paths:
+        raise UserError(f"{prepared}: holds no prepared record; run `deabayes prepare` first")
+    return [read_prepared(path) for path in paths]
+
+
+def calibrated_files(prepared: Path) -> list[Path]:
+    """The files of the prepared records that are fitted, by name."""
+    from deabayes.records.preparation.prepared import read_prepared
+
+    files = sorted(Path(prepared).glob("*.nc"))
+    return [path for path in files if read_prepared(path).role == "calibrate"]
+
+
+def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
+    """The rows a study uses, with the roles the study gives them.
+
+    `calibrate` and `validate` of the study override the role column, `validate: []` with no
+    held-out record; `select` keeps the rows whose column has the wanted value.
+    """
+    kept = selected(rows, study.select)
+    known = [row.name for row in kept]
+    for key, names in (("calibrate", study.calibrate), ("validate", study.validate)):
+        for name in names or ():
+            if name not in known:
+                raise UserError(
+                    f"study {study.name}, {key}: {name!r} is no experiment of "
+                    f"{study.specimen}{nearest(name, known)}"
+                )
+    used = in_roles(kept, study.calibrate, study.validate)
+    if not any(row.role == "calibrate" for row in used):
+        said = none_to_fit(study.specimen, study.calibrate, study.validate)
+        raise UserError(f"study {study.name}: {said}")
+    return used
+
+
+DRAWS_TO_TELL = 200
+"""Of the prior, where none has a response: to which records?"""
+
+
+def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
+    """One explicit stream per (seed, study, candidate, stage, index)."""
+    words = [zlib.crc32(text.encode()) for text in (study.name, candidate, stage)]
+    return np.random.SeedSequence([study.sampling.seed, *words, index])
+
+
+def fit_candidate(
+    study: Study, candidate: str, prepared: Path, output: Path, summary: Path, progress: bool
+) -> None:
+    """Sample the posterior of a candidate whole, and write posterior.nc and summary.csv.
+
+    The same call after an interruption goes on from its checkpoints beside `output`. They are
+    removed once both files are written.
+
+    Raises
+    ------
+    UserError : no draw of the prior has a response to the records.
+    """
+    from deabayes.files import write_atomically
+    from deabayes.posteriors.file import posterior_tree
+    from deabayes.posteriors.storage import write_tree
+
+    target = build_target(study, candidate, prepared)
+    folder = chain_folder(study, candidate, prepared, output.parent)
+    sampled = _sampled(study, candidate, target, folder, progress)
+    tree = posterior_tree(_content(study, candidate, target, sampled))
+    table = tree["summary"].to_dataset().to_dataframe().rename_axis("parameter")
+    write_tree(tree, output)
+    write_atomically(lambda path: table.to_csv(path), summary)
+    shutil.rmtree(output.parent / ".chain", ignore_errors=True)
+
+
+def _sampled(
+    study: Study, candidate: str, target: LogPosterior, folder: Path, progress: bool
+) -> Sampled:
+    from deabayes.posteriors.problem import problem_of
+    from deabayes.sampling.engine import sample
+    from deabayes.sampling.problem import EveryDrawFailed
+    from deabayes.sampling.progress import Progress
+
+    seed = seed_of(study, candidate, "fit")
+    try:
+        return sample(problem_of(target), study.sampling, seed, folder, Progress(progress))
+    except EveryDrawFailed:
+        raise UserError(f"study {study.name}, {candidate}: {_without_response(target)}; are the "
+                        "units of records, specimen and priors right?") from None  # fmt: skip
+
+
+def _without_response(target: LogPosterior) -> str:
+    """Which records no draw of the prior has a response to."""
+    theta = target.prior.sample(np.random.default_rng(0), DRAWS_TO_TELL)
+    names = [record.experiment.name for record in target.records]
+    lost = [name for name in names if not np.isfinite(target.log_likelihood(theta, [name])).any()]
+    return f"no draw of the prior has a response to {', '.join(lost) or 'all records at once'}"
+
+
+def _content(
+    study: Study, candidate: str, target: LogPosterior, sampled: Sampled
+) -> PosteriorContent:
+    from deabayes.checks.prior_sources import overruled
+    from deabayes.checks.priors import unexpected
+    from deabayes.inference.default_priors import further_prior
+    from deabayes.posteriors.content import PosteriorContent
+
+    inherited = inherited_prior(study)
+    if inherited is not None:
+        said = overruled(study, target.system, inherited.prior.names, inherited.priors)
+        inherited = replace(inherited, notes=(*inherited.notes, *said))
+    further = further_prior(
+        study, target.system, target.names, inherited.prior if inherited else None
+    )
+    seed = seed_of(study, candidate, "prior")
+    odd = unexpected(study, target.system, [record.experiment for record in target.records])
+    return PosteriorContent.of(study, candidate, target, sampled, seed, further, inherited, odd)
+
+
+def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
+    """The log-posterior of a candidate over a study's prepared records."""
+    from deabayes.records.specimen import read_specimen
+
+    return _target(study, candidate, read_specimen(study.specimen), prepared)
+
+
+def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) -> LogPosterior:
+    from deabayes.inference.log_posterior import build
+    from deabayes.posteriors.records import refuse_counted_twice
+
+    experiments = read_experiments(prepared)
+    inherited = inherited_prior(study, specimen)
+    if inherited is None:
+        return build(study, candidate, specimen, experiments)
+    refuse_counted_twice(study.name, experiments, inherited.counted, str(study.prior_from))
+    return build(study, candidate, specimen, experiments, inherited.prior, inherited.same_specimen)
+
+
+def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
+    """The study that a posterior file is of, and the log-posterior that its draws are of.
+
+    The specimen and what the prior was made of are the file's own: the study's folder and the
+    posterior that `prior_from` names may be elsewhere, or edited since.
+
+    Raises
+    ------
+    UserError : a file from before they held their prior, and that of `prior_from` is gone;
+        calibrated records that are not those of the fit.
+    """
+    from deabayes.inference.log_posterior import build
+    from deabayes.own_models.loading import restore
+    from deabayes.posteriors.inheritance import GROUP, with_inherited_prior
+    from deabayes.posteriors.records import check_fitted_records
+    from deabayes.posteriors.storage import specimen_from_json
+    from deabayes.study import from_settings
+
+    restore(tree.attrs)
+    study = from_settings(json.loads(tree.attrs["study"]))
+    candidate, specimen = tree.attrs["candidate"], specimen_from_json(tree.attrs["specimen"])
+    experiments = read_experiments(prepared)
+    check_fitted_records(tree, experiments)
+    if study.prior_from is None or GROUP in tree.children:
+        target = build(study, candidate, specimen, experiments)
+        return study, with_inherited_prior(target, tree)
+    if not Path(study.prior_from).is_file():
+        raise UserError(
+            f"study {study.name}, {candidate}: its posterior file is of an earlier version and "
+            f"does not hold the prior that it has from {study.prior_from}, which is not there "
+            "either; put that file back, or fit the candidate again"
+        )
+    return study, _target(study, candidate, specimen, prepared)
+
+
+def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritance | None:
+    """The posterior that `prior_from` names, as a prior for the (study's) specimen."""
+    from deabayes.posteriors.inheritance import inherit_from
+    from deabayes.records.specimen import read_specimen
+
+    if study.prior_from is None:
+        return None
+    return inherit_from(Path(study.prior_from), specimen or read_specimen(study.specimen))
+
+
+def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
+    """Where a candidate's checkpoints live.
+
+    Keyed by all that its draws follow from, so that stale ones are never resumed.
+    """
+    digest = hashlib.sha256(candidate.encode())
+    for part in _what_draws_follow_from(study, prepared):
+        digest.update(hashlib.sha256(part).digest())
+    return results / ".chain" / digest.hexdigest()[:16]
+
+
+def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
+    """Settings, specimen, calibrated records, what the prior is made of, code."""
+    from deabayes.posteriors.storage import specimen_to_json
+    from deabayes.records.specimen import read_specimen
+
+    yield json.dumps(fit_settings(study), sort_keys=True, default=str).encode()
+    yield specimen_to_json(read_specimen(study.specimen)).encode()
+    package = Path(__file__).parents[1]
+    above = {"analyses", "commands", "export", "figures", "report"}
+    code = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in above]
+    given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
+    for path in [*calibrated_files(prepared), *given, *code]:
+        yield path.name.encode()
+        yield path.read_bytes()
+
+
+def fit_made_of(study: Study) -> str:
+    """SHA-256 of settings, specimen, and the rows and files of the calibrated records.
+
+    Other candidates and held-out records have no part in it. A posterior that `prior_from`
+    names, a model file and the code are files of their own.
+
+    Raises
+    ------
+    Faults, UserError : specimen.yaml, experiments.csv or the names in the study are at fault.
+    """
+    from deabayes.posteriors.storage import specimen_to_json
+    from deabayes.records.folder import read_folder
+
+    folder = read_folder(study.specimen, study.data_root, check_records=False)
+    rows = [row for row in select_rows(study, folder.table) if row.role == "calibrate"]
+    files = [folder.locate(row) or folder.path / row.record for row in rows]
+    content = {
+        "settings": fit_settings(study),
+        "specimen": json.loads(specimen_to_json(folder.specimen)),
+        "record_format": folder.file.record_format,
+        "rows": [asdict(row) for row in rows],
+        "records": sums(files),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def sums(files: Iterable[Path]) -> dict[str, str]:
+    """SHA-256 by path; a file that is not there has none."""
+    return {
+        path.as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+        if path.is_file()
+    }

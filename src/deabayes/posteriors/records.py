@@ -1,0 +1,167 @@
+"""Which records a posterior was fitted to, and that none counts twice."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import xarray as xr
+
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.faults import Faults
+
+ATTRIBUTE = "counted_records"
+
+
+@dataclass(frozen=True)
+class CountedRecord:
+    """A record that was calibrated on, in `study`; by its file, and by its prepared points.
+
+    Either sum may be unknown, and is empty then.
+    """
+
+    study: str
+    name: str
+    response_name: str
+    record_sha256: str = ""
+    points_sha256: str = ""
+
+    @classmethod
+    def of(cls, study: str, experiment: Experiment) -> CountedRecord:
+        """That of a prepared record."""
+        points = _sum(experiment.coordinate, experiment.response)
+        return cls(
+            study, experiment.name, experiment.response_name, experiment.record_sha256, points
+        )
+
+    def is_same(self, other: CountedRecord) -> bool:
+        """Whether both are the same measurement, whatever they are called."""
+        if self.response_name != other.response_name:
+            return False
+        pairs = (
+            (self.record_sha256, other.record_sha256),
+            (self.points_sha256, other.points_sha256),
+        )
+        return any(one and one == another for one, another in pairs)
+
+
+def counted_records(tree: xr.DataTree) -> tuple[CountedRecord, ...]:
+    """The records that a posterior file's draws know.
+
+    A file from before they were kept knows its own points only.
+    """
+    if ATTRIBUTE in tree.attrs:
+        return tuple(CountedRecord(**each) for each in json.loads(tree.attrs[ATTRIBUTE]))
+    if "observed_data" not in tree.children:
+        return ()
+    observed, study = tree["observed_data"].to_dataset(), tree.attrs["study_name"]
+    return tuple(
+        CountedRecord(
+            study,
+            each["name"],
+            each["response_name"],
+            points_sha256=_sum(
+                observed[f"{each['name']}_coordinate"].values, observed[each["name"]].values
+            ),
+        )
+        for each in json.loads(tree.attrs["experiments"])
+    )
+
+
+def to_json(records: Sequence[CountedRecord]) -> str:
+    """The attribute of a posterior file, each record once."""
+    return json.dumps([asdict(record) for record in dict.fromkeys(records)])
+
+
+def counted_twice(
+    study: str, own: Sequence[CountedRecord], known: Sequence[CountedRecord], source: str
+) -> list[str]:
+    """A sentence on each of a study's own records that the posterior `source` knows already."""
+    found = []
+    for record in own:
+        before = next((each for each in known if each.is_same(record)), None)
+        if before is not None:
+            named = "" if before.name == record.name else f" (there {before.name})"
+            found.append(
+                f"study {study}, prior_from: record {record.name} was calibrated on in study "
+                f"{before.study}{named}, and {source} knows it: it would count twice; take it out "
+                "of `calibrate`, or leave out `prior_from`"
+            )
+    return found
+
+
+def refuse_counted_twice(
+    study: str, experiments: Sequence[Experiment], known: Sequence[CountedRecord], source: str
+) -> None:
+    """Refuse prepared records to calibrate on that the prior of their study knows already.
+
+    Raises
+    ------
+    Faults : each of them.
+    """
+    own = [CountedRecord.of(study, each) for each in experiments if each.role == "calibrate"]
+    if found := counted_twice(study, own, known, source):
+        raise Faults(found)
+
+
+def _sum(*arrays: FloatArray) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+ROUNDING = 1e-9
+"""Of a channel's largest value: records prepared on two machines differ by less."""
+
+
+def check_fitted_records(tree: xr.DataTree, experiments: Sequence[Experiment]) -> None:
+    """Refuse records to calibrate on that are not those of the fit, held-out ones aside.
+
+    A population's posterior has no records of its own, and is passed over.
+
+    Raises
+    ------
+    Faults : each record that was added, taken out or changed since.
+    """
+    if "observed_data" not in tree.children:
+        return
+    observed = tree["observed_data"].to_dataset()
+    calibrated = {e.name: e for e in experiments if e.role == "calibrate"}
+    remembered = {record["name"]: record for record in json.loads(tree.attrs["experiments"])}
+    found = [f"{n} is to be calibrated on, and was not" for n in calibrated if n not in observed]
+    found += [f"{n} was fitted, and is not at hand" for n in observed if n not in calibrated]
+    found += [
+        f"{name} is not as it was"
+        for name, experiment in calibrated.items()
+        if name in observed and not _is_same(experiment, observed, remembered[name])
+    ]
+    if found:
+        study, candidate = tree.attrs["study_name"], tree.attrs["candidate"]
+        todo = f"fit again (`deabayes fit {study} {candidate}`, or `snakemake --cores 2`)"
+        raise Faults([f"study {study}, {candidate}: record {each} at the fit; {todo}"
+                      for each in found])  # fmt: skip
+
+
+def _is_same(experiment: Experiment, observed: xr.Dataset, record: dict[str, object]) -> bool:
+    """The record's points, and of its excitation what a posterior file remembers."""
+    driven, conditions = experiment.excitation, record.get("conditions")
+    return (
+        _near(observed[experiment.name].values, experiment.response)
+        and _near(observed[f"{experiment.name}_coordinate"].values, experiment.coordinate)
+        and record["excitation_name"] == driven.name
+        and _near(
+            np.array([record["lowest"], record["highest"]], dtype=float),
+            np.array([driven.values.min(), driven.values.max()]),
+        )
+        and (conditions is None or conditions == dict(driven.conditions))
+    )
+
+
+def _near(one: FloatArray, other: FloatArray) -> bool:
+    if one.shape != other.shape:
+        return False
+    return bool(np.allclose(one, other, rtol=0.0, atol=ROUNDING * np.abs(one).max(initial=0.0)))

@@ -1,0 +1,212 @@
+"""Values and drives that are given in Python, checked and in SI units."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import Excitation, FloatArray
+from deabayes.faults import UserError, nearest
+from deabayes.systems.base import System
+from deabayes.units import DIMENSIONLESS, USUAL_UNITS, parse_quantity, same_dimension, to_si
+
+UNIT_OF_NAME = re.compile(r"\[(?P<unit>[^\[\]]*)\]\s*$")
+IN_PARENTHESES = re.compile(r"\((?P<unit>[^()]*)\)\s*$")
+BETWEEN_WORDS = re.compile(r"[\s_\-/.,:()]+")
+COMPOSED = re.compile(r"[*/^]")
+SPELT_OUT = 5
+"""Letters from which a word that is a unit to pint (`kilovolt`) is taken for one; of shorter words
+too many are (`av`, an attovolt)."""
+
+
+def without_unit(values: Any, expected: str, where: str) -> tuple[Any, str | None]:
+    """Values, and the unit that they carry; None if they carry none.
+
+    Raises
+    ------
+    UserError : values that are called after another unit than `expected`, but not as `name [unit]`.
+    """
+    if hasattr(values, "magnitude") and hasattr(values, "units"):
+        return values.magnitude, str(values.units)
+    units = getattr(values, "attrs", {}).get("units")
+    if units is not None:
+        return values, str(units)
+    name = getattr(values, "name", None)
+    text = " ".join(map(str, name)) if isinstance(name, tuple) else str(name)
+    if header := UNIT_OF_NAME.search(text):
+        return values, header["unit"]
+    if name is not None and text != where:
+        _refuse_another_unit(text, expected, where)
+    return values, None
+
+
+def _refuse_another_unit(name: str, expected: str, where: str) -> None:
+    """Refuse `voltage (kV)`, `voltage_kV`, `kV` and the like: volts, or kilovolts?"""
+    within = IN_PARENTHESES.search(name)
+    meant = [_unit_meant(within["unit"].strip(), expected, anything=True)] if within else []
+    words = [word for word in BETWEEN_WORDS.split(name) if word[:1].isalpha() or word == "%"]
+    meant += [_unit_meant(word, expected) for word in words]
+    units = (unit for unit in meant if unit and to_si(1.0, unit, expected, where) != 1.0)
+    unit = next(units, None)
+    if unit is None:
+        return
+    short = where.rpartition(" ")[2]
+    wanted = "plain numbers" if expected == "1" else expected
+    raise UserError(
+        f"{where}: the values are called {name!r}, which does not tell whether they are in "
+        f"{unit}; rename them '{short} [{unit}]' if they are, or {short!r} if they are {wanted}"
+    )
+
+
+def _unit_meant(word: str, expected: str, anything: bool = False) -> str | None:
+    """The unit that a word of a name is, if it is one of what is expected.
+
+    Parameters
+    ----------
+    anything : a usual unit of something else is meant as one, too.
+    """
+    if word.lower() in DIMENSIONLESS:
+        return None
+    word = word.replace("\u03bc", "\u00b5")  # two letters that look alike: mu, and micro
+    alike = [usual for usual in USUAL_UNITS if usual.lower() == word.lower()]
+    usual = [word] if word in alike else alike
+    fitting = [each for each in usual if same_dimension(each, expected)]
+    if fitting:
+        return expected if expected in fitting else fitting[0]
+    if anything and (usual or COMPOSED.search(word)) and same_dimension(word, word):
+        return word
+    if anything or len(word) >= SPELT_OUT:
+        return next((s for s in (word, word.lower()) if same_dimension(s, expected)), None)
+    return None
+
+
+COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
+
+
+def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
+    """Values as floats in the SI unit `unit`: numbers, texts with a unit, spans of time.
+
+    A unit that numbers carry counts: a pint quantity's, `units` of a DataArray, that in the name of
+    a pandas Series (`voltage [kV]`). Others are in SI, and may not be called otherwise.
+
+    Raises
+    ------
+    UserError : dates, anything else that is no number, masked values, texts without unit, a
+        carried unit of another dimension, a name that tells of another unit.
+    """
+    if callable(values) and not hasattr(values, "__array__"):
+        raise UserError(f"{where}: expected numbers in {unit}, found a function; give its values")
+    if isinstance(values, list | tuple) and any(hasattr(each, "magnitude") for each in values):
+        return np.asarray([array_in_si(each, unit, where) for each in values])
+    values, carried = without_unit(values, unit, where)
+    _refuse_masked(values, where)
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise UserError(f"{where}: rows of unlike length; give one array of numbers") from None
+    first = array.flat[0] if array.size else None
+    if array.dtype.kind == "M" or isinstance(first, datetime.date | np.datetime64):
+        raise UserError(
+            f"{where}: expected numbers in {unit}, found dates ({first}); give what has passed "
+            "since the first, as `t - t[0]`"
+        )
+    if array.dtype.kind == "m" or isinstance(first, datetime.timedelta):
+        if unit != "s":
+            raise UserError(f"{where}: expected numbers in {unit}, found spans of time ({first})")
+        return np.asarray(array.astype("timedelta64[ns]") / np.timedelta64(1, "s"), dtype=float)
+    if isinstance(first, str):
+        comma = next((each for each in array.flat if COMMA_NUMBER.fullmatch(str(each))), None)
+        if comma is not None:
+            raise UserError(f"{where}: found texts with a decimal comma ({comma!r}); give numbers "
+                            "(pandas reads such files with decimal=',')")  # fmt: skip
+        parsed = [parse_quantity(str(each), unit, where) for each in array.flat]
+        return np.asarray(parsed, dtype=float).reshape(array.shape)
+    if array.dtype.kind not in "fiubO":
+        raise UserError(f"{where}: expected numbers in {unit}, found {first!r}")
+    try:
+        numbers = array.astype(float)
+    except (TypeError, ValueError):
+        raise UserError(f"{where}: expected numbers in {unit}, found {values!r:.60}") from None
+    return numbers if carried is None else to_si(numbers, carried, unit, where)
+
+
+def _refuse_masked(values: Any, where: str) -> None:
+    """numpy hands on what lies under a mask as if it were known."""
+    rows = values if isinstance(values, list | tuple) else (values,)
+    masked = sum(np.ma.count_masked(row) for row in rows if np.ma.isMaskedArray(row))
+    if masked:
+        raise UserError(f"{where}: {masked} values are masked; leave out what is not known")
+
+
+def excitation_of(
+    system: System,
+    time: ArrayLike | None,
+    channels: Mapping[str, ArrayLike],
+    conditions: Mapping[str, float | str],
+) -> tuple[Excitation, str]:
+    """The excitation, and what its coordinate is: `time`, or the channel itself without one.
+
+    A single value (no array of one) is held over the time.
+
+    Raises
+    ------
+    UserError
+        Unknown or more than one channel, a drive in time without time or one without time with
+        it, values that are no finite numbers, a coordinate that does not ascend or is empty, a
+        frequency that is not positive, unknown conditions.
+    """
+    if not isinstance(conditions, Mapping):
+        found = repr(conditions)
+        raise UserError(f"conditions: give names with values, as {{'load_g': 300}}; found {found}")
+    system.check_conditions(conditions)
+    known = system.excitations
+    for name in channels:
+        if name not in known:
+            raise UserError(
+                f"excitation {name!r} is unknown for system {system.name!r}{nearest(name, known)}"
+            )
+    if len(channels) != 1:
+        found = " and ".join(channels) or "none"
+        raise UserError(f"give exactly one excitation of {', '.join(known)}; found {found}")
+    name, given = next(iter(channels.items()))
+    if time is None and name in system.in_time:
+        raise UserError(f"{name} drives system {system.name!r} in time; give time= [s] as well")
+    if time is not None and name in system.without_time:
+        raise UserError(
+            f"{name} drives system {system.name!r} from one steady state to the next, at no time; "
+            f"leave time out and give an ascending {name}"
+        )
+    values = _finite(given, known[name], name)
+    label = name if time is None else "time"
+    coordinate = np.atleast_1d(values if time is None else _finite(time, "s", "time"))
+    values = np.full(coordinate.shape, values) if values.ndim == 0 else values
+    if coordinate.ndim != 1 or coordinate.shape != values.shape:
+        raise UserError(f"{label} {coordinate.shape} and {name} {values.shape} differ in length")
+    _check_coordinate(coordinate, label)
+    driven = Excitation(name, known[name], coordinate, values, conditions, time is not None)
+    return driven, label
+
+
+def _check_coordinate(coordinate: FloatArray, label: str) -> None:
+    if coordinate.size == 0:
+        raise UserError(f"{label} holds no values; give one at least")
+    back = np.flatnonzero(np.diff(coordinate) <= 0.0)
+    if back.size:
+        raise UserError(f"{label} must ascend; it does not at index {back[0] + 1}")
+    if label == "frequency" and coordinate[0] <= 0.0:
+        raise UserError(f"frequency must be positive, found {coordinate[0]:g} Hz at index 0")
+
+
+def _finite(given: ArrayLike, unit: str, name: str) -> FloatArray:
+    values = array_in_si(given, unit, name)
+    bad = np.argwhere(~np.isfinite(np.atleast_1d(values)))
+    if bad.size:
+        where = ", ".join(map(str, bad[0]))
+        found = np.atleast_1d(values)[tuple(bad[0])]
+        raise UserError(f"{name} must be finite, found {found} at index {where}")
+    return values

@@ -1,0 +1,233 @@
+"""`deabayes.simulate`: a candidate's response for given parameters, no records needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.prediction.given import array_in_si, excitation_of
+from deabayes.prior.parameter import Parameter
+from deabayes.systems import build
+from deabayes.systems.base import System
+
+
+def simulate(
+    system: str,
+    candidate: str,
+    parameters: Mapping[str, ArrayLike],
+    specimen: str | Path | Mapping[str, Any],
+    time: ArrayLike | None = None,
+    response: str | None = None,
+    conditions: Mapping[str, float | str] | None = None,
+    **excitation: ArrayLike,
+) -> xr.Dataset:
+    """The response of a candidate to an excitation, for one or many parameter values.
+
+    Parameters
+    ----------
+    system : e.g. ``"tubular"``.
+    candidate : e.g. ``"voigt_kelvin_2"``.
+    parameters : SI, or with a unit (``"1.5 MPa"``); one value, or an array of draws (W,),
+        per parameter; a mapping, a DataFrame of draws or a row of it
+        (``posterior.draws(kinds=("material", "specimen"))``). A quantity of the
+        specimen that carries an sd may be given too, else its value is taken.
+    specimen : a study folder, or a mapping of its quantities
+        (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
+    time : (N,) [s] or time spans, ascending; without it the excitation is quasi-static.
+    response : response channel; the system's first by default.
+    conditions : what is held during the record (`deformation`, `load_g`).
+    **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...;
+        linear between its values, or the smooth curve that a voltage's many values are samples
+        of (twelve neighbours on one polynomial); one value is held.
+
+    Returns
+    -------
+    xarray.Dataset
+        The response (draw, time), the excitation (time) and the parameters (draw),
+        each with `units`; without the dimension `draw` where every parameter is one
+        value. A draw that fails is NaN, counted in the attribute `failed_draws` and
+        explained in `failure` (pull-in: at which time and voltage).
+
+    Raises
+    ------
+    UserError
+        Missing, unknown or impossible parameters (all of them listed), channels,
+        conditions or quantities; arrays of unlike length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import deabayes
+    >>> time = np.linspace(0.0, 0.5, 6)
+    >>> creep = deabayes.simulate(
+    ...     "tubular",
+    ...     "voigt_kelvin_1",
+    ...     parameters={"E_0": 1.5e6, "E_1": 6e6, "tau_1": 0.1},
+    ...     specimen={"thickness": 80e-6, "relative_permittivity": 3.1},
+    ...     time=time,
+    ...     voltage=np.full(6, 2000.0),
+    ... )
+    >>> round(float(creep.strain[0]), 5)
+    0.01144
+    """
+    model = build(system, candidate, _specimen(system, specimen))
+    driven, coordinate_name = excitation_of(model, time, excitation, conditions or {})
+    coordinate = driven.coordinate
+    response = response or model.response_to(driven.name)
+    draws, scalar = _draws(model, _by_name(parameters))
+    values = model.predict(driven, coordinate, response, draws)
+    failed = ~np.all(np.isfinite(values), axis=1)
+    if failed.any():
+        values = np.where(failed[:, None], np.nan, values)
+    dataset = _dataset(model, driven, coordinate_name, coordinate, response, values, draws)
+    dataset.attrs["failed_draws"] = int(failed.sum())
+    if failed.any():
+        lost = {n: np.ascontiguousarray(drawn[failed]) for n, drawn in draws.items()}
+        dataset.attrs["failure"] = model.failure_note(driven, coordinate, lost)
+    return dataset.squeeze("draw") if scalar else dataset
+
+
+def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
+    from deabayes.records.specimen import read_specimen, specimen_from_quantities
+
+    if isinstance(given, Mapping):
+        return specimen_from_quantities(system, given)
+    if not isinstance(given, str | PathLike):
+        raise UserError(
+            f"specimen: give a study folder or a mapping of quantities; found {given!r}"
+        )
+    if Path(given).is_file():
+        raise UserError(f"{given}: is a file; name its folder {Path(given).parent}")
+    specimen = read_specimen(Path(given))
+    if specimen.system != system:
+        raise UserError(
+            f"{given} describes a specimen of system {specimen.system!r}, not {system!r}"
+        )
+    return specimen
+
+
+def _by_name(given: Mapping[str, ArrayLike]) -> Mapping[str, ArrayLike]:
+    """Parameters by name; a pandas Series too, which is walked through by its values."""
+    if not hasattr(given, "items"):
+        raise UserError(f"parameters: give names with values, as {{'E_0': 1.5e6}}; found {given!r}")
+    return dict(given.items())
+
+
+def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
+    """Every parameter as (W,), and whether each was given as a single value."""
+    needed = {p.name: p for p in model.parameters()}
+    quantities = {n: q.value for n, q in model.stated().items() if n in needed}
+    faults = _name_faults(model.candidate, needed, given, quantities)
+    arrays = {name: np.asarray(value) for name, value in quantities.items()}
+    for name, value in given.items():
+        try:
+            unit = needed[name].unit if name in needed else "1"
+            arrays[name] = array_in_si(value, unit, f"parameter {name}")
+        except UserError as error:
+            faults.append(str(error))
+    faults += _impossible(needed.values(), arrays)
+    sizes = {array.size for array in arrays.values() if array.ndim == 1}
+    if len(sizes) > 1 or any(array.ndim > 1 for array in arrays.values()):
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        faults.append(f"parameters must be single values or arrays of one length; found {shapes}")
+    else:
+        faults += _opposed(needed.values(), arrays)
+    if faults:
+        raise Faults(faults)
+    size = sizes.pop() if sizes else 1
+    scalar = all(array.ndim == 0 for array in arrays.values())
+    return {name: np.full(size, arrays[name]) for name in needed}, scalar
+
+
+def _name_faults(
+    candidate: str,
+    needed: Mapping[str, Parameter],
+    given: Mapping[str, ArrayLike],
+    quantities: Mapping[str, float],
+) -> list[str]:
+    """Parameters that are missing, and names that none has."""
+    lacking = [
+        f"{candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
+        for name, parameter in needed.items()
+        if name not in given and name not in quantities
+    ]
+    return lacking + [
+        f"{candidate} has no parameter {name!r}{nearest(name, needed)}"
+        for name in given
+        if name not in needed
+    ]
+
+
+def _impossible(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Single values that no draw can have; among many draws they are draws that fail."""
+    for parameter in parameters:
+        value = arrays.get(parameter.name, np.ones(2))
+        if value.ndim > 0 or (np.isfinite(value) and (value >= 0.0 or _signed(parameter))):
+            continue
+        needed = "finite" if _signed(parameter) else "finite and not negative"
+        yield f"parameter {parameter.name} is {value:g} {parameter.unit}; it must be {needed}"
+
+
+def _signed(parameter: Parameter) -> bool:
+    return parameter.prior.support[0] < 0.0 or parameter.half_product_with is not None
+
+
+def _opposed(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Terms whose product is negative; they have a response, so that no draw would fail."""
+    for parameter in parameters:
+        name, other = parameter.name, parameter.half_product_with
+        if other is None or name not in arrays or other not in arrays:
+            continue
+        first, second = np.broadcast_arrays(arrays[name], arrays[other])
+        wrong = np.argwhere(first * second < 0.0)
+        if len(wrong):
+            at = tuple(wrong[0])
+            where = f" in draw {at[0]}" if at else ""
+            yield (
+                f"parameter {name} is {first[at]:g} {parameter.unit} and {other} is "
+                f"{second[at]:g}{where}; both must have the same sign"
+            )
+
+
+def _dataset(
+    model: System,
+    excitation: Excitation,
+    coordinate_name: str,
+    coordinate: FloatArray,
+    response: str,
+    values: FloatArray,
+    draws: Mapping[str, FloatArray],
+) -> xr.Dataset:
+    """Response, excitation and parameters with their units."""
+    unit = "s" if coordinate_name == "time" else excitation.unit
+    variables: dict[str, Any] = {
+        response: (("draw", coordinate_name), values, {"units": model.responses[response]})
+    }
+    if coordinate_name != excitation.name:
+        variables[excitation.name] = (
+            coordinate_name,
+            excitation.values,
+            {"units": excitation.unit},
+        )
+    for parameter in model.parameters():
+        attributes = {"units": parameter.unit, "symbol": parameter.symbol}
+        variables[parameter.name] = ("draw", draws[parameter.name], attributes)
+    return xr.Dataset(
+        variables,
+        {coordinate_name: (coordinate_name, coordinate, {"units": unit})},
+        {
+            "system": model.name,
+            "candidate": model.candidate,
+            "response": response,
+            "excitation": excitation.name,
+            **{f"condition_{name}": value for name, value in excitation.conditions.items()},
+        },
+    )

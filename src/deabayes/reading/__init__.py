@@ -1,1 +1,0 @@
-"""Reading what a user brings: study folders, records in many formats, public data."""

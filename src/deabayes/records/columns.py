@@ -1,0 +1,273 @@
+"""Columns of a record: names, units, conversion to SI, and records as they were read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray, Role
+from deabayes.faults import Faults, UserError
+from deabayes.units import same_dimension, si_unit, to_si
+
+
+@dataclass(frozen=True)
+class ExperimentRow:
+    """One row of experiments.csv; further columns are `metadata`."""
+
+    name: str
+    protocol: str
+    record: str
+    role: Role
+    excitation: str
+    response: str
+    metadata: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """One record as it is in its file, columns converted to SI, nothing else changed.
+
+    `left_out` rows are missing where the specimen asks for that (`incomplete_rows`).
+    """
+
+    columns: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    sha256: str
+    left_out: int = 0
+
+
+CHANNELS: Mapping[str, str] = {
+    "time": "s",
+    "voltage": "V",
+    "control_voltage": "V",
+    "current": "A",
+    "strain": "1",
+    "stretch": "1",
+    "displacement": "m",
+    "area": "m^2",
+    "force": "N",
+    "nominal_stress": "Pa",
+    "frequency": "Hz",
+    "gain": "1/V",
+    "phase": "rad",
+}
+"""Record columns with a meaning (data.md) and their SI units."""
+COMMANDS: Mapping[str, str] = {"control_voltage": "voltage"}
+"""Columns that say what was asked of an instrument -> the excitation that they stand for."""
+
+HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
+UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
+OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
+"""A number that is no number with the other decimal sign."""
+SWAPPED = str.maketrans(",.", ".,")
+CLOCK = re.compile(r"(\d{1,4}([-./])\d{1,2}\2\d{1,4}(?!\d)|\d+:[0-5]\d(?!\d)|\d+ days?\b)")
+"""How a date, a time of day or a span of time begins, as loggers and Excel write them."""
+COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
+"""What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a file.
+
+    Attributes
+    ----------
+    name : channel name; None or ``-`` for a column to be ignored.
+    unit : as written; None where none was given.
+    offset : added after conversion to SI (a strain becomes a stretch with 1).
+    source : the variable or channel in the file, where it is not `name`.
+    """
+
+    name: str | None
+    unit: str | None
+    offset: float = 0.0
+    source: str | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a file holds, before conversion: one array per column.
+
+    `decimal` is the sign in numbers of columns that were left as texts.
+    """
+
+    columns: Sequence[Column]
+    arrays: Sequence[NDArray[Any]]
+    faults: Sequence[str] = field(default_factory=tuple)
+    decimal: str = "."
+
+
+def from_header(cells: Iterable[object]) -> list[Column]:
+    """Columns from header cells such as ``time [s]``, which may hold line breaks."""
+    columns = []
+    for cell in cells:
+        match = HEADER_CELL.match(" ".join(str(cell if cell is not None else "").split()))
+        assert match is not None  # every part of the pattern is optional
+        columns.append(Column(match["name"] or None, match["unit"]))
+    return columns
+
+
+def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
+    """Columns that `record_format` lists, or None where it lists none."""
+    settings = (record_format or {}).get("columns")
+    if settings is None:
+        return None
+    return [
+        Column(c.get("name"), c.get("unit"), float(c.get("offset", 0.0)), c.get("source"))
+        for c in settings
+    ]
+
+
+def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -> list[Column]:
+    """Columns of a file with the names, and units if any, that experiments.csv gives to some.
+
+    All are looked up by the names in the file, so that two can change places.
+    """
+    found = list(columns)
+    for given in named or ():
+        source = from_header([given.source or given.name])[0].name
+        places = [i for i, column in enumerate(columns) if source in (column.name, column.source)]
+        if len(places) != 1:
+            known = ", ".join(repr(c.name) for c in columns if c.name)
+            raise UserError(
+                f"{where}: {'two columns are' if places else 'no column is'} called {source!r}, as "
+                f"`columns` in experiments.csv says (there are {known}); correct one of them"
+            )
+        old = columns[places[0]]
+        unit = old.unit if given.unit is None else given.unit
+        found[places[0]] = replace(old, name=given.name, unit=unit, source=source)
+    return found
+
+
+def from_text(text: str) -> list[Column]:
+    """Columns from a cell of experiments.csv: ``t = time [s]; voltage [kV]``."""
+    columns = []
+    for part in filter(None, (part.strip() for part in text.split(";"))):
+        source, equals, cell = part.partition("=")
+        column = from_header([cell if equals else part])[0]
+        columns.append(Column(column.name, column.unit, source=source.strip() if equals else None))
+    return columns
+
+
+def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str) -> RawRecord:
+    """Convert a table to SI.
+
+    A column without a unit, or with one that is none, is a fault when its name is a known
+    channel and is left out otherwise; a column with a unit must hold numbers.
+
+    Raises
+    ------
+    Faults : every fault of every column.
+    """
+    faults = list(table.faults)
+    unnamed = set(channels) - {column.name for column in table.columns}
+    values: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    for column, array in zip(table.columns, table.arrays, strict=True):
+        name = column.name
+        if column.unit is None and (wrong := _unit_mistaken(name, unnamed)):
+            faults.append(f"{where}: the unit of column {name!r} {wrong}")
+            continue
+        if name in (None, "-") or (name not in channels and not _is_unit(column.unit)):
+            continue
+        if name in values:
+            faults.append(f"{where}: column {name!r} occurs twice; rename or remove one")
+            continue
+        try:
+            place = f"{where}, column {name}"
+            values[name] = _convert(column, array, channels.get(name), place, table.decimal)
+            units[name] = channels.get(name) or si_unit(column.unit or "")
+        except UserError as error:
+            faults.append(str(error))
+    if faults:
+        raise Faults(faults)
+    return RawRecord(values, units, sha256)
+
+
+def _is_unit(unit: str | None) -> bool:
+    return unit is not None and same_dimension(unit, unit)
+
+
+def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
+    """What is wrong with how the unit of one of `channels` is written, None if nothing is."""
+    before, bracket, after = (name or "").partition("[")
+    if bracket and before.strip() in channels:
+        unit, end, _ = after.partition("]")
+        if not end:
+            return f"has no end; write '{name}]'"
+        return (
+            f"has text behind it; write '{before}[{unit}]', and a factor as another unit, there or "
+            "in `columns` of experiments.csv"
+        )
+    match = UNIT_IN_PARENTHESES.match(name or "")
+    if match and match["name"].lower() in channels:
+        return f"stands in round brackets; write '{match['name'].lower()} [{match['unit']}]'"
+    return None
+
+
+def _convert(
+    column: Column, array: NDArray[Any], expected_unit: str | None, where: str, decimal: str
+) -> FloatArray:
+    if column.unit is None:
+        raise UserError(f"{where}: no unit; write '{column.name} [{expected_unit or '1'}]'")
+    return to_si(numbers(array, where, decimal), column.unit, expected_unit, where) + column.offset
+
+
+def numbers(array: NDArray[Any], where: str, decimal: str = ".") -> FloatArray:
+    """The array as floats; a text that is no number is named with its row.
+
+    With a decimal comma, a text with a point (2.500, or 2500?) is none.
+    """
+    if array.dtype.kind in "fiub":
+        return np.asarray(array, dtype=float).ravel()
+    if array.dtype.kind == "c" or (array.dtype.names and "imag" in array.dtype.names):
+        raise UserError(f"{where}: holds complex numbers; save its modulus and phase")
+    import pandas as pd
+
+    series = pd.Series(array.ravel(), dtype=object)
+    try:
+        written = series if decimal == "." else series.map(_signs_swapped)
+        converted = pd.to_numeric(written, errors="coerce")
+    except TypeError:  # of pandas, for structures in a cell array
+        raise UserError(f"{where}: holds structures; save their fields as variables") from None
+    bad = np.flatnonzero(converted.isna() & series.notna())
+    if bad.size:
+        found, rows = str(series[bad[0]]), f"({bad.size} such rows)"
+        raise UserError(f"{where}, data row {bad[0] + 1}: {_no_number(found, rows)}")
+    return np.asarray(converted, dtype=float)
+
+
+def _signs_swapped(cell: object) -> object:
+    return cell.translate(SWAPPED) if isinstance(cell, str) else cell
+
+
+def _no_number(found: str, rows: str) -> str:
+    """What a text is that should be a number, and what to do."""
+    if found.startswith("="):
+        return (
+            f"{found!r} is a formula without a stored value {rows}; open the file in a "
+            "spreadsheet program and save it"
+        )
+    if CLOCK.match(found):
+        return f"{found!r} is a date or a clock time {rows}; give seconds since the first row"
+    if OTHER_DECIMAL.fullmatch(found):
+        has, has_not = ("comma", "point") if "," in found else ("point", "comma")
+        return (
+            f"{found!r} has a decimal {has} where the numbers are read with a decimal {has_not} "
+            f"{rows}; write the whole file with one of them, and without separators of thousands"
+        )
+    return f"{found!r} is not a number {rows}; correct or remove them"
+
+
+def unit_hint(header: Iterable[str]) -> str:
+    """How to write the first header cell that carries its unit in parentheses."""
+    for cell in header:
+        match = UNIT_IN_PARENTHESES.match(cell.strip())
+        if match:
+            return f"; write '{match['name']} [{match['unit']}]' instead of {cell.strip()!r}"
+    return ""

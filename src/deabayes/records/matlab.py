@@ -1,0 +1,95 @@
+"""Records in MATLAB files, and what all binary files have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.faults import UserError, nearest
+from deabayes.records.columns import Column, Table
+
+COMPLEX = ("real", "imag")
+"""What a complex number of version 7.3 consists of; other arrays with fields are structures."""
+
+
+def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
+    """Read variables of a MATLAB file, which knows no units, as the given columns."""
+    variables, structures = _mat_variables(path)
+    if not variables:
+        found = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
+        raise UserError(f"{path}: holds no variables{found}")
+    if columns is None:
+        raise UserError(
+            f"{path}: a .mat file holds no units; name its variables ({', '.join(variables)}) in "
+            "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
+            "under record_format.columns in specimen.yaml"
+        )
+    table = pick(path, columns, variables, "variable")
+    if table.faults and structures:
+        return replace(table, faults=[*table.faults, f"{path}: holds {_fields_wanted(structures)}"])
+    return table
+
+
+def _fields_wanted(structures: Sequence[str]) -> str:
+    return (
+        f"structures ({', '.join(structures)}); save their fields as variables "
+        f"(save('file.mat', '-struct', '{structures[0]}'))"
+    )
+
+
+def pick(
+    path: Path, columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str
+) -> Table:
+    """The arrays that `columns` name; `kind` is what the file calls one."""
+    faults, picked, values = [], [], []
+    for column in columns:
+        name = column.source or column.name
+        if column.name in (None, "-") or name is None:
+            continue
+        if name not in arrays:
+            faults.append(f"{path}: holds no {kind} {name!r}{nearest(name, arrays)}")
+            continue
+        picked.append(column)
+        values.append(np.asarray(arrays[name]).ravel())
+    lengths = {column.name: array.size for column, array in zip(picked, values, strict=True)}
+    if len(set(lengths.values())) > 1:
+        sizes = ", ".join(f"{name} {size}" for name, size in lengths.items())
+        faults.append(f"{path}: the {kind}s differ in length ({sizes}); cut them to one length")
+    if not arrays or not (values or faults):
+        faults = [f"{path}: holds no {kind}s; copy the record again"]
+    return Table([] if faults else picked, [] if faults else values, faults)
+
+
+def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Arrays by name, and the names of structures that hold none themselves."""
+    import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
+    import scipy.io
+
+    if h5py.is_hdf5(path):  # as version 7.3 is
+        with opened(h5py.File, path, "a MATLAB file") as file:
+            found = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
+            names = [k for k in file if not k.startswith("#")]
+    else:
+        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
+        found = {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
+        names = list(found)
+    arrays = {k: v for k, v in found.items() if v.dtype.names in (None, COMPLEX)}
+    return arrays, [k for k in names if k not in arrays]
+
+
+def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
+    """`opener(path)`; these libraries raise many types for one fact, a damaged file."""
+    if path.stat().st_size == 0:
+        raise UserError(f"{path}: the file is empty; copy the record again")
+    try:
+        return opener(path, **settings)
+    except Exception as error:
+        raise UserError(
+            f"{path}: cannot be read as {kind} ({str(error)[:80]}); "
+            "copy it again or export it as csv"
+        ) from None

@@ -1,0 +1,222 @@
+"""What is done to a record where config.yaml says nothing, and steps that do nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deabayes.experiment import PHASE, Experiment
+from deabayes.faults import UserError, nearest
+from deabayes.instruments import instrument
+from deabayes.integrate.periodic import passes
+from deabayes.records.columns import ExperimentRow
+from deabayes.records.preparation.bins import LONGEST_GRID, NOTED, harmonics, width_for
+from deabayes.records.preparation.periods import found_period, whole_cycles
+from deabayes.records.preparation.ringing import Ringing, ringing
+from deabayes.records.preparation.working import WorkingRecord
+
+POINTS = 400
+TRANSITION, PER_CYCLE, FEWEST_PER_CYCLE = 5, 40, 20
+"""Of the step `cycles`: its defaults, and the fewest bins per cycle that flatten little."""
+MANY_SAMPLES, FINE = 20_000, 1e-4
+"""Of an excitation, above which it is described by knots; and how far these may be off, of its
+range. Lines lie inside a sine, so that its amplitude comes out too small by as much."""
+
+
+def sine_steps(record: WorkingRecord) -> list[Step]:
+    """Uniform bins for a few cycles, the step `cycles` for many, else narrow bins thinned.
+
+    Bins are at most so wide that they take 0.1 % off the highest harmonic that the response has
+    much of (a period's eightieth for a voltage). 400 of them hold five cycles. The step `cycles`
+    needs cycles that are alike and 40 samples in each; a record without keeps bins of that width,
+    or its samples, every n-th of them, so that about 400 points remain.
+    """
+    many = record.excitation.size > MANY_SAMPLES
+    knots: list[Step] = [{"excitation_knots": {"fraction": FINE}}] if many else []
+    visible = record.coordinate[record.used]
+    span, interval = float(np.ptp(visible)), float(np.median(np.diff(visible)))
+    times = passes(record.excitation_coordinate, record.excitation)
+    period = float(np.diff(times).min()) if times.size > 1 else span
+    width = width_for(0.2 * NOTED, harmonics(record) / period)
+    if span <= POINTS * width:
+        return [*knots, {"average": {"grid": "uniform", "points": POINTS}}]
+    per_cycle = _bins_per_cycle(record, interval)
+    if per_cycle >= FEWEST_PER_CYCLE:
+        points = {} if per_cycle == PER_CYCLE else {"points": per_cycle}
+        return [{"cycles": points}, *knots]
+    return [*knots, *_thinned(span, interval, period, width)]
+
+
+def _bins_per_cycle(record: WorkingRecord, interval: float) -> int:
+    """How many the step `cycles` can make of each cycle, half a bin averaged; 0 if it refuses."""
+    try:
+        period = found_period(record, "")
+        whole_cycles(record, period, TRANSITION, "")
+    except UserError:
+        return 0
+    return min(PER_CYCLE, int(0.5 * period / interval * (1.0 + 1e-6)))
+
+
+def _thinned(span: float, interval: float, period: float, width: float) -> list[Step]:
+    steps: list[Step] = []
+    if interval < width and span < LONGEST_GRID * width:
+        steps.append({"average": {"grid": "uniform", "width": f"{width:.6g} s"}})
+    else:
+        width = interval
+    least = span / width / POINTS
+    if least > 1.0:
+        steps.append({"decimate": {"every": _every(least, width / period)}})
+    return steps
+
+
+def _every(least: float, share: float) -> int:
+    """Of bins that are `share` of a period: about `least`, so that phases do not recur soon.
+
+    No phase comes back within four points where another choice avoids it, nor within two.
+    """
+    candidates = np.arange(max(int(0.75 * least), 1), int(np.ceil(least)) + 1)
+    turns = candidates[:, None] * share * np.arange(1, 5)
+    away = np.abs(turns - np.round(turns))
+    return int(candidates[np.argmax(away.min(axis=1) + 0.01 * away[:, :2].min(axis=1))])
+
+
+Step = Mapping[str, Mapping[str, object]]
+HELD = ("creep", "step")
+WIDEST = 50.0
+"""Widest bins of `average` in a record, as it has them."""
+MOST_THINNED = 5
+"""Every how many bins may be kept of a ringing record: eight of forty in a period."""
+
+DEFAULT_STEPS: Mapping[str, Sequence[Step]] = {
+    "creep": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
+    "step": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
+    "relaxation": (
+        {"mask_ramp_end": {}},
+        {"excitation_knots": {}},
+        {"average": {"grid": "geometric"}},
+    ),
+    "load_unload": ({"excitation_knots": {}}, {"average": {"grid": "uniform", "points": 180}}),
+    "sweep": ({"excitation_knots": {}},),
+    "quasi_static": (),
+    "frequency_response": (),
+}
+"""By protocol; a sine's depend on its record (`sine_steps`), and bins are narrower where a
+response to a step rings. Nothing that alters a response is among it, except undoing a delay that
+specimen.yaml states as exact, and subtracting an offset that is seen at rest."""
+
+
+def default_steps(record: WorkingRecord, offset: bool = False) -> list[Step]:
+    """The usual steps of a record.
+
+    An exactly known sensor delay is undone first, an `offset` at rest second.
+    """
+    protocol = record.row.protocol
+    steps = list(DEFAULT_STEPS.get(protocol, ()))
+    if protocol == "sine":
+        steps = sine_steps(record)
+    elif protocol in HELD and (rings := ringing(record)) is not None:
+        steps = _ringing_steps(record, rings)
+    if offset:
+        steps = [{"baseline": {}}, *steps]
+    sensor = instrument(record.specimen, "delay", record.row.response, "s")
+    delayed = record.coordinate_name in ("time", "frequency")
+    known = sensor is not None and sensor.sd is None and delayed
+    return [{"delay": {}}, *steps] if known else steps
+
+
+def _ringing_steps(record: WorkingRecord, rings: Ringing) -> list[Step]:
+    """Bins of a fortieth of the ringing's period, if the record is not too long for that."""
+    usual = list(DEFAULT_STEPS[record.row.protocol])
+    span = float(np.ptp(record.coordinate))
+    narrow = width_for(0.2 * NOTED, 1.0 / rings.period)
+    every = int(np.ceil(span / narrow / POINTS))
+    if narrow >= span / WIDEST or every > MOST_THINNED:
+        return usual
+    average: Step = {"average": {"grid": "geometric", "widest": f"{narrow:.4g} s"}}
+    return [usual[0], average, *([{"decimate": {"every": every}}] if every > 1 else [])]
+
+
+MASKS = ("mask_before", "mask_after", "mask_between")
+
+
+def with_idle_masks(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The experiments, the first of a protocol warned of masks without effect on any of it.
+
+    A mask is for all records of its protocol, and some may end before it.
+    """
+    of: dict[str, list[Experiment]] = {}
+    for each in experiments:
+        of.setdefault(each.protocol, []).append(each)
+    idle = {own[0].name: tuple(_idle_masks(own)) for own in of.values()}
+    return [
+        replace(each, warnings=(*each.warnings, *idle.get(each.name, ()))) for each in experiments
+    ]
+
+
+def _idle_masks(experiments: Sequence[Experiment]) -> Iterator[str]:
+    """A warning per step that hides no sample of these records of one protocol."""
+    entries: Any
+    for entries in zip(*(each.steps for each in experiments), strict=False):
+        step, settings = entries[0]["step"], entries[0]["settings"]
+        meant = [each for each in experiments if settings.get("record") in (None, each.name)]
+        if step in MASKS and meant and not any(entry["masked"] for entry in entries):
+            given = ", ".join(f"{key}: {value}" for key, value in settings.items())
+            yield (
+                f"step {step} ({given}) hides no sample of {_extent(meant)}; correct its times or "
+                "their unit, or remove it"
+            )
+
+
+def _extent(experiments: Sequence[Experiment]) -> str:
+    """Which records, and what their points lie between."""
+    which = experiments[0].name if len(experiments) == 1 else f"any {experiments[0].protocol}"
+    every = np.concatenate([each.coordinate for each in experiments])
+    unit = experiments[0].coordinate_unit
+    return f"{which} record, from {every.min():.4g} to {every.max():.4g} {unit}"
+
+
+def misaddressed(
+    preparation: Mapping[str, Sequence[Mapping[str, object] | str] | None],
+    rows: Sequence[ExperimentRow],
+) -> list[str]:
+    """What is wrong with the `record:` and `response:` of steps; empty if nothing is.
+
+    Parameters
+    ----------
+    preparation : protocol -> its steps, as in config.yaml.
+    rows : of experiments.csv, those that the study leaves out too: studies share steps.
+    """
+    faults = []
+    for protocol, step, settings in _settings_of(preparation):
+        own = [row for row in rows if row.protocol == protocol]
+        known = {"record": {row.name for row in own}, "response": {row.response for row in own}}
+        if "gain" in known["response"]:
+            known["record"] |= {f"{name}{PHASE}" for name in known["record"]}
+            known["response"].add("phase")
+        faults += [
+            f"preparation.{protocol}, {step}.{key}: "
+            f"{_unknown(settings[key], key, protocol, sorted(names))}"
+            for key, names in known.items()
+            if own and settings.get(key) is not None and str(settings[key]) not in names
+        ]
+    return faults
+
+
+def _unknown(given: object, key: str, protocol: str, known: Sequence[str]) -> str:
+    if isinstance(given, list | tuple | Mapping):
+        return f"expected one {key}, found {given!r}; write the step once for each"
+    what = "name" if key == "record" else "response"
+    return f"no {protocol} record has the {what} '{given}'{nearest(str(given), known)}"
+
+
+def _settings_of(
+    preparation: Mapping[str, Sequence[Mapping[str, object] | str] | None],
+) -> Iterator[tuple[str, str, Mapping[str, object]]]:
+    for protocol, steps in preparation.items():
+        for step in steps or ():
+            for name, settings in step.items() if isinstance(step, Mapping) else ():
+                if isinstance(settings, Mapping):
+                    yield protocol, name, settings

@@ -1,0 +1,124 @@
+"""Steps that hide samples from the likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
+from deabayes.records.preparation.polyline import turns
+from deabayes.records.preparation.working import Settings, WorkingRecord
+
+
+def mask_after(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Hide the response after `time`.
+
+    Settings
+    --------
+    time : on the record's coordinate (a stretch, for a quasi-static record in stretch).
+    from_step : count `time` from the start of the excitation; default false.
+    """
+    read = Settings("mask_after", settings, record, ("time", "from_step"))
+    return record.mask(record.coordinate > read.coordinate("time"))
+
+
+def mask_before(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Hide the response before `time`.
+
+    Settings
+    --------
+    time : on the record's coordinate (a stretch, for a quasi-static record in stretch).
+    from_step : count `time` from the start of the excitation; default false.
+    """
+    read = Settings("mask_before", settings, record, ("time", "from_step"))
+    return record.mask(record.coordinate < read.coordinate("time"))
+
+
+def mask_between(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Hide the response from `from` to `to`, both included.
+
+    Settings
+    --------
+    from, to : on the record's coordinate (stretches, for a quasi-static record in stretch).
+    from_step : count both from the start of the excitation; default false.
+    record : the only experiment this is for; default all of the protocol.
+    """
+    read = Settings("mask_between", settings, record, ("from", "to", "from_step", "record"))
+    if read.of_another():
+        return record
+    first, last = read.coordinate("from"), read.coordinate("to")
+    if not first < last:
+        raise UserError(f"{read.where}: `to` ({last:g}) must lie behind `from` ({first:g})")
+    return record.mask((record.coordinate >= first) & (record.coordinate <= last))
+
+
+OVER_NOISE, OVER_STEP = 10.0, 2.0
+LARGEST_TURN = 0.25
+"""Share of the excitation's range that a turn need not exceed, whatever the noise."""
+
+
+def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Hide the response around the end of every ramp.
+
+    What is hidden is the response only: the overshoot is a motion that the
+    specimen went through and stays in the excitation. The load cell's own
+    inertia answers the braking with a transient that is no material response.
+
+    Settings
+    --------
+    before, after : widths on both sides of the ramp's end; default 0.1 s and 0.3 s.
+    at : the end of the only ramp, where it should not be detected.
+    """
+    read = Settings("mask_ramp_end", settings, record, ("before", "after", "at"))
+    ends = [read.quantity("at", record.coordinate_unit)] if read.has("at") else ramp_ends(record)
+    before = read.quantity("before", record.coordinate_unit, 0.1)
+    after = read.quantity("after", record.coordinate_unit, 0.3)
+    past = record.coordinate - np.array(ends)[:, None]
+    return record.mask(np.any((past >= -before) & (past <= after), axis=0))
+
+
+def ramp_ends(record: WorkingRecord) -> list[float]:
+    """The turns reached at more than half of the largest speed and left at less.
+
+    Speed is that of the excitation's departure from its first value, so the
+    way back of a triangle does not count, nor does a slow spring back. It is taken between turns
+    that stand out of the noise: from sample to sample noise would be the fastest.
+    """
+    time, values = record.excitation_coordinate, record.excitation
+    knots = turns(time, values, min(_unseen(values), LARGEST_TURN * record.excitation_range))
+    departure = np.abs(values[knots] - values[0])
+    speed = np.diff(departure) / np.diff(time[knots])
+    fast = np.append(speed > 0.5 * speed.max(), False)
+    return [float(end) for end in time[knots[1:][fast[:-1] & ~fast[1:]]]]
+
+
+def _unseen(values: FloatArray) -> float:
+    """How little a turn can stand out to be told from noise and from a digital sensor's steps."""
+    rough, steps = np.abs(np.diff(values, 2)), np.abs(np.diff(values))
+    noise = 1.4826 * float(np.median(rough)) / np.sqrt(6.0) if rough.size else 0.0
+    return max(OVER_NOISE * noise, OVER_STEP * float(np.min(steps[steps > 0.0], initial=np.inf)))
+
+
+def mask_slack(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
+    """Hide the response from where it falls to `threshold` after the excitation's peak.
+
+    A strip that has relaxed is longer than when it was mounted and buckles
+    before the crosshead is back; no model of tension describes that. Hidden
+    is everything between the first and the last sample at or below the
+    threshold, so that noise around it does not leave single samples.
+
+    Settings
+    --------
+    threshold : of the response, e.g. 0.01 N.
+    """
+    read = Settings("mask_slack", settings, record, ("threshold",))
+    threshold = read.quantity("threshold", record.response_unit)
+    departure = np.abs(record.excitation - record.excitation[0])
+    peak = record.excitation_coordinate[int(np.argmax(departure))]
+    slack = np.flatnonzero((record.coordinate > peak) & (record.response <= threshold))
+    hidden = np.zeros(record.used.size, dtype=bool)
+    if slack.size:
+        hidden[slack[0] : slack[-1] + 1] = True
+    return record.mask(hidden)

@@ -1,0 +1,386 @@
+"""A record between the file and the likelihood, and the settings of its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray, Nodes, Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.quantities import taken_in_si
+from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
+from deabayes.records.excitation import excitation_range
+from deabayes.records.record_checks import record_faults, record_warnings
+from deabayes.units import parse_quantity
+
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
+START_FRACTIONS = (0.02, 0.04)
+
+
+@dataclass(frozen=True)
+class WorkingRecord:
+    """One record between two preparation steps; SI throughout.
+
+    The excitation and the response live on coordinates of their own: masking,
+    shifting or averaging the response never removes a measured part of the
+    excitation's history, on which every later response depends.
+
+    Attributes
+    ----------
+    row, specimen : what the record is of.
+    coordinate_name, coordinate_unit : time [s], or the excitation for a quasi-static record.
+    response_unit, excitation_unit : SI units of the channels.
+    coordinate, response, used : (M,) the response, and which samples the likelihood may see.
+    samples_averaged : (M,) raw samples behind each value of the response.
+    nodes : where a model is averaged as these were; None where nothing was averaged.
+    excitation_coordinate, excitation : (K,) the driving channel, linear between its knots.
+    delay : how far the response has been shifted towards earlier times [coordinate].
+    steps : per step done: `step`, `settings`, `effect` and `masked`, the masked
+        intervals on the raw file's coordinate.
+    warnings : what a user must know before trusting the record.
+    remarks : what the step being done says of itself, for its entry in `steps`: `effect` and
+        `masked` are joined to what is seen from outside, other keys are entered as they are.
+    """
+
+    row: ExperimentRow
+    specimen: Specimen
+    coordinate_name: str
+    coordinate_unit: str
+    response_unit: str
+    excitation_unit: str
+    coordinate: FloatArray
+    response: FloatArray
+    used: BoolArray
+    samples_averaged: FloatArray
+    excitation_coordinate: FloatArray
+    excitation: FloatArray
+    nodes: Nodes | None = None
+    delay: float = 0.0
+    steps: tuple[Mapping[str, object], ...] = ()
+    warnings: tuple[str, ...] = ()
+    remarks: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the coordinate is time rather than the excitation or a frequency."""
+        return self.coordinate_name == "time"
+
+    @property
+    def excitation_range(self) -> float:
+        """Largest change of the excitation, that to its first sample where it is a step there."""
+        return excitation_range(self.row.protocol, self.excitation, self.excitation_unit)
+
+    def mask(self, hidden: BoolArray, **changes: object) -> WorkingRecord:
+        """Hide samples (M,) from the likelihood; none becomes visible again."""
+        return replace(self, used=self.used & ~hidden, **changes)  # type: ignore[arg-type]
+
+    def with_warning(self, warning: str) -> WorkingRecord:
+        """The record with one more warning."""
+        return replace(self, warnings=(*self.warnings, warning))
+
+    def with_step(
+        self, name: str, settings: Mapping[str, object], before: WorkingRecord
+    ) -> WorkingRecord:
+        """Enter a finished step into the history, with what it did to `before`."""
+        masked: list[list[float]] = []
+        if before.coordinate.size == self.coordinate.size:
+            masked = intervals(before.coordinate + before.delay, before.used & ~self.used)
+        said = dict(self.remarks)
+        effect = [_effect(before, self), said.pop("effect", "")]
+        entry = {
+            "step": name,
+            "settings": dict(settings),
+            "effect": "; ".join(filter(None, effect)),
+            "masked": [*masked, *said.pop("masked", [])],
+            **said,
+        }
+        return replace(self, steps=(*self.steps, entry), remarks={})
+
+    def excitation_start(self) -> float:
+        """Coordinate of the last knot before the excitation leaves its first value.
+
+        The line through its crossings of 2 and 4 % of its range, extended back to
+        its first value: noise on a monitored voltage does not count, and a ramp
+        is not taken to start late.
+        """
+        departure = np.abs(self.excitation - self.excitation[0])
+        low, high = (
+            _crossing(self.excitation_coordinate, departure, share * float(departure.max()))
+            for share in START_FRACTIONS
+        )
+        start = low - (high - low) * START_FRACTIONS[0] / (START_FRACTIONS[1] - START_FRACTIONS[0])
+        slack = 1e-6 * (high - low)
+        before = np.searchsorted(self.excitation_coordinate, start + slack, side="right") - 1
+        return float(self.excitation_coordinate[max(int(before), 0)])
+
+
+def _crossing(coordinate: FloatArray, departure: FloatArray, level: float) -> float:
+    """Where `departure` first exceeds `level`, linear between knots; the start if nowhere."""
+    above = np.flatnonzero(departure > level)
+    if above.size == 0 or above[0] == 0:
+        return float(coordinate[0])
+    first = int(above[0])
+    share = (level - departure[first - 1]) / (departure[first] - departure[first - 1])
+    return float(coordinate[first - 1] + share * (coordinate[first] - coordinate[first - 1]))
+
+
+def intervals(coordinate: FloatArray, flags: BoolArray) -> list[list[float]]:
+    """Runs of true `flags` (M,) as [first, last] coordinates."""
+    padded = np.concatenate([[False], flags, [False]]).astype(int)
+    change = np.diff(padded)
+    first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+    return [[float(coordinate[a]), float(coordinate[b])] for a, b in zip(first, last, strict=True)]
+
+
+def _effect(before: WorkingRecord, after: WorkingRecord) -> str:
+    """One line on what changed between two states of a record."""
+    parts = []
+    if after.coordinate.size != before.coordinate.size:
+        parts.append(f"{int(before.used.sum())} samples to {after.coordinate.size} points")
+    elif (hidden := int(before.used.sum() - after.used.sum())) > 0:
+        parts.append(f"masked {hidden} of {before.used.size} samples")
+    if after.excitation.size != before.excitation.size:
+        parts.append(f"excitation from {before.excitation.size} to {after.excitation.size} knots")
+    if after.delay != before.delay:
+        parts.append(f"response {after.delay - before.delay:g} {after.coordinate_unit} earlier")
+    if not parts and not np.array_equal(after.response, before.response):
+        shift = float(np.mean(after.response - before.response))
+        parts.append(f"response shifted by {shift:.4g} {after.response_unit}")
+    return "; ".join(parts) or "no change"
+
+
+EXCITATION_COLUMN = "excitation_column"
+NOT_CONDITIONS = ("note", EXCITATION_COLUMN)
+
+
+def coordinate_name(row: ExperimentRow) -> str:
+    """Time, except where a record has none: then the excitation itself."""
+    return row.excitation if row.protocol in ("quasi_static", "frequency_response") else "time"
+
+
+def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
+    """The channels that the row names, checked; nothing else is changed.
+
+    A command (`control_voltage`) is taken for the excitation that it asks for.
+
+    A record without time is put in ascending order of its coordinate, and a phase, which is
+    known but for whole turns, is made continuous (see `continuous_phase`).
+
+    Raises
+    ------
+    Faults : what `reading.record_checks` finds wrong.
+    """
+    where = f"{row.record} ({row.name})"
+    faults = record_faults(row, raw, specimen, where)
+    if faults:
+        raise Faults(faults)
+    name = coordinate_name(row)
+    coordinate = np.asarray(raw.columns[name], dtype=float)
+    record = WorkingRecord(
+        row=_as_excitation(row),
+        specimen=specimen,
+        coordinate_name=name,
+        coordinate_unit=raw.units[name],
+        response_unit=raw.units[row.response],
+        excitation_unit=raw.units[row.excitation],
+        coordinate=coordinate,
+        response=np.asarray(raw.columns[row.response], dtype=float),
+        used=np.ones(coordinate.size, dtype=bool),
+        samples_averaged=np.ones(coordinate.size),
+        excitation_coordinate=coordinate,
+        excitation=np.asarray(raw.columns[row.excitation], dtype=float),
+        warnings=tuple(record_warnings(row, raw, specimen, where)),
+    )
+    if record.in_time:
+        return record
+    record = _ascending(record)
+    if row.response != "phase":
+        return record
+    return replace(record, response=continuous_phase(record.response))
+
+
+def _as_excitation(row: ExperimentRow) -> ExperimentRow:
+    """The row with what its command asks for in the command's place, and a note of the column."""
+    if row.excitation not in COMMANDS:
+        return row
+    metadata = {**row.metadata, EXCITATION_COLUMN: row.excitation}
+    return replace(row, excitation=COMMANDS[row.excitation], metadata=metadata)
+
+
+def continuous_phase(phase: FloatArray) -> FloatArray:
+    """The phase [rad] without jumps of a turn, its first value above -3/4 turn, up to +1/4.
+
+    An actuator lags; a quarter of a turn is left for what noise and rounding make of zero.
+    """
+    unwrapped = np.unwrap(phase)
+    turn = 2.0 * np.pi
+    return np.asarray(unwrapped - turn * np.ceil((unwrapped[0] - 0.25 * turn) / turn))
+
+
+def _ascending(record: WorkingRecord) -> WorkingRecord:
+    """A record without time, sorted by its coordinate."""
+    steps = np.diff(record.coordinate)
+    if np.all(steps >= 0.0):
+        return record
+    order = np.argsort(record.coordinate, kind="stable")
+    ordered = replace(
+        record,
+        coordinate=record.coordinate[order],
+        response=record.response[order],
+        excitation_coordinate=record.coordinate[order],
+        excitation=record.excitation[order],
+    )
+    if np.all(steps <= 0.0):
+        return ordered
+    loaded = record.row.protocol == "quasi_static"
+    mixed = ", so that loading and unloading are mixed" if loaded else ""
+    return ordered.with_warning(
+        f"{record.coordinate_name} goes back and forth; samples were put in ascending order{mixed}"
+    )
+
+
+def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
+    """What was held during the record: the row's metadata, and the voltage of a pull test [V].
+
+    The column `voltage` has the say where there is one, `voltage_kV` otherwise; that it is held
+    is checked in `reading.record_checks`.
+    """
+    held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
+    if row.protocol != "quasi_static" or row.excitation == "voltage":
+        return held
+    if "voltage" in raw.columns:
+        held["voltage"] = float(np.mean(raw.columns["voltage"]))
+    elif "voltage_kV" in held:
+        held["voltage"] = 1000.0 * float(held["voltage_kV"])
+    return held
+
+
+_noted: ContextVar[dict[str, None] | None] = ContextVar("_noted", default=None)
+"""What is said of numbers without a unit, where somebody listens."""
+
+
+@contextmanager
+def noting_bare_numbers() -> Iterator[dict[str, None]]:
+    """Collect a sentence on each number that a step takes for a quantity in SI, as it has no unit.
+
+    What is the same for several records of a protocol is there once, in order.
+    """
+    noted: dict[str, None] = {}
+    before = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(before)
+
+
+class Settings:
+    """The settings of one step on one record; every mistake is a `UserError` naming its key.
+
+    Parameters
+    ----------
+    step : the step's name in config.
+    settings : the mapping written under it.
+    record : the record the step is about to change.
+    known : keys the step understands.
+    """
+
+    def __init__(
+        self,
+        step: str,
+        settings: Mapping[str, object],
+        record: WorkingRecord,
+        known: Sequence[str] = (),
+    ) -> None:
+        self.where = f"preparation of {record.row.name} ({record.row.protocol}), {step}"
+        self.entry = f"preparation.{record.row.protocol}, {step}"
+        self.values = settings
+        self.record = record
+        for key in settings:
+            if key not in known:
+                hint = nearest(str(key), known) if known else "; the step takes no settings"
+                raise UserError(f"{self.where}: unknown setting {key!r}{hint}")
+
+    def has(self, key: str) -> bool:
+        """Whether the key is given a value."""
+        return self.values.get(key) is not None
+
+    def at_most_one(self, *keys: str) -> None:
+        """Refuse more than one of settings that each say the same in its own way."""
+        given = [key for key in keys if self.has(key)]
+        if len(given) > 1:
+            raise UserError(
+                f"{self.where}: {' and '.join(map(repr, given))} are given, and each stands in for "
+                "the other; remove one"
+            )
+
+    def of_another(self) -> bool:
+        """Whether the step is for another record or response than this one."""
+        row = self.record.row
+        mine = {"record": row.name, "response": row.response}
+        return any(self.has(key) and str(self.values[key]) != own for key, own in mine.items())
+
+    def quantity(self, key: str, unit: str, default: float | None = None) -> float:
+        """A quantity in SI; `unit` is what its dimension must be."""
+        if not self.has(key):
+            if default is None:
+                raise UserError(f"{self.where}: needs {key!r}, a quantity in {unit}; add it")
+            return default
+        value = self.values[key]
+        noted = _noted.get()
+        if noted is not None and unit != "1" and isinstance(value, Real) and value:
+            noted[taken_in_si(value, unit, f"{self.entry}.{key}")] = None
+        return parse_quantity(value, unit, f"{self.where}.{key}")  # type: ignore[arg-type]
+
+    def positive(self, key: str, unit: str, default: float | None = None) -> float:
+        """A quantity that must be larger than zero."""
+        value = self.quantity(key, unit, default)
+        if not value > 0.0:
+            raise UserError(f"{self.where}.{key}: must be larger than 0, found {value:g} {unit}")
+        return value
+
+    def number(self, key: str, default: float, lower: float, upper: float) -> float:
+        """A plain number within [lower, upper]."""
+        value = self.quantity(key, "1", default)
+        if not lower <= value <= upper:
+            raise UserError(
+                f"{self.where}.{key}: must lie between {lower:g} and {upper:g}, found {value:g}"
+            )
+        return value
+
+    def count(self, key: str, default: int | None = None, lowest: int = 1) -> int:
+        """A whole number of at least `lowest`."""
+        value = self.values.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
+            raise UserError(
+                f"{self.where}.{key}: expected a whole number >= {lowest}, found {value!r}"
+            )
+        return value
+
+    def choice(self, key: str, options: Sequence[str], default: str | None = None) -> str:
+        """One of `options`."""
+        value = self.values.get(key, default)
+        if value not in options:
+            hint = nearest(str(value), options)
+            raise UserError(f"{self.where}.{key}: {value!r} is not possible here{hint}")
+        return str(value)
+
+    def coordinate(self, key: str, default: float | None = None) -> float:
+        """A place on the record's coordinate, counted from its zero or, with
+        `from_step: true`, from where the excitation starts."""
+        value = self.quantity(key, self.record.coordinate_unit, default)
+        return value + self.record.excitation_start() if self.flag("from_step") else value
+
+    def flag(self, key: str) -> bool:
+        """A switch, off unless given."""
+        value = self.values.get(key, False)
+        if not isinstance(value, bool):
+            raise UserError(f"{self.where}.{key}: expected true or false, found {value!r}")
+        return value

@@ -1,0 +1,179 @@
+"""One record, whatever file it comes in, as columns in SI units."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.faults import UserError
+from deabayes.integrate.periodic import roughness
+from deabayes.quantities import with_unit
+from deabayes.records.columns import (
+    CHANNELS,
+    Column,
+    ExperimentRow,
+    RawRecord,
+    Table,
+    from_format,
+    to_record,
+)
+from deabayes.records.excel import read_xlsx
+from deabayes.records.excitation import excitation_range
+from deabayes.records.matlab import read_mat
+from deabayes.records.tdms import read_tdms
+from deabayes.records.text import read_text
+
+
+def read_record(
+    path: Path,
+    record_format: Mapping[str, Any] | None = None,
+    channels: Mapping[str, str] | None = None,
+    columns: Sequence[Column] | None = None,
+) -> RawRecord:
+    """Read a record and convert its columns to SI units.
+
+    Parameters
+    ----------
+    path : .csv (or other text), .xlsx, .mat or .tdms.
+    record_format : `record_format` of specimen.yaml, for files without a ``name [unit]`` header.
+    channels : known channels and their SI units; default `CHANNELS`.
+    columns : names and units that experiments.csv gives to columns of this record; of a .mat or
+        .tdms file those to read, before those of `record_format`.
+
+    Raises
+    ------
+    Faults, UserError : whatever keeps the file from being read, naming file and column.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{path}: is a folder; name the file of the record")
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such file; correct the path")
+    try:
+        table = _read_table(path, record_format, columns)
+        return to_record(table, sha256_of(path), channels or CHANNELS, str(path))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of the raw file, as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _read_table(
+    path: Path, record_format: Mapping[str, Any] | None, columns: Sequence[Column] | None
+) -> Table:
+    named = columns if columns is not None else from_format(record_format)
+    match path.suffix.lower():
+        case ".xlsx" | ".xlsm":
+            return read_xlsx(path, record_format, columns)
+        case ".mat":
+            return read_mat(path, named)
+        case ".tdms":
+            return read_tdms(path, named)
+        case ".xls":
+            raise UserError(f"{path}: old Excel files cannot be read; save it as .xlsx or csv")
+        case _:
+            return read_text(path, record_format, columns)
+
+
+REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
+MISSED = 0.01
+"""Of an excitation's range: rows left out must not hide more of it."""
+OVER_NOISE = 8.0
+"""Standard deviations of a monitor's noise that may lie between a row and the line over it."""
+
+
+def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
+    """The record without rows that lack a value in a needed column, or repeat the time before.
+
+    Of rows with one time stamp the first complete one stays. How many rows are gone is kept in
+    `left_out`; a record without a needed column, or without any value in one, is returned as it is.
+    """
+    kept = _complete(raw, needed)
+    if kept.all():
+        return raw
+    columns = {name: values[kept] for name, values in raw.columns.items()}
+    return replace(raw, columns=columns, left_out=int(kept.size - kept.sum()))
+
+
+def hidden_excitation(
+    row: ExperimentRow, raw: RawRecord, needed: Sequence[str], before: float | None, where: str
+) -> list[str]:
+    """What was measured of the excitation in rows to be left out and is not on the line over them.
+
+    Rows behind the last complete one drive no response that is kept.
+
+    Parameters
+    ----------
+    row, raw : a record with all its rows.
+    needed : columns that a complete row has a value in.
+    before : what the excitation is taken for before the first complete row; None: as there.
+    where : the file and the experiment.
+    """
+    kept = _complete(raw, needed)
+    if kept.all() or "time" not in needed:
+        return []
+    off, allowed = _off_the_line(row, raw, kept, before)
+    if not np.any(off > allowed):
+        return []
+    name, response = row.excitation, row.response
+    first, last = _run(kept, int(np.argmax(off > allowed)))
+    missed = with_unit(float(off[first : last + 1].max()), raw.units[name], name, digits=3)
+    rows = f"data row {first + 1}" if first == last else f"data rows {first + 1} to {last + 1}"
+    return [
+        f"{where}, column {name}: {rows}, without {response}, cannot be left out "
+        f"(record_format.incomplete_rows): the {name} measured there is up to {missed} off what "
+        f"would stand in its place; fill in the {response} of a row beside them and hide it with "
+        "the preparation step `mask_between`, let the record end before them, or begin behind "
+        "them at rest"
+    ]
+
+
+def _off_the_line(
+    row: ExperimentRow, raw: RawRecord, kept: NDArray[np.bool_], before: float | None
+) -> tuple[FloatArray, float]:
+    """How far a measured excitation is off the line over the rows kept, and how far it may be."""
+    time, excitation = raw.columns["time"], raw.columns[row.excitation]
+    if not kept.any() or np.any(np.diff(time[kept]) < 0.0):
+        return np.zeros(kept.size), 0.0  # said by the checks of what is kept
+    measured = np.isfinite(time) & np.isfinite(excitation)
+    between = measured & (time < time[kept][-1]) & ~np.isin(time, time[kept])
+    line = np.interp(time, time[kept], excitation[kept], left=before)
+    known = excitation[measured]
+    size = excitation_range(row.protocol, known, raw.units[row.excitation])
+    off = np.where(between, np.abs(excitation - line), 0.0)
+    return off, max(MISSED * size, OVER_NOISE * roughness(known))
+
+
+def _run(kept: NDArray[np.bool_], at: int) -> tuple[int, int]:
+    """First and last of the successive rows, among them `at`, that are left out."""
+    places = np.flatnonzero(kept)
+    behind = int(np.searchsorted(places, at))
+    first = int(places[behind - 1]) + 1 if behind else 0
+    return first, int(places[behind]) - 1 if behind < places.size else kept.size - 1
+
+
+def _complete(raw: RawRecord, needed: Sequence[str]) -> NDArray[np.bool_]:
+    """Which rows stay: all of them where a column is missing, or holds no value."""
+    every = np.ones(next((v.size for v in raw.columns.values()), 0), dtype=bool)
+    if not set(needed) <= set(raw.columns):
+        return every
+    known = np.array([np.isfinite(raw.columns[name]) for name in needed])
+    if not known.any(axis=1).all():
+        return every
+    kept = np.asarray(known.all(axis=0))
+    if "time" in needed:
+        places = np.flatnonzero(kept)
+        again = np.diff(raw.columns["time"][places]) == 0.0
+        kept[places[1:][again]] = False
+    return kept

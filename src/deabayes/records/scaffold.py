@@ -1,0 +1,171 @@
+"""A new study folder with everything in it to be filled in."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+from deabayes.faults import UserError
+from deabayes.records.columns import COMMANDS
+from deabayes.records.schema import scalar, schema
+from deabayes.records.table import WITHOUT_TIME, channels_of
+from deabayes.systems import system_class
+
+DISPLAY_UNITS = {"m": "mm", "m^2": "mm^2", "kg": "g", "V": "kV", "F": "nF", "Pa": "kPa"}
+MEANINGS = {"control_voltage": "what was asked of the amplifier, on the scale of its output"}
+METADATA = {
+    "sine": "frequency_Hz",
+    "quasi_static": "voltage_kV",
+    "load_unload": "stretch_rate_per_s",
+}
+
+SPECIMEN = """\
+# What was tested. Replace every `...`; then run `deabayes check {shell_folder}`.
+name: {name}
+system: {system}
+provenance:
+  kind: measured        # measured | simulated | digitised
+  source: ...           # laboratory, paper or address
+  licence: ...
+
+# Properties of the specimen: a value with its unit (any that pint knows).
+# With `sd` (same unit) a quantity becomes a parameter, log-normal about its value; without, exact.
+quantities:
+{required}
+# These can be given too; remove the `#`.
+{optional}
+# Instruments: delay, range, resolution and noise of the response sensor, current_limit of the
+# amplifier; all optional. A channel's name (voltage: ...) may hold the same keys.
+instruments:
+  # noise: {{value: ..., unit: {response_unit}}}
+  # resolution: {{value: ..., unit: {response_unit}}}
+  # range: {{value: ..., unit: {response_unit}}}
+  # delay: {{value: ..., unit: ms}}
+
+# Only for records without a `name [unit]` header:
+# record_format:
+#   delimiter: ","       # or ";", tab, whitespace
+#   header_lines: 2      # lines to skip, the header too if columns follow; empty ones not counted
+#   columns:             # all of them, from left to right; name "-" leaves one out
+{format_columns}"""
+
+README = """\
+One file per record, named in experiments.csv. Text files have a header of `name [unit]`
+per column, separated by commas, `;` or tabs:
+
+    {header}
+
+{pull}The columns that this system knows, in any unit of their kind:
+
+{channels}
+Excel (.xlsx, first sheet, same header), MATLAB (.mat) and TDMS files are read as well.
+"""
+
+PULL = """\
+A pull (quasi_static) needs no column `time`, other records do. It needs the voltage that was
+held: a column `voltage`, or `voltage_kV` in experiments.csv (0 without voltage).
+
+"""
+
+ENTRY = """\
+# Add this under `studies:` in config.yaml, indented as it is:
+  {name}:
+    specimen: {folder}
+    candidates: [{candidates}]
+"""
+
+
+def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
+    """Write a commented study folder `parent/name` and return the entry for config.yaml.
+
+    Raises
+    ------
+    UserError : unknown system, a name that cannot be a folder, or a folder that exists.
+    """
+    kind = system_class(system)
+    pattern = schema("config")["properties"]["studies"]["propertyNames"]["pattern"]
+    if not re.fullmatch(pattern, name):
+        raise UserError(
+            f"{name!r} cannot be a study's name; use letters from a to z, digits, '_', '-' and "
+            "'.', beginning with a letter or digit"
+        )
+    folder = Path(parent) / name
+    if folder.exists():
+        raise UserError(f"{folder}: exists already and is not overwritten; choose another name")
+    place = folder.as_posix()
+    words = {"name": scalar(name), "system": scalar(system), **_channels(system)}
+    words |= {"folder": scalar(place), "shell_folder": shlex.quote(place)}
+    words["required"] = _quantity_lines(kind.required_quantities, kind.meanings, "  ")
+    optional = _quantity_lines(kind.optional_quantities, kind.meanings, "  # ")
+    words["optional"] = optional or "  # (none)\n"
+    commands = {name: kind.excitations[of] for name, of in COMMANDS.items() if of in kind.in_time}
+    known = {**kind.excitations, **commands, **kind.responses}
+    words["channels"] = _channel_lines(known, {**MEANINGS, **kind.meanings})
+    (folder / "records").mkdir(parents=True)
+    (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
+    (folder / "experiments.csv").write_text(_table(system), encoding="utf-8")
+    (folder / "records" / "README").write_text(README.format(**words), encoding="utf-8")
+    words["candidates"] = ", ".join(_candidates(system))
+    return ENTRY.format(**words)
+
+
+def _candidates(system: str) -> list[str]:
+    from deabayes.systems import candidates
+
+    return list(candidates(system)[:3])
+
+
+def _channels(system: str) -> dict[str, str]:
+    """The example channels of a system, and their record's columns in the units usual for them."""
+    protocol = system_class(system).protocols[0]
+    excitations, responses = channels_of(system, protocol)
+    excitation, response = next(iter(excitations)), next(iter(responses))
+    units = {} if protocol in WITHOUT_TIME else {"time": "s"}
+    units |= {excitation: excitations[excitation], response: responses[response]}
+    pulled = protocol == "quasi_static" and "voltage" in excitations
+    units |= {"voltage": "V"} if pulled else {}
+    columns = {name: DISPLAY_UNITS.get(unit, unit) for name, unit in units.items()}
+    lines = [f"#     - {{name: {name}, unit: {unit}}}\n" for name, unit in columns.items()]
+    return {
+        "excitation": excitation,
+        "response": response,
+        "response_unit": columns[response],
+        "header": ",".join(f"{name} [{unit}]" for name, unit in columns.items()),
+        "format_columns": "".join(lines),
+        "pull": PULL if pulled else "",
+    }
+
+
+def _quantity_lines(quantities: Mapping[str, str], meanings: Mapping[str, str], indent: str) -> str:
+    def line(name: str, unit: str) -> str:
+        shown = DISPLAY_UNITS.get(unit, unit)
+        meaning = meanings.get(name, "")
+        comment = f"  # {meaning}" if meaning not in ("", name) else ""
+        return f"{indent}{name}: {{value: ..., unit: {shown!r}, source: ...}}{comment}\n"
+
+    return "".join(line(*quantity) for quantity in quantities.items())
+
+
+def _channel_lines(channels: Mapping[str, str], meanings: Mapping[str, str]) -> str:
+    lines = [f"{name} [{unit}]" for name, unit in channels.items()]
+    said = [f": {meanings[name]}" if name in meanings else "" for name in channels]
+    return "".join(f"    {line}{more}\n" for line, more in zip(lines, said, strict=True))
+
+
+def _table(system: str) -> str:
+    """experiments.csv with an example row to replace."""
+    protocol = system_class(system).protocols[0]
+    channels = _channels(system)
+    extra = METADATA.get(protocol)
+    header = ["name", "protocol", "record", "role", "excitation", "response", "load_g", "note"]
+    row = [f"{protocol}_1", protocol, f"records/{protocol}_1.csv", "calibrate",
+           channels["excitation"], channels["response"], "", "example row: replace it"]  # fmt: skip
+    comment = (
+        "# One row per record. protocol: " + " | ".join(system_class(system).protocols) + "; "
+        "role: calibrate | validate; excitation and response name columns of the record.\n"
+        "# Further columns (frequency_Hz, amplitude_kV, ...) are kept and shown in tables.\n"
+    )
+    lines = [[*header, extra], [*row, ""]] if extra else [header, row]
+    return comment + "".join(",".join(line) + "\n" for line in lines)

@@ -1,0 +1,279 @@
+"""specimen.yaml: what was tested and with which instruments, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deabayes.experiment import Quantity, Specimen
+from deabayes.faults import Faults, UserError, nearest
+from deabayes.instruments import PROPERTIES
+from deabayes.records.columns import CHANNELS
+from deabayes.records.schema import read_yaml, violations
+from deabayes.records.text import format_faults
+from deabayes.systems import system_class
+from deabayes.units import parse_quantity, same_dimension, si_unit, to_si
+
+if TYPE_CHECKING:
+    pass
+
+
+def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
+    """An entry with `value`, `unit` and perhaps `sd`, in `unit`, or where that is None in SI."""
+    written = str(entry["unit"])
+    unit = unit or si_unit(written, where)
+    value = float(to_si(entry["value"], written, unit, where))
+    sd = None if entry.get("sd") is None else float(to_si(entry["sd"], written, unit, where))
+    if sd is not None and not 0.0 < sd < float("inf"):
+        raise UserError(f"{where}.sd: must be a positive number, found {entry['sd']}; correct it, "
+                        "or leave it out where the value is exact")  # fmt: skip
+    return Quantity(value, unit, sd, str(entry.get("source", "")))
+
+
+INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
+MAY_BE_ZERO = ("delay", "resolution")
+SUPPLY = "current"
+"""The channel that a `current_limit` is of."""
+
+
+def read_instruments(
+    content: Mapping[str, Any], where: str, faults: list[str]
+) -> dict[str, Quantity]:
+    """Properties by name, those of one channel as ``channel.name``; faults are added to `faults`.
+
+    Parameters
+    ----------
+    content : specimen.yaml, by its schema.
+    where : the file.
+    """
+    read = {}
+    for key, entry in content.get("instruments", {}).items():
+        nested = {key: entry} if key in PROPERTIES else {f"{key}.{n}": e for n, e in entry.items()}
+        for name, item in nested.items():
+            prop = name.rpartition(".")[2]
+            unit = INSTRUMENT_UNITS.get(prop) or (None if key in PROPERTIES else CHANNELS[key])
+            place = f"{where}, instruments.{name}"
+            try:
+                read[name] = _possible(stated_quantity(item, unit, place), item, prop, place)
+                if unit is None:
+                    _check_dimension(read[name], item, prop, content["system"], place)
+                if key not in PROPERTIES and read[name].value > 0.0:
+                    _check_channel(key, prop, content["system"], place)
+            except UserError as error:
+                faults.append(str(error))
+    return read
+
+
+def _possible(quantity: Quantity, entry: Mapping[str, Any], prop: str, where: str) -> Quantity:
+    """An instrument's property as it can be: exact, finite, and positive or, for some, zero."""
+    if quantity.sd is not None:
+        other = ", or state a tube's as quantities.sensor_delay" if prop == "delay" else ""
+        raise UserError(f"{where}: instruments are taken for exact, found sd {entry['sd']:g}; "
+                        f"remove it{other}")  # fmt: skip
+    zero = prop in MAY_BE_ZERO and quantity.value == 0.0
+    if not zero and not 0.0 < quantity.value < float("inf"):
+        wanted = "zero or positive" if prop in MAY_BE_ZERO else "positive"
+        raise UserError(f"{where}: must be {wanted}, found {entry['value']} {entry['unit']}; "
+                        "correct it, or leave it out where it is not known")  # fmt: skip
+    return quantity
+
+
+def _check_dimension(
+    quantity: Quantity, entry: Mapping[str, Any], prop: str, system: str, where: str
+) -> None:
+    """A property under no channel is of a dimension that some channel of the system has."""
+    responses, excitations = _channels(system)
+    units = [*responses.values(), *(excitations.values() if prop == "range" else ())]
+    if units and not any(same_dimension(quantity.unit, unit) for unit in units):
+        known = ", ".join(dict.fromkeys(units))
+        raise UserError(
+            f"{where}: {entry['unit']!r} is no unit of what system {system!r} measures ({known}); "
+            "correct it, or put it under the channel it belongs to"
+        )
+
+
+def _check_channel(channel: str, prop: str, system: str, where: str) -> None:
+    """A delay is that of a response, a limit of the current that of the current."""
+    if prop == "current_limit" and channel != SUPPLY:
+        raise UserError(f"{where}: it is the current that is limited; put it under "
+                        f"`{SUPPLY}:`, or under no channel")  # fmt: skip
+    # What the sensor behind a gain lags by is in the phase alone.
+    delayed = [name for name in _channels(system)[0] if name != "gain"]
+    if prop == "delay" and delayed and channel not in delayed:
+        raise UserError(f"{where}: a delay is taken out of what system {system!r} responds with "
+                        f"({', '.join(delayed)}), not of its {channel}; put it under one of "
+                        "these, or remove it")  # fmt: skip
+
+
+def _channels(system: str) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """Responses and excitations of a system; none where its name is at fault, said elsewhere."""
+    from deabayes.systems import system_class
+
+    try:
+        kind = system_class(system)
+    except UserError:
+        return {}, {}
+    return kind.responses, kind.excitations
+
+
+FILE = "specimen.yaml"
+MINIMAL = {"name": "specimen", "provenance": {"kind": "simulated"}}
+
+
+@dataclass(frozen=True)
+class SpecimenFile:
+    """specimen.yaml as read: the specimen, and how its records are stored."""
+
+    specimen: Specimen
+    record_format: Mapping[str, Any] | None = None
+    download: Mapping[str, str] | None = None
+    note: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Quantity -> unit it was written in, for display."""
+    sound: bool = True
+    """Whether all of it was read; else only what is needed to look for faults in records."""
+
+
+def read_specimen(folder: Path) -> Specimen:
+    """The specimen of a study folder, in SI units.
+
+    Raises
+    ------
+    Faults : every fault of specimen.yaml.
+    """
+    try:
+        content = (Path(folder) / FILE).read_bytes()
+    except OSError:
+        return read_specimen_file(folder).specimen  # which says what is wrong
+    return _specimen_of(Path(folder), content)
+
+
+@lru_cache(maxsize=32)
+def _specimen_of(folder: Path, content: bytes) -> Specimen:
+    """Of a folder whose specimen.yaml holds `content`: reading it costs more than simulating."""
+    return read_specimen_file(folder).specimen
+
+
+def read_specimen_file(folder: Path) -> SpecimenFile:
+    """specimen.yaml of a study folder with everything in it; raises as `read_specimen`."""
+    path = Path(folder) / FILE
+    content = read_yaml(path)
+    content |= {key: {} for key in ("quantities", "instruments") if content.get(key, 0) is None}
+    faults = violations(content, "specimen", str(path))
+    if faults:
+        raise Faults(faults + _system_faults(content, str(path)))
+    faults = format_faults(content.get("record_format"), str(path))
+    quantities = _quantities(content, str(path), faults)
+    instruments = read_instruments(content, str(path), faults)
+    if faults:
+        raise Faults(faults)
+    provenance = {key: str(value) for key, value in content["provenance"].items()}
+    return SpecimenFile(
+        Specimen(str(content["name"]), content["system"], provenance, quantities, instruments),
+        content.get("record_format"),
+        content.get("download"),
+        content.get("note", ""),
+        {name: str(entry["unit"]) for name, entry in content["quantities"].items()},
+    )
+
+
+def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Specimen:
+    """A specimen from a mapping of quantities: numbers in SI, texts (``40 µm``) or mappings.
+
+    Raises
+    ------
+    Faults : unknown system, unknown or missing quantity, wrong unit.
+    """
+    where = "specimen"
+    units = known_quantities(system)
+    content: dict[str, Any] = {"system": system, "quantities": {}}
+    faults: list[str] = []
+    for name, given in quantities.items():
+        if isinstance(given, Mapping):
+            content["quantities"][name] = plain = _plain(given)
+            mapping = {**MINIMAL, "system": system, "quantities": {name: plain}}
+            faults += violations(mapping, "specimen", where)
+            continue
+        unit = units.get(name, "1")
+        try:
+            value = parse_quantity(given, unit, f"{where}, {name}")
+            content["quantities"][name] = {"value": value, "unit": unit}
+        except UserError as error:
+            faults.append(str(error))
+    if faults:
+        raise Faults(faults)
+    read = _quantities(content, where, faults)
+    if faults:
+        raise Faults(faults)
+    return Specimen(where, system, {"kind": "simulated"}, read, {})
+
+
+def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A quantity's mapping with Python's own numbers in place of numpy's."""
+    given = {key: value for key, value in entry.items() if value is not None}
+    return {
+        key: float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
+        for key, value in given.items()
+    }
+
+
+def system_named(folder: Path) -> str:
+    """The system that a folder's specimen.yaml names, unchecked; empty where it names none."""
+    try:
+        return str(read_yaml(Path(folder) / FILE).get("system", ""))
+    except (OSError, UserError):
+        return ""  # whoever reads the file in earnest says what is wrong
+
+
+def known_quantities(system: str) -> dict[str, str]:
+    """Quantity -> SI unit of all that a system requires or can use."""
+    kind = system_class(system)
+    return {**kind.required_quantities, **kind.optional_quantities}
+
+
+def _system_faults(content: Mapping[str, Any], where: str) -> list[str]:
+    """What is wrong with the system's name, where the rest is too broken to go on."""
+    if not isinstance(content.get("system"), str):
+        return []
+    try:
+        system_class(content["system"])
+    except UserError as error:
+        return [f"{where}, system: {error}"]
+    return []
+
+
+def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
+    """All quantities in SI; what is wrong with them is added to `faults`."""
+    faults += (wrong := _system_faults(content, where))
+    units = {} if wrong else known_quantities(content["system"])
+    required = {} if wrong else system_class(content["system"]).required_quantities
+    read = {}
+    for name, entry in content["quantities"].items():
+        place = f"{where}, quantities.{name}"
+        if units and name not in units:
+            faults.append(f"{place}: system {content['system']!r} has no such quantity"
+                          f"{nearest(name, units)}")  # fmt: skip
+            continue
+        try:
+            read[name] = _positive(stated_quantity(entry, units.get(name), place), entry, place)
+        except UserError as error:
+            faults.append(str(error))
+    for name, unit in required.items():
+        if name not in content["quantities"]:
+            example = f"{name}: {{value: ..., unit: {unit}}}"
+            faults.append(
+                f"{where}, quantities: system {content['system']!r} requires {name!r}; "
+                f"add {example}"
+            )
+    return read
+
+
+def _positive(quantity: Quantity, entry: Mapping[str, Any], where: str) -> Quantity:
+    """Lengths, areas, masses, resistances and the like are positive."""
+    if not 0.0 < quantity.value < float("inf"):
+        raise UserError(f"{where}: must be positive, found {entry['value']} {entry['unit']}")
+    return quantity

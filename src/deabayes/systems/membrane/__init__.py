@@ -1,0 +1,1 @@
+"""The membrane actuator (Nguyen et al. 2021)."""

@@ -1,0 +1,1 @@
+"""The minimum-energy structure (2019): film, relaxation units, slider-crank."""

@@ -1,0 +1,1 @@
+"""The tensile strip: hyperelastic spring and Maxwell units under a prescribed stretch."""

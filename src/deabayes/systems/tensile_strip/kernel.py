@@ -1,0 +1,320 @@
+"""Compiled kernel of the tensile strip, and what it needs of a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.integrate import rodas5p as t
+from deabayes.integrate.compiled import njit
+from deabayes.integrate.drive import GridSettings, graded_grid, simplify
+from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES, interpolate, size_factor
+
+SMALLEST_FRACTION = 1e-7
+"""Of a grid step: a unit that needs smaller steps has failed."""
+MOST_TRIED = 1000
+"""Steps within a grid step: a unit that needs more has failed (usual are 2 to 50)."""
+ROWS = 11
+GAUGE, INVERSE, RATE, MODULUS, LIMIT, START, END, ERROR, K2, K3, K4 = (
+    row * LANES for row in range(ROWS)
+)
+"""Offsets of a block's rows in one flat work array: from a single array the compiler
+sees that the rows do not overlap, and makes vectors of the lanes."""
+
+
+@njit(**KERNEL_OPTIONS)
+def _flow(stretch: float, xi: float, hr: float, q: float) -> tuple[float, float]:
+    """h xi' with hr = h/tau, and its denominator xi B, which must be positive."""
+    cube = xi * xi * xi
+    stretch_cube = stretch * stretch * stretch
+    below = stretch * cube * (1.0 + 3.0 * q) - q * xi * (stretch_cube + 2.0 * cube)
+    return hr * (stretch_cube - cube) / below, below
+
+
+@njit(**KERNEL_OPTIONS)
+def _stress(stretch: float, xi: float, q: float) -> float:
+    """Nominal stress of a unit over its modulus."""
+    cube = xi * xi * xi
+    stretch_cube = stretch * stretch * stretch
+    b = stretch * xi * xi * (1.0 + 3.0 * q) - q * (stretch_cube + 2.0 * cube)
+    return (stretch_cube - cube) / (stretch * b)
+
+
+@njit(inline="always", **KERNEL_OPTIONS)
+def _step(
+    lam: float, change: float, y: float, hr: float, q: float
+) -> tuple[float, float, float, float, float]:
+    """One Rodas5P step: end value, dense-output k2..k4, error of the stress over mu.
+
+    `change` is the stretch's increment over the step; hr = h/tau. The error is that of
+    the embedded formula times dP/dxi at the start; NaN past the Gent limit.
+    """
+    cube = y * y * y
+    lam2 = lam * lam
+    stiffening = 1.0 + 3.0 * q
+    above = lam2 * lam - cube
+    below = lam * cube * stiffening - q * y * (lam2 * lam + 2.0 * cube)
+    ratio = above / below
+    below_y = 3.0 * lam * y * y * stiffening - q * (lam2 * lam + 8.0 * cube)
+    below_lam = cube * stiffening - 3.0 * q * y * lam2
+    slope = (-3.0 * y * y - ratio * below_y) / below
+    drift = hr * change * (3.0 * lam2 - ratio * below_lam) / below
+    scale = 1.0 / (1.0 / t.GAMMA - hr * slope)
+
+    u1 = scale * (hr * ratio + t.D1 * drift)
+    f, low2 = _flow(lam + t.NODE2 * change, y + t.A21 * u1, hr, q)
+    u2 = scale * (f + t.C21 * u1 + t.D2 * drift)
+    f, low3 = _flow(lam + t.NODE3 * change, y + t.A31 * u1 + t.A32 * u2, hr, q)
+    u3 = scale * (f + t.C31 * u1 + t.C32 * u2 + t.D3 * drift)
+    f, low4 = _flow(lam + t.NODE4 * change, y + t.A41 * u1 + t.A42 * u2 + t.A43 * u3, hr, q)
+    u4 = scale * (f + t.C41 * u1 + t.C42 * u2 + t.C43 * u3 + t.D4 * drift)
+    y5 = y + t.A51 * u1 + t.A52 * u2 + t.A53 * u3 + t.A54 * u4
+    f, low5 = _flow(lam + t.NODE5 * change, y5, hr, q)
+    u5 = scale * (f + t.C51 * u1 + t.C52 * u2 + t.C53 * u3 + t.C54 * u4 + t.D5 * drift)
+    end = lam + change
+    y6 = y + t.A61 * u1 + t.A62 * u2 + t.A63 * u3 + t.A64 * u4 + t.A65 * u5
+    f, low6 = _flow(end, y6, hr, q)
+    u6 = scale * (f + t.C61 * u1 + t.C62 * u2 + t.C63 * u3 + t.C64 * u4 + t.C65 * u5)
+    y7 = y6 + u6
+    f, low7 = _flow(end, y7, hr, q)
+    u7 = scale * (f + t.C71 * u1 + t.C72 * u2 + t.C73 * u3 + t.C74 * u4 + t.C75 * u5 + t.C76 * u6)
+    y8 = y7 + u7
+    f, low8 = _flow(end, y8, hr, q)
+    u8 = scale * (
+        f + t.C81 * u1 + t.C82 * u2 + t.C83 * u3 + t.C84 * u4 + t.C85 * u5 + t.C86 * u6 + t.C87 * u7
+    )
+    k2 = t.H21 * u1 + t.H22 * u2 + t.H23 * u3 + t.H24 * u4 + t.H25 * u5 + t.H26 * u6
+    k2 += t.H27 * u7 + t.H28 * u8
+    k3 = t.H31 * u1 + t.H32 * u2 + t.H33 * u3 + t.H34 * u4 + t.H35 * u5 + t.H36 * u6
+    k3 += t.H37 * u7 + t.H38 * u8
+    k4 = t.H41 * u1 + t.H42 * u2 + t.H43 * u3 + t.H44 * u4 + t.H45 * u5 + t.H46 * u6
+    k4 += t.H47 * u7 + t.H48 * u8
+    error = abs(u8) * (abs(slope) * y + abs(ratio)) / lam
+    inside = (below > 0.0) & (low2 > 0.0) & (low3 > 0.0) & (low4 > 0.0) & (low5 > 0.0)
+    inside &= (low6 > 0.0) & (low7 > 0.0) & (low8 > 0.0)
+    return y8 + u8, k2, k3, k4, error if inside else np.nan
+
+
+@njit(**KERNEL_OPTIONS)
+def _repeat_step(
+    work: FloatArray,
+    i: int,
+    before: float,
+    change: float,
+    duration: float,
+    positions: FloatArray,
+    stretch: FloatArray,
+    stress: FloatArray,
+) -> int:
+    """Repeat a grid step of one unit of draw `i` with sizes of its own.
+
+    `positions` (M,) are the outputs as fractions of the grid step; their stress is added
+    to `stress` (M,). Sets the end value, NaN on failure; returns the steps tried.
+    """
+    gauge, q, hr = work[GAUGE + i], work[INVERSE + i], duration * work[RATE + i]
+    limit, y = work[LIMIT + i], work[START + i]
+    done, size, tried, output = 0.0, 0.5, 0, 0
+    while done < 1.0 and size > SMALLEST_FRACTION and tried < MOST_TRIED and np.isfinite(y):
+        size = min(size, 1.0 - done)
+        lam = 1.0 + gauge * (before + done * change)
+        end, k2, k3, k4, error = _step(lam, gauge * size * change, y, size * hr, q)
+        tried += 1
+        if error <= limit:
+            last = done + size >= 1.0
+            while output < positions.size and (last or positions[output] <= done + size):
+                xi = interpolate((positions[output] - done) / size, y, end, k2, k3, k4)
+                here = 1.0 + gauge * (stretch[output] - 1.0)
+                stress[output] += work[MODULUS + i] * _stress(here, xi, q)
+                output += 1
+            y = end
+            done = 1.0 if last else done + size
+        size *= size_factor(error / limit)
+    if done < 1.0:
+        stress[output:] = np.nan
+        y = np.nan
+    work[END + i] = y
+    return tried
+
+
+@njit(**KERNEL_OPTIONS)
+def _step_lanes(work: FloatArray, before: float, change: float, duration: float) -> int:
+    """One grid step of a unit of LANES draws; returns how many exceed their limit."""
+    for i in range(LANES):
+        lam = 1.0 + work[GAUGE + i] * before
+        lam_change = work[GAUGE + i] * change
+        end, k2, k3, k4, error = _step(
+            lam, lam_change, work[START + i], duration * work[RATE + i], work[INVERSE + i]
+        )
+        work[END + i], work[ERROR + i] = end, error
+        work[K2 + i], work[K3 + i], work[K4 + i] = k2, k3, k4
+    failures = 0
+    for i in range(LANES):
+        failures += 0 if work[ERROR + i] <= work[LIMIT + i] else 1
+    return failures
+
+
+@njit(**KERNEL_OPTIONS)
+def _add_outputs(work: FloatArray, position: float, strain: float, stress: FloatArray) -> None:
+    """Add the stress at one output to `stress` (LANES,), of the draws whose step passed."""
+    for i in range(LANES):
+        xi = interpolate(
+            position, work[START + i], work[END + i], work[K2 + i], work[K3 + i], work[K4 + i]
+        )
+        p = work[MODULUS + i] * _stress(1.0 + work[GAUGE + i] * strain, xi, work[INVERSE + i])
+        stress[i] += p if work[ERROR + i] <= work[LIMIT + i] else 0.0
+
+
+@njit(**KERNEL_OPTIONS)
+def unit_stress(
+    duration: FloatArray,
+    stretch: FloatArray,
+    first_output: NDArray[np.intp],
+    position: FloatArray,
+    output_stretch: FloatArray,
+    draws: FloatArray,
+    stress: FloatArray,
+) -> NDArray[np.int64]:
+    """Nominal stress of all Maxwell units, summed into `stress`.
+
+    Parameters
+    ----------
+    duration : (S,) grid steps [s]; stretch (S + 1,) at their ends.
+    first_output : (S + 1,) output `o` lies in step s if first_output[s] <= o < [s + 1].
+    position, output_stretch : (N,) fraction of its step and stretch of each output.
+    draws : (B, n, 5, LANES) blocks of draws, for each unit: factor on stretch - 1
+        (nominal gauge length over the draw's), 1/J, 1/tau, mu, error of P/mu allowed in
+        a step.
+    stress : (B, N, LANES) [Pa], added to.
+
+    Returns
+    -------
+    (B, LANES) steps taken in repetition of grid steps.
+    """
+    repeated = np.zeros((draws.shape[0], LANES), np.int64)
+    work = np.empty(ROWS * LANES)
+    for block in range(draws.shape[0]):
+        for unit in range(draws.shape[1]):
+            work[: 5 * LANES] = draws[block, unit].ravel()
+            for i in range(LANES):
+                work[START + i] = 1.0 + work[GAUGE + i] * (stretch[0] - 1.0)
+            for s in range(duration.size):
+                before, change = stretch[s] - 1.0, stretch[s + 1] - stretch[s]
+                failures = _step_lanes(work, before, change, duration[s])
+                first, last = first_output[s], first_output[s + 1]
+                for o in range(first, last):
+                    _add_outputs(work, position[o], output_stretch[o] - 1.0, stress[block, o])
+                if failures > 0:
+                    for i in range(LANES):
+                        if not work[ERROR + i] <= work[LIMIT + i]:
+                            repeated[block, i] += _repeat_step(
+                                work, i, before, change, duration[s],
+                                position[first:last],
+                                output_stretch[first:last],
+                                stress[block, first:last, i],
+                            )  # fmt: skip
+                work[START : START + LANES] = work[END : END + LANES]
+    return repeated
+
+
+IndexArray = NDArray[np.intp]
+DEFAULT_TOLERANCE = 1e-6
+"""Error of the response relative to its range, for which GridSettings' defaults are made."""
+
+
+@dataclass(frozen=True)
+class StripRecord:
+    """Outputs and integration steps of one record.
+
+    Attributes
+    ----------
+    stretch, rate : (N,) at the outputs; the rate at a knot is that after it.
+    duration, grid_stretch : (S,) grid steps [s] and (S + 1,) the stretch at their ends.
+    first_output : (S + 1,) outputs of step s are first_output[s] to first_output[s + 1].
+    order, position : (N,) outputs in ascending time, and where each lies in its step.
+    reached : smallest and largest stretch until the last output; empty without time.
+    """
+
+    stretch: FloatArray
+    rate: FloatArray
+    duration: FloatArray
+    grid_stretch: FloatArray
+    first_output: IndexArray
+    order: IndexArray
+    position: FloatArray
+    reached: FloatArray
+
+    @cached_property
+    def spring_stretch(self) -> FloatArray:
+        """Where the spring must hold: the outputs, then what was reached."""
+        return np.append(self.stretch, self.reached)
+
+
+def record_without_time(stretch: FloatArray) -> StripRecord:
+    """A quasi-static record: the stretch at the outputs, and no steps."""
+    none, no_index = np.empty(0), np.empty(0, dtype=np.intp)
+    return StripRecord(
+        stretch, np.zeros_like(stretch), none, none, no_index, np.arange(stretch.size), none, none
+    )
+
+
+def record_in_time(
+    knots: FloatArray, stretch: FloatArray, coordinate: FloatArray, tolerance: float
+) -> StripRecord:
+    """A history of stretch, constant before its first knot and after its last.
+
+    Parameters
+    ----------
+    knots, stretch : (K,) times [s], ascending, and the stretch there.
+    coordinate : (N,) times of the outputs, in any order.
+    tolerance : error of the response relative to its range.
+    """
+    knots, stretch = _extended(knots, stretch, coordinate)
+    segment = np.clip(np.searchsorted(knots, coordinate, side="right") - 1, 0, knots.size - 2)
+    rate = np.diff(stretch) / np.diff(knots)
+    kept = simplify(knots, stretch, 0.1 * tolerance * float(np.ptp(stretch)))
+    grid = graded_grid(knots[kept], stretch[kept], _settings(tolerance))
+    order = np.argsort(coordinate, kind="stable")
+    ascending = coordinate[order]
+    step = np.clip(np.searchsorted(grid, ascending, side="right") - 1, 0, grid.size - 2)
+    duration = np.diff(grid)
+    outputs = np.interp(coordinate, knots, stretch)
+    passed = np.append(stretch[knots <= ascending[-1]], outputs[order[-1]])
+    return StripRecord(
+        stretch=outputs,
+        rate=rate[segment],
+        duration=duration,
+        grid_stretch=np.interp(grid, knots[kept], stretch[kept]),
+        first_output=np.searchsorted(step, np.arange(grid.size)),
+        order=order,
+        position=(ascending - grid[step]) / duration[step],
+        reached=np.array([np.min(passed), np.max(passed)]),
+    )
+
+
+def _extended(
+    knots: FloatArray, stretch: FloatArray, coordinate: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Knots that span the outputs, at least two, by constant continuation."""
+    first, last = float(np.min(coordinate)), float(np.max(coordinate))
+    if first < knots[0] or knots.size == 1:
+        before = first if first < knots[0] else knots[0] - 1.0
+        knots, stretch = np.append(before, knots), np.append(stretch[0], stretch)
+    if last > knots[-1]:
+        knots, stretch = np.append(knots, last), np.append(stretch, stretch[-1])
+    return knots, stretch
+
+
+def _settings(tolerance: float) -> GridSettings:
+    """Steps for a tolerance: the method is of order 5; never coarser than the default."""
+    ratio = min(1.0, tolerance / DEFAULT_TOLERANCE)
+    finer, default = ratio**0.2, GridSettings()
+    return GridSettings(
+        first_step=default.first_step * finer,
+        growth=1.0 + (default.growth - 1.0) * finer,
+        increment=default.increment * finer,
+        kink=default.kink * ratio,
+    )

@@ -1,0 +1,1 @@
+"""The tubular actuator (Sarban et al. 2012)."""

@@ -1,0 +1,253 @@
+"""What all candidates of the tubular actuator share: channels, quantities, inertial parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
+from deabayes.faults import UserError
+from deabayes.instruments import instrument
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.base import Conditions, Draws, Simulator, System, once
+from deabayes.systems.curves import drive_of
+from deabayes.systems.electrostatics import maxwell_pressure
+from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.tubular.circuit import Circuit, Supply
+
+SOURCE = "from total_mass, active_mass and sensor_mass"
+
+
+def inertial_parameter(
+    total_mass: ArrayLike,
+    active_mass: ArrayLike,
+    sensor_mass: ArrayLike,
+    load: ArrayLike,
+    active_length: ArrayLike,
+    cross_section: ArrayLike,
+) -> FloatArray:
+    """M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0 [kg/m], Sarban et al. (2012), (13).
+
+    Of the actuator's total mass, the active part and half of the rest move:
+    m_DE = m_active + (m_total - m_active) / 2. Masses in kg, L_0 in m, A_0 in m^2; all
+    broadcast, so that draws of uncertain masses give draws of M.
+    """
+    total, active, sensor, hung, length, area = (
+        np.asarray(given, dtype=float)
+        for given in (total_mass, active_mass, sensor_mass, load, active_length, cross_section)
+    )
+    return np.asarray((moving_mass(total, active, sensor) + hung) * length / area)
+
+
+def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
+    """m_DE + m_LVDT [kg]: what moves without a load."""
+    total, active, sensor = (np.asarray(given, dtype=float) for given in (total, active, sensor))
+    return np.asarray(active + 0.5 * (total - active) + sensor)
+
+
+def moving_quantity(total: Quantity, active: Quantity, sensor: Quantity) -> Quantity:
+    """The same of stated masses, with the sd that theirs make; None where none has one."""
+    parts = ((total, 0.5), (active, 0.5), (sensor, 1.0))
+    value = float(moving_mass(total.value, active.value, sensor.value))
+    if all(mass.sd is None for mass, _ in parts):
+        return Quantity(value, "kg", None, SOURCE)
+    sd = math.sqrt(sum((weight * (mass.sd or 0.0)) ** 2 for mass, weight in parts))
+    return Quantity(value, "kg", sd, SOURCE)
+
+
+KILOVOLT, GRAM = 1e3, 1e-3
+QUANTITY_SYMBOLS = {
+    "relative_permittivity": (r"\varepsilon_r", "relative permittivity of the elastomer"),
+    "thickness": ("d", "thickness of the elastomer between two electrodes"),
+    "active_length": ("L_0", "length between the passive ends, at rest"),
+    "sensor_delay": (r"T_\mathrm{s}", "time by which the sensor of the motion lags"),
+}
+"""The quantities every candidate that strains computes with."""
+MASSES = ("total_mass", "active_mass", "sensor_mass")
+"""Their sum (13) is the quantity `moving_mass`: no record can tell them apart."""
+INERTIA_SYMBOLS = {
+    "moving_mass": (r"m_\mathrm{DE}+m_\mathrm{LVDT}", "mass that moves without a load"),
+    "cross_section": ("A_0", "cross-section of all elastomer that carries the load"),
+}
+"""Those that `_inertia` adds; it needs the masses, the cross-section and the active length."""
+CIRCUIT_SYMBOLS = {
+    "series_resistance": ("R_S", "resistance of electrodes and leads"),
+    "leakage_resistance": ("R_L", "resistance through the elastomer"),
+    "capacitance": ("C", "capacitance at rest"),
+}
+"""Those that a circuit adds and needs."""
+MEANINGS = {
+    "strain": "elongation of the active length over itself",
+    "displacement": "elongation of the active length",
+    "gain": "amplitude of the strain over that of the voltage, at the frequency of the voltage",
+    "phase": "of the measured strain, the sensor's lag included, to the voltage's sine",
+    "total_mass": "mass of the whole actuator",
+    "active_mass": "mass of its active part",
+    "sensor_mass": "mass of what moves with its end, without the load",
+    **{
+        name: meaning
+        for name, (_, meaning) in (QUANTITY_SYMBOLS | INERTIA_SYMBOLS | CIRCUIT_SYMBOLS).items()
+    },
+}
+
+
+class TubularBase(System):
+    """A candidate for the tubular actuator: of its strain, of its current, or of both."""
+
+    name: ClassVar[str] = "tubular"
+    protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
+    excitations: ClassVar[Mapping[str, str]] = {"voltage": "V", "frequency": "Hz"}
+    in_time: ClassVar[tuple[str, ...]] = ("voltage",)
+    without_time = ("frequency",)
+    even = ("voltage",)
+    conditions: ClassVar[Conditions] = {
+        "voltage": {"load_g": 0.0},
+        "frequency": {"load_g": 0.0, "bias_kV": None, "amplitude_kV": None},
+    }
+    units_add = "compliances"
+    responses: ClassVar[Mapping[str, str]] = {
+        "strain": "1",
+        "displacement": "m",
+        "current": "A",
+        "gain": "1/V",
+        "phase": "rad",
+    }
+    zero_at_rest = ("strain", "displacement")
+    proportional: ClassVar[tuple[str, ...]] = ("gain",)
+    required_quantities: ClassVar[Mapping[str, str]] = {
+        "thickness": "m",
+        "relative_permittivity": "1",
+    }
+    optional_quantities: ClassVar[Mapping[str, str]] = {
+        "active_length": "m",
+        "cross_section": "m^2",
+        "total_mass": "kg",
+        "active_mass": "kg",
+        "sensor_mass": "kg",
+        "series_resistance": "ohm",
+        "leakage_resistance": "ohm",
+        "capacitance": "F",
+        "sensor_delay": "s",
+    }
+    meanings: ClassVar[Mapping[str, str]] = MEANINGS
+
+    circuit: bool
+    """Whether the candidate holds R_S, R_L and C."""
+    inertia: bool
+    """Whether it holds the mass."""
+
+    @property
+    def massless(self) -> bool:
+        return not self.inertia
+
+    def uncertain(self, symbols: Mapping[str, str | tuple[str, str]]) -> tuple[Parameter, ...]:
+        """The quantities among these that carry an sd, as parameters."""
+        units = {**self.required_quantities, **self.optional_quantities, "moving_mass": "kg"}
+        return uncertain_quantities(
+            replace(self.specimen, quantities=self.stated()), symbols, units
+        )
+
+    @cached_property
+    def _stated(self) -> Mapping[str, Quantity]:
+        return self.stated()
+
+    def stated(self) -> Mapping[str, Quantity]:
+        """The specimen's quantities and, of its masses, what moves without a load."""
+        given = self.specimen.quantities
+        if not set(MASSES) <= set(given):
+            return given
+        return {**given, "moving_mass": moving_quantity(*(given[name] for name in MASSES))}
+
+    def quantity(self, name: str, draws: Draws) -> FloatArray:
+        """A quantity of the specimen (W,): its draws where it is a parameter, else its value."""
+        given = draws.get(name)
+        if given is not None:
+            return given
+        return np.full(np.shape(next(iter(draws.values()), np.zeros(1))), self._stated[name].value)
+
+    def gain(self, response: str, draws: Draws) -> FloatArray:
+        """Pressure at 1 V (W,), times the length where the response is a displacement."""
+        pressure = self.pressure(1.0, draws)
+        if response != "displacement":
+            return pressure
+        return pressure * self.quantity("active_length", draws)
+
+    def pressure(self, voltage: float, draws: Draws) -> FloatArray:
+        """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
+        thickness = self.quantity("thickness", draws)
+        thickness = np.where(thickness > 0.0, thickness, np.nan)
+        return maxwell_pressure(voltage, thickness, self.quantity("relative_permittivity", draws))
+
+    def circuit_of(self, draws: Draws) -> Circuit:
+        """R_S, R_L and C of the draws."""
+        return once(
+            draws,
+            (self, "circuit"),
+            lambda: Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS)),
+        )
+
+    def cautions(self, experiment: Experiment) -> tuple[str, ...]:
+        """A steady sine that asks the amplifier for more current than it has, (16)."""
+        limit = instrument(self.specimen, "current_limit", "current", "A")
+        drive, given = drive_of(experiment), self.specimen.quantities
+        if limit is None or drive is None or not given.keys() >= CIRCUIT_SYMBOLS.keys():
+            return ()
+        stated = Circuit(*(np.array([given[name].value]) for name in CIRCUIT_SYMBOLS))
+        current = float(stated.current_amplitude(drive[0], np.array([drive[1]]))[0, 0])
+        if current <= limit.value:
+            return ()
+        return (
+            f"{experiment.name}: a sine of {drive[0]:.4g} V at {drive[1]:.4g} Hz takes "
+            f"{1e3 * current:.3g} mA by (16), more than the amplifier's {1e3 * limit.value:.3g} mA,"
+            " so its voltage is distorted",
+        )
+
+    def current_simulator(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
+        """The amplifier's current (W, N) [A] while it puts out the recorded voltage."""
+        supply = Supply.of(excitation.coordinate, excitation.values, coordinate)
+        return lambda draws: self.circuit_of(draws).supplied(supply)
+
+
+def bias(excitation: Excitation) -> float:
+    """B [V] of a frequency response: the pressure, a square, follows a sine only about a bias."""
+    given = excitation.conditions.get("bias_kV")
+    if given is None or isinstance(given, str) or not given > 0.0:
+        found = "none" if given is None else repr(given)
+        raise UserError(
+            "a frequency response needs its bias voltage as bias_kV (a column of "
+            f"experiments.csv, in kV, larger than 0); found {found}"
+        )
+    return KILOVOLT * given
+
+
+def refuse_two_delays(specimen: Specimen) -> None:
+    """A delay that is modelled must not be taken out of the records too.
+
+    Raises
+    ------
+    UserError
+    """
+    if "sensor_delay" not in specimen.quantities:
+        return
+    for response in ("strain", "displacement", "phase"):
+        known = instrument(specimen, "delay", response, "s")
+        if known is not None and known.value != 0.0:
+            raise UserError(
+                f"specimen {specimen.name!r} states the sensor's delay twice: as "
+                "instruments.delay, which is taken out of the records, and as "
+                "quantities.sensor_delay, which is modelled; keep the second if it has an sd"
+            )
+
+
+def hung(excitation: Excitation) -> float:
+    """m_LOAD [kg] of a record."""
+    given = excitation.conditions.get("load_g", 0.0)
+    if isinstance(given, str) or not given >= 0.0:
+        raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")
+    return GRAM * given

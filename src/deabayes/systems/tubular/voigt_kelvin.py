@@ -1,0 +1,226 @@
+"""The Voigt-Kelvin chain: parameters, compliances, and the chain that moves a mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deabayes.experiment import FloatArray
+from deabayes.integrate.compiled import njit
+from deabayes.integrate.state_space import StateSpace
+from deabayes.prior.distributions import LogNormal, LogUniform
+from deabayes.prior.parameter import Parameter
+from deabayes.systems.base import Derived, Draws
+from deabayes.systems.curves import peak
+
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+INSTANTANEOUS_MODULUS = LogNormal(2e6, 1.0)
+UNIT_MODULUS = LogNormal(1e7, 1.5)
+TIME_CONSTANT = LogUniform(1e-3, 2.0)
+COMPLIANCE_TIMES = {"10ms": 0.01, "100ms": 0.1, "500ms": 0.5}
+
+
+def parameters(units: int) -> tuple[Parameter, ...]:
+    """`E_0`, `E_1..K` [Pa] and `tau_1..K` [s], the latter ascending."""
+    return (
+        Parameter(
+            "E_0",
+            "E_{0}",
+            "Pa",
+            "instantaneous modulus",
+            INSTANTANEOUS_MODULUS,
+            "wide: silicone elastomers, 0.3 to 15 MPa with 95 %",
+        ),
+        *(_unit_modulus(n) for n in range(1, units + 1)),
+        *(_time_constant(n) for n in range(1, units + 1)),
+    )
+
+
+def _unit_modulus(n: int) -> Parameter:
+    return Parameter(
+        f"E_{n}",
+        f"E_{{{n}}}",
+        "Pa",
+        f"modulus of Kelvin unit {n}",
+        UNIT_MODULUS,
+        "wide: a unit that strains from a hundredth to all of the instantaneous strain",
+        belongs_to=f"tau_{n}",
+    )
+
+
+def _time_constant(n: int) -> Parameter:
+    return Parameter(
+        f"tau_{n}",
+        rf"\tau_{{{n}}}",
+        "s",
+        f"retardation time of Kelvin unit {n}",
+        TIME_CONSTANT,
+        "from the amplifier's charging time to four times the 0.5 s record of Sarban et al. 2012",
+        ordered="tau",
+    )
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Draws of a chain: 1/E_0 (W,), 1/E_n (W, K) and tau_n (W, K)."""
+
+    instantaneous: FloatArray
+    compliances: FloatArray
+    time_constants: FloatArray
+
+    @classmethod
+    def from_draws(cls, draws: Draws, units: int) -> Chain:
+        """Read the chain's parameters; a modulus that is not positive becomes NaN."""
+        moduli = np.column_stack([draws[f"E_{n}"] for n in range(units + 1)])
+        times = np.column_stack([draws[f"tau_{n}"] for n in range(1, units + 1)])
+        compliances = 1.0 / np.where(moduli > 0.0, moduli, np.nan)
+        return cls(compliances[:, 0], compliances[:, 1:], times)
+
+    def creep_compliance(self, time: float) -> FloatArray:
+        """D(t) (W,) [1/Pa]; the final compliance for an infinite time."""
+        grown = -np.expm1(-time / self.time_constants)
+        return self.instantaneous + np.sum(self.compliances * grown, axis=1)
+
+    def relaxation(self) -> tuple[FloatArray, FloatArray]:
+        r"""Shares g_k of E_0 and times rho_k [s], ascending, each (W, K), of E(t).
+
+        E(t) = E_0 (1 - sum_k g_k (1 - exp(-t/rho_k))) is the relaxation modulus, E*(s) D*(s) = 1.
+        With u_n = sqrt(E_0/(E_n tau_n)), x_n' = -x_n/tau_n + (E_0/(E_n tau_n)) (S - sum_m x_m) is
+        symmetric but for a scale of x: the rates 1/rho_k are the eigenvalues of
+        diag(1/tau) + u u^T, and g_k = rho_k (u . q_k)^2 with its eigenvectors q_k. NaN where
+        a modulus or a time is not positive.
+        """
+        times = np.where(self.time_constants > 0.0, self.time_constants, np.nan)
+        u = np.sqrt(self.compliances / (self.instantaneous[:, None] * times))
+        matrix = np.eye(times.shape[1]) / times[:, None] + u[:, :, None] * u[:, None, :]
+        lost = ~np.all(np.isfinite(matrix), axis=(1, 2))
+        matrix[lost] = np.eye(times.shape[1])
+        rates, vectors = np.linalg.eigh(matrix)
+        shares = np.sum(u[:, :, None] * vectors, axis=1) ** 2 / rates
+        shares[lost], rates[lost] = np.nan, np.nan
+        return shares[:, ::-1], 1.0 / rates[:, ::-1]
+
+    def state_space(self) -> StateSpace:
+        """From pressure [Pa] to strain without mass; states x_1..K [1], tau x' = -x + sigma/E.
+
+        A draw with a time constant that is not positive has matrices of NaN.
+        """
+        units = self.compliances.shape[1]
+        rates = 1.0 / np.where(self.time_constants > 0.0, self.time_constants, np.nan)
+        return StateSpace(
+            -rates[:, :, None] * np.eye(units),
+            rates * self.compliances,
+            np.ones_like(rates),
+            self.instantaneous,
+        )
+
+    def unit_compliances(self, rate: ComplexArray) -> ComplexArray:
+        """1/(E_n (1 + tau_n s)) (W, K, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
+        rate = rate[..., None, :]
+        return self.compliances[..., None] / (1.0 + self.time_constants[..., None] * rate)
+
+    def complex_compliance(self, rate: ComplexArray) -> ComplexArray:
+        """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s as above."""
+        rate = np.atleast_2d(np.asarray(rate, dtype=complex))
+        total = np.empty((self.instantaneous.size, rate.shape[1]), dtype=complex)
+        _fill_compliance(self.instantaneous, self.compliances, self.time_constants, rate, total)
+        return total
+
+    def derived(self) -> dict[str, Derived]:
+        """`compliance_*` at 10, 100 and 500 ms and in the end [1/Pa], `eta_n` [Pa s]."""
+        result = {
+            f"compliance_{label}": Derived(
+                rf"D({time:g}\,\mathrm{{s}})",
+                "1/Pa",
+                f"creep compliance {time:g} s after a step",
+                self.creep_compliance(time),
+            )
+            for label, time in COMPLIANCE_TIMES.items()
+        }
+        result["compliance_total"] = Derived(
+            r"D(\infty)", "1/Pa", "final creep compliance", self.creep_compliance(np.inf)
+        )
+        for n, viscosity in enumerate((self.time_constants / self.compliances).T, start=1):
+            result[f"eta_{n}"] = Derived(
+                rf"\eta_{{{n}}}", "Pa s", f"viscosity of Kelvin unit {n}", viscosity
+            )
+        return result
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_compliance(instantaneous, compliances, times, rates, total) -> None:  # type: ignore[no-untyped-def]
+    """Fill D*(s) (W, R) at the rates (W, R), or (1, R) for all draws."""
+    own = rates.shape[0] > 1
+    for w in range(total.shape[0]):
+        for r in range(total.shape[1]):
+            rate, real, imaginary = rates[w if own else 0, r], instantaneous[w], 0.0
+            for n in range(times.shape[1]):
+                x, y = 1.0 + times[w, n] * rate.real, times[w, n] * rate.imag
+                share = compliances[w, n] / (x * x + y * y)
+                real += share * x
+                imaginary -= share * y
+            total[w, r] = complex(real, imaginary)
+
+
+@dataclass(frozen=True)
+class MovingChain:
+    """Draws of a chain (moduli, times) and of its inertial parameter M (W,) [kg/m]."""
+
+    chain: Chain
+    inertia: FloatArray
+
+    def state_space(self) -> StateSpace:
+        """From pressure [Pa] to strain; states S [1], S' [1/s] and x_1..K [1].
+
+        A draw with a time constant or a mass that is not positive has matrices of NaN.
+        """
+        walkers, units = self.chain.compliances.shape
+        modulus = 1.0 / self.chain.instantaneous
+        times = np.where(self.chain.time_constants > 0.0, self.chain.time_constants, np.nan)
+        mass = np.where(self.inertia > 0.0, self.inertia, np.nan)
+        flow = modulus[:, None] * self.chain.compliances / times
+        a = np.zeros((walkers, units + 2, units + 2))
+        a[:, 0, 1] = 1.0
+        a[:, 1, 0] = -modulus / mass
+        a[:, 1, 2:] = (modulus / mass)[:, None]
+        a[:, 2:, 0] = flow
+        a[:, 2:, 2:] = -flow[:, :, None]
+        a[:, range(2, units + 2), range(2, units + 2)] -= 1.0 / times
+        b, c = np.zeros((2, walkers, units + 2))
+        b[:, 1] = 1.0 / mass
+        c[:, 0] = 1.0
+        return StateSpace(a, b, c, np.zeros(walkers))
+
+    def transfer(self, rate: ComplexArray) -> ComplexArray:
+        """Strain per pressure (W, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
+        compliance = self.chain.complex_compliance(rate)
+        return compliance / (1.0 + self.inertia[:, None] * rate**2 * compliance)
+
+    def states(self, rate: ComplexArray) -> ComplexArray:
+        """States (W, n, R) per pressure while all grows as exp(s t), s as above but -1/tau_n."""
+        strain = self.transfer(rate)
+        stress = strain / self.chain.complex_compliance(rate)
+        units = self.chain.unit_compliances(rate) * stress[:, None]
+        return np.concatenate([strain[:, None], (rate * strain)[:, None], units], axis=1)
+
+    def resonance(self) -> tuple[FloatArray, FloatArray]:
+        """Frequency [Hz] and height [1/Pa] of the peak of |S/sigma|, (W,).
+
+        Zero frequency where no resonance rises above the compliance at rest. The
+        peak lies below sqrt(E_0/M), since E_0 is the chain's greatest stiffness.
+        """
+        highest = np.sqrt(1.0 / (self.chain.instantaneous * self.inertia))
+        angular, height = peak(lambda w: np.abs(self.transfer(1j * w)), highest)
+        return angular / (2.0 * np.pi), height
+
+    def derived(self) -> dict[str, Derived]:
+        """`inertial_parameter` M [kg/m] and `resonance_frequency` [Hz] of strain to pressure."""
+        return {
+            "inertial_parameter": Derived("M", "kg/m", "inertial parameter", self.inertia),
+            "resonance_frequency": Derived(
+                "f_r", "Hz", "frequency of the greatest strain per pressure", self.resonance()[0]
+            ),
+        }
