@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 
 MODEL = Path("models/stack.py")
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own-model.md"

@@ -8,7 +8,7 @@ import pytest
 from tests.unit.study_folders import SPECIMENS, make_folder, record_lines, replace_in, write_lines
 
 from deabayes.checks.study import check_names, check_study
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.study import Study
 
 PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}

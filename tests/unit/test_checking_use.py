@@ -10,7 +10,7 @@ from tests.unit.study_folders import make_folder, record_lines, replace_in, writ
 
 from deabayes.checks.folder import check_folder
 from deabayes.checks.study import check_study
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.pipeline.fit import prepare_study
 from deabayes.study import Study
 

@@ -11,7 +11,7 @@ from tests.unit.test_film_terms import STRETCHES, film, inherited
 from tests.unit.test_learned import FILM, handed_on
 
 from deabayes.inference.log_posterior import LogPosterior
-from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress, to_terms
+from deabayes.systems.ridges.film import FilmStress, to_terms
 from deabayes.systems.ridges.terms import HEIGHTS
 from deabayes.systems.ridges.units import Shares
 from deabayes.systems.springs.ogden import stress_of_one

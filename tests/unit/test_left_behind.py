@@ -10,7 +10,7 @@ from tests.unit.fake_results import write_study as write_results
 from tests.unit.study_folders import make_folder
 from tests.unit.test_predict_with import STUDY, creep, file
 
-from deabayes.cli.by_hand import predict_posteriors
+from deabayes.cli.judging import predict_posteriors
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from tests.unit.study_folders import make_folder, replace_in
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.faults import UserError, closest, nearest
 from deabayes.records.scaffold import new_study
 from deabayes.records.schema import read_yaml, scalar

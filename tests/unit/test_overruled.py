@@ -12,7 +12,8 @@ import yaml
 from tests.unit.priors import EVERYTHING
 from tests.unit.study_folders import make_folder, replace_in
 
-from deabayes.checks.prior_sources import Sources, overruled
+from deabayes.checks.prior_sources import Sources
+from deabayes.checks.priors import overruled
 from deabayes.faults import UserError
 from deabayes.pipeline import fit
 from deabayes.posteriors.inheritance import Inheritance

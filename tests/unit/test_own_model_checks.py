@@ -9,7 +9,7 @@ from tests.unit.own_model_page import MODEL, said
 from tests.unit.study_folders import replace_in
 
 from deabayes.checks.study import check_names
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.studies import load_studies
 
 ANSWER = """            return relaxation_response(

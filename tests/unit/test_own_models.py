@@ -11,7 +11,7 @@ from tests.unit.own_model_page import MODEL, said
 from tests.unit.study_folders import replace_in
 
 import deabayes
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.faults import Faults, UserError
 from deabayes.own_models import loading
 from deabayes.own_models.loading import load_models, recorded, restore

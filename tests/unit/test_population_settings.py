@@ -8,7 +8,7 @@ import pytest
 import yaml
 from tests.unit.study_folders import make_folder
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.faults import UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import (

@@ -11,7 +11,7 @@ import yaml
 from tests.unit.study_folders import make_folder
 
 from deabayes.checks.prior_sources import Sources
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.population.settings import load_populations
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.prior.from_posterior import PriorFromPosterior

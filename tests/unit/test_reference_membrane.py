@@ -79,7 +79,7 @@ def test_the_slow_unit_is_beyond_three_units():
     )
     time = np.array([100.0])
     apart = [reference.response(truth, lambda _: 4e3, 100.0)[1](time)[0] for truth in (slow, three)]
-    assert apart[1] - apart[0] > 20 * membrane.SENSOR.sigma_ou / 0.01
+    assert apart[1] - apart[0] > 20 * reference.SENSOR.sigma_ou / 0.01
 
 
 def test_truth_and_provenance():

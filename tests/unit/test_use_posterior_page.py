@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from tests.unit.test_predict_with import STUDY, file, prior_of_the_rest
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.posteriors.storage import write_tree
 
 ROOT = Path(__file__).parents[2]

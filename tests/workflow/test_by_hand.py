@@ -9,8 +9,8 @@ import pytest
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes import api, pipeline
-from deabayes.cli import main
 from deabayes.cli.by_hand import fit_by_name
+from deabayes.cli.main import main
 from deabayes.studies import load_studies, load_study
 
 CONFIG = """\

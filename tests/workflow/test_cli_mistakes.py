@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.records.preparation.prepared import read_overview, read_prepared
 
 ROOT = Path(__file__).resolve().parents[2]

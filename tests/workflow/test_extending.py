@@ -96,7 +96,12 @@ class Yeoh(Spring):
 '''
 ADDED = {
     "noise/laplace.py": (LAPLACE, "noise/__init__.py", '        "white": "White",\n', "Laplace"),
-    "springs/yeoh.py": (YEOH, "springs/__init__.py", '        "ogden": "Ogden",\n', "Yeoh"),
+    "systems/springs/yeoh.py": (
+        YEOH,
+        "systems/springs/__init__.py",
+        '        "ogden": "Ogden",\n',
+        "Yeoh",
+    ),
 }
 USED = """
 import numpy as np

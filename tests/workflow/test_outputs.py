@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.unit.study_folders import make_folder
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 
 SIMULATE = ("simulate", "tensile_strip", "kv_gm_1", "--specimen", "strip", "--excitation")
 RECORD = "strip/records/relax.csv"

@@ -12,7 +12,7 @@ from tests.unit.own_model_page import write_page
 from tests.workflow.snakemake_runs import snakemake
 
 import deabayes
-from deabayes.cli import main
+from deabayes.cli.main import main
 
 CUT_SHORT = "sampling: {ensembles: 2, walkers: 24, max_steps: 100, particles: 64, seed: 1}\n"
 MODEL = Path("models/stack.py")

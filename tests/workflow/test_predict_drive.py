@@ -16,7 +16,7 @@ import xarray as xr
 from tests.unit.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
-from deabayes.cli import main
+from deabayes.cli.main import main
 from deabayes.cli.using import read_drive
 from deabayes.posteriors.storage import sum_of_draws, write_tree
 from deabayes.records.preparation.prepared import write_prepared

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.unit.study_folders import make_folder
 
-from deabayes.cli import main
+from deabayes.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 TUBE = ("tubular", "voigt_kelvin_1", "--specimen", str(ROOT / "data" / "tubular"))

@@ -3,17 +3,7 @@ rule analyse:
         study="<results>/{study}/study.yaml",
         prepared="<results>/{study}/prepared",
         posteriors=posteriors_of,
-        modules=modules(
-            "analyses/*.py",
-            "pipeline/analyse.py",
-            "fitted.py",
-            "passes.py",
-            "roughness.py",
-            "prediction/errors.py",
-            "posteriors/summary.py",
-            "influence.py",
-            "sensitivity.py",
-        ),
+        code=code_of("analyses"),
     output:
         directory("<results>/{study}/analyses"),
     log:

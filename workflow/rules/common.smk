@@ -5,16 +5,15 @@ import re
 import sys
 from pathlib import Path
 
-import deabayes
 from deabayes.faults import Faults, UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.checks.prior_sources import Sources
+from deabayes.pipeline.sources import sources_of
 from deabayes.records.download import missing_data
 from deabayes.studies import load_studies
 from deabayes.checks.study import check_names
 
-PACKAGE = Path(os.path.relpath(Path(deabayes.__file__).parent))
 CONFIG_FILES = ", ".join(config_files())
 
 # One thread per job, also in libraries of linear algebra: parallelism is over jobs.
@@ -99,12 +98,6 @@ wildcard_constraints:
     candidate=any_of({name for study in STUDIES.values() for name in study.candidates}),
 
 
-def modules(*patterns):
-    """Source files behind a command; Snakemake does not notice edits in src/ by itself."""
-    found = []
-    for pattern in patterns:
-        matches = sorted(str(path) for path in PACKAGE.glob(pattern))
-        if not matches:
-            sys.exit(f"workflow/rules: no module src/deabayes/{pattern}")
-        found += matches
-    return found
+def code_of(*modules):
+    """Files that a command runs, itself and by import; Snakemake does not see edits in src/."""
+    return [os.path.relpath(path) for path in sources_of(*modules)]

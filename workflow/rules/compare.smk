@@ -2,7 +2,7 @@ rule score:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("comparison/scoring.py", "comparison/left_out.py"),
+        code=code_of("comparison.scoring"),
     output:
         "<results>/{study}/{candidate}/scores.json",
     log:
@@ -17,7 +17,7 @@ rule nested:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules("comparison/nested.py", "comparison/batched.py"),
+        code=code_of("comparison.nested"),
     output:
         "<results>/{study}/{candidate}/nested.json",
     log:
@@ -33,13 +33,7 @@ rule compare:
         scores=scores_of,
         checks=checks_of,
         prepared="<results>/{study}/prepared",
-        modules=modules(
-            "comparison/blocks.py",
-            "comparison/decision.py",
-            "comparison/ranking.py",
-            "comparison/left_out.py",
-            "pareto.py",
-        ),
+        code=code_of("comparison.ranking"),
     output:
         report(
             "<results>/{study}/comparison.csv",
@@ -58,17 +52,7 @@ rule further_experiments:
         comparison="<results>/{study}/comparison.csv",
         posteriors=posteriors_of,
         prepared="<results>/{study}/prepared",
-        modules=modules(
-            "further/table.py",
-            "further/planned.py",
-            "further/information.py",
-            "prediction/outcomes.py",
-            "prediction/bands.py",
-            "prediction/mixture_bands.py",
-            "prediction/transforms.py",
-            "prediction/calibrated.py",
-            "fitted.py",
-        ),
+        code=code_of("comparison.further", "posteriors.fitted"),
     output:
         report(
             "<results>/{study}/further_experiments.csv",

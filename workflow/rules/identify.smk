@@ -4,38 +4,6 @@ FITTED = [
     "<results>/{study}/{candidate}/posterior.nc",
     "<results>/{study}/{candidate}/summary.csv",
 ]
-MODEL = modules(
-    "default_priors.py",
-    "experiment.py",
-    "parameter.py",
-    "passes.py",
-    "roughness.py",
-    "distributions/*.py",
-    "instruments.py",
-    "prior/*.py",
-    "posterior.py",
-    "predict_with.py",
-    "posteriors/counted_records.py",
-    "posteriors/inheritance.py",
-    "record_noise.py",
-    "residual_scale.py",
-    "electrostatics.py",
-    "integrate/*.py",
-    "springs/*.py",
-    "systems/*.py",
-    "systems/ridges/*.py",
-    "own_models/*.py",
-    "noise/*.py",
-)
-FITTING = modules(
-    "sampling/*.py",
-    "checks/overruled.py",
-    "checks/prior_scale.py",
-    "prediction/noise_origin.py",
-    "pareto.py",
-    "posteriors/*.py",
-    "prediction/rapidity.py",
-)
 
 
 # What a fit is made of and what it runs, as one file. study.yaml and prepared/ also change with
@@ -44,7 +12,7 @@ FITTING = modules(
 # makes one of these again, Snakemake looks at nothing else of it.
 rule code:
     input:
-        modules=PREPARATION + MODEL + FITTING,
+        code=code_of("pipeline.fit"),
         own=own_model,
         prior=posterior_from_outside,
     output:

@@ -14,21 +14,7 @@ rule population:
         population="<results>/populations/{population}/population.yaml",
         posteriors=posteriors_of_members,
         prepared=prepared_of_members,
-        modules=modules(
-            "population/*.py",
-            "pipeline/population.py",
-            "prior/*.py",
-            "posteriors/content.py",
-            "posteriors/counted_records.py",
-            "prediction/bands.py",
-            "prediction/mixture_bands.py",
-            "prediction/transforms.py",
-            "prediction/noise_origin.py",
-            "pareto.py",
-            "prediction/rapidity.py",
-            "fitted.py",
-            "prediction/errors*.py",
-        ),
+        code=code_of("population.files", "posteriors.fitted", "prediction.errors"),
     output:
         posterior="<results>/populations/{population}/posterior.nc",
         summary="<results>/populations/{population}/summary.csv",
@@ -51,7 +37,7 @@ rule population_figures:
         posterior="<results>/populations/{population}/posterior.nc",
         shrinkage="<results>/populations/{population}/shrinkage.csv",
         predictions="<results>/populations/{population}/predictions",
-        modules=modules("figures/*.py", "passes.py", "quantities.py"),
+        code=code_of("figures"),
     output:
         directory("<results>/populations/{population}/figures"),
     log:

@@ -2,18 +2,7 @@ rule predict:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        modules=modules(
-            "prediction/calibrated.py",
-            "prediction/bands.py",
-            "prediction/mixture_bands.py",
-            "prediction/transforms.py",
-            "prediction/outcomes.py",
-            "prediction/noise_origin.py",
-            "prediction/rapidity.py",
-            "fitted.py",
-            "prediction/errors.py",
-            "prediction/errors_table.py",
-        ),
+        code=code_of("posteriors.fitted", "prediction.errors"),
     output:
         predictions=directory("<results>/{study}/{candidate}/predictions"),
         errors=report(

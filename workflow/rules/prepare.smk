@@ -1,15 +1,3 @@
-PREPARATION = modules(
-    "reading/*.py",
-    "preparation/*.py",
-    "passes.py",
-    "roughness.py",
-    "units.py",
-    "experiment.py",
-    "instruments.py",
-    "parameter.py",
-)
-
-
 rule study:
     output:
         "<results>/{study}/study.yaml",
@@ -25,7 +13,7 @@ rule prepare:
     input:
         study="<results>/{study}/study.yaml",
         raw=raw_files,
-        modules=PREPARATION,
+        code=code_of("records.preparation", "records.folder"),
     output:
         directory("<results>/{study}/prepared"),
     log:

@@ -5,9 +5,7 @@ rule figures:
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
-        modules=modules(
-            "figures/*.py", "passes.py", "posteriors/power_scaling.py", "quantities.py"
-        ),
+        code=code_of("figures"),
     output:
         directory("<results>/{study}/figures"),
     log:
@@ -23,7 +21,7 @@ rule report:
     input:
         figures=expand("<results>/{study}/figures", study=STUDIES)
         + expand("<results>/populations/{population}/figures", population=POPULATIONS),
-        modules=modules("report/*.*"),
+        code=code_of("report"),
     output:
         page=report(
             "<results>/report/index.html",

@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from deabayes.api import open_posterior
+from deabayes.checks.priors import overruled
 from deabayes.checks.study import used_rows
 from deabayes.faults import UserError, nearest
 from deabayes.inference.default_priors import wider_systems
@@ -15,12 +16,11 @@ from deabayes.population.settings import FOLDER, Population
 from deabayes.posteriors.inheritance import Inheritance, foreign_quantities, inherit_from
 from deabayes.posteriors.records import CountedRecord, counted_records, counted_twice
 from deabayes.posteriors.storage import read_tree
-from deabayes.prior.overrides import check_same_order, overridden, targets_of
-from deabayes.prior.parameter import Parameter
+from deabayes.prior.overrides import check_same_order
 from deabayes.records.folder import read_folder
 from deabayes.records.record import sha256_of
 from deabayes.records.specimen import read_specimen
-from deabayes.study import Settings, Study
+from deabayes.study import Study
 from deabayes.systems import System, build
 
 SourceOf = Callable[[str], tuple[Study, ...] | Path]
@@ -64,46 +64,6 @@ def _calibrated(study: Study) -> list[CountedRecord]:
         for row, path in files
         if path is not None
     ]
-
-
-def overruled(
-    study: Study, system: System, handed_on: Collection[str], theirs: Mapping[str, Settings]
-) -> list[str]:
-    """Warn of entries that are no prior, as one is handed on, and bound it otherwise than there.
-
-    The entry that the posterior was fitted with is needed here, too: it bounds what is handed on.
-
-    Parameters
-    ----------
-    handed_on : names of the parameters that `prior_from` hands on.
-    theirs : `priors:` of the study whose posterior that is.
-    """
-    systems = (system, *wider_systems(study, system).values())
-    parameters = tuple({p.name: p for each in systems for p in each.parameters()}.values())
-    found = []
-    for key, settings in study.priors.items():
-        targets = targets_of(parameters, key, set(study.priors))
-        names = [p.name for p in targets if p.name in handed_on]
-        there = {key: theirs[key]} if key in theirs else {}
-        if names and _read(parameters, {key: settings}) != _read(parameters, there):
-            have = "have their priors" if names[1:] else "has its prior"
-            found.append(
-                f"priors.{key}: {', '.join(names)} {have} from {study.prior_from} (prior_from), "
-                "not from this entry, which only bounds it and sets the scale on which its draws "
-                "are taken over; give the entry that it was fitted with, or none"
-            )
-    return found
-
-
-def _read(
-    parameters: tuple[Parameter, ...], entries: Mapping[str, Settings]
-) -> tuple[list[str], dict[str, float]] | None:
-    """Every prior in words, and minimum ratios; None where the entries mean nothing here."""
-    try:
-        replaced, ratios = overridden(parameters, entries, entries)
-    except UserError:
-        return None
-    return [each.prior.describe() for each in replaced], ratios
 
 
 POSTERIOR = "posterior.nc"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -10,8 +10,10 @@ from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.inference.default_priors import wider_systems
 from deabayes.prior.joint import Prior
+from deabayes.prior.overrides import overridden, targets_of
+from deabayes.prior.parameter import Parameter
 from deabayes.quantities import with_unit
-from deabayes.study import Study
+from deabayes.study import Settings, Study
 from deabayes.systems import System
 
 
@@ -22,10 +24,8 @@ def check_priors(
 
     Warnings: numbers without a unit, of parameters that have one.
     """
-    from deabayes.inference.default_priors import wider_systems
     from deabayes.inference.record_noise import noise_parameters
     from deabayes.noise import REGISTRY as NOISE
-    from deabayes.prior.joint import Prior
     from deabayes.prior.overrides import bare_numbers
 
     calibrate = [each for each in experiments if each.role == "calibrate"]
@@ -149,3 +149,43 @@ def _off_its_zero(
         f"{place}{name} begins at {found}, where the model has {expected}; what is it counted "
         "from? The step `baseline` takes the reading at rest for zero"
     ]
+
+
+def overruled(
+    study: Study, system: System, handed_on: Collection[str], theirs: Mapping[str, Settings]
+) -> list[str]:
+    """Warn of entries that are no prior, as one is handed on, and bound it otherwise than there.
+
+    The entry that the posterior was fitted with is needed here, too: it bounds what is handed on.
+
+    Parameters
+    ----------
+    handed_on : names of the parameters that `prior_from` hands on.
+    theirs : `priors:` of the study whose posterior that is.
+    """
+    systems = (system, *wider_systems(study, system).values())
+    parameters = tuple({p.name: p for each in systems for p in each.parameters()}.values())
+    found = []
+    for key, settings in study.priors.items():
+        targets = targets_of(parameters, key, set(study.priors))
+        names = [p.name for p in targets if p.name in handed_on]
+        there = {key: theirs[key]} if key in theirs else {}
+        if names and _read(parameters, {key: settings}) != _read(parameters, there):
+            have = "have their priors" if names[1:] else "has its prior"
+            found.append(
+                f"priors.{key}: {', '.join(names)} {have} from {study.prior_from} (prior_from), "
+                "not from this entry, which only bounds it and sets the scale on which its draws "
+                "are taken over; give the entry that it was fitted with, or none"
+            )
+    return found
+
+
+def _read(
+    parameters: tuple[Parameter, ...], entries: Mapping[str, Settings]
+) -> tuple[list[str], dict[str, float]] | None:
+    """Every prior in words, and minimum ratios; None where the entries mean nothing here."""
+    try:
+        replaced, ratios = overridden(parameters, entries, entries)
+    except UserError:
+        return None
+    return [each.prior.describe() for each in replaced], ratios

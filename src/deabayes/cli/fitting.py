@@ -10,7 +10,19 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from deabayes.cli.arguments import CONFIG, EXISTING, RESULTS, TARGET, find_study
+from deabayes.cli.arguments import (
+    CONFIG,
+    EXISTING,
+    RESULTS,
+    TARGET,
+    a_folder,
+    find_study,
+    keep_inputs,
+)
+from deabayes.cli.records import checked
+from deabayes.faults import UserError, nearest
+from deabayes.studies import load_study, write_study
+from deabayes.study import Study, settings_on_file
 
 if TYPE_CHECKING:
     from deabayes.experiment import Experiment
@@ -24,8 +36,6 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=TARGET, required=True, help="Folder for {experiment}.nc.")
 def prepare(study: str, config: Path, output: Path) -> None:
     """Read and prepare the records of STUDY for inference."""
-    from deabayes.cli.by_hand import prepare_by_name
-
     prepare_by_name(study, config, output)
 
 
@@ -64,8 +74,6 @@ def fit(
     All ensembles are run and judged together; the last line says whether they converged.
     Interrupt it at any time: the same command goes on where it stopped.
     """
-    from deabayes.cli.by_hand import fit_by_name
-
     click.echo(fit_by_name(study, candidate, config, results, prepared, output, summary))
 
 
@@ -134,3 +142,72 @@ def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -
     coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
     correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
     target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)
+
+
+def prepare_by_name(study: str, config: Path, output: Path) -> None:
+    """Prepare the records of one study, if all that it asks for can be given."""
+    from deabayes.pipeline import prepare_study
+
+    a_folder(output)
+    found = find_study(study, config)
+    checked(found)
+    keep_inputs(output, *_folders_of(found))
+    prepare_study(found, output)
+
+
+def fit_by_name(
+    study: str,
+    candidate: str,
+    config: Path,
+    results: Path,
+    prepared: Path | None = None,
+    output: Path | None = None,
+    summary: Path | None = None,
+) -> str:
+    """Sample the posterior of a candidate; a sentence on convergence.
+
+    Without `prepared` the records are prepared first, and the study's settings are written beside
+    them, for `deabayes analyse`.
+    """
+    from deabayes.api import open_posterior
+    from deabayes.pipeline import fit_candidate, prepare_study
+
+    found = find_study(study, config)
+    _known(found, candidate)
+    output = output or results / found.name / candidate / "posterior.nc"
+    summary = summary or output.with_name("summary.csv")
+    keep_inputs(output, Path(study), config, prepared)
+    keep_inputs(summary, Path(study), config, prepared, option="--summary")
+    if prepared is None:
+        checked(found)
+        prepared = results / found.name / "prepared"
+        _keep_settings(found, results / found.name / "study.yaml")
+        prepare_study(found, prepared)
+    fit_candidate(found, candidate, prepared, output, summary, progress=True)
+    posterior = open_posterior(output)
+    verdict = "converged" if posterior.converged else "NOT converged"
+    return "\n".join([*posterior.leaning, f"{output}: {verdict}; parameters in {summary}"])
+
+
+def _folders_of(study: Study) -> list[Path]:
+    """Where a study's tables and its records are."""
+    from deabayes.records.folder import read_folder
+
+    read = read_folder(study.specimen, study.data_root, check_records=False)
+    files = [path for row in read.table if (path := read.locate(row)) is not None]
+    return [study.specimen, *dict.fromkeys(path.parent for path in files)]
+
+
+def _keep_settings(study: Study, path: Path) -> None:
+    """Write study.yaml, unless the workflow's says the same: a newer one has it prepare again."""
+    if not path.is_file() or settings_on_file(load_study(path)) != settings_on_file(study):
+        write_study(study, path)
+
+
+def _known(study: Study, candidate: str) -> str:
+    if candidate not in study.candidates:
+        raise UserError(
+            f"study {study.name} has no candidate {candidate!r}"
+            f"{nearest(candidate, study.candidates)}"
+        )
+    return candidate

@@ -14,6 +14,8 @@ from deabayes.cli.arguments import (
     RESULTS,
     TARGET,
     find_population,
+    find_study,
+    found_posteriors,
     keep_inputs,
 )
 from deabayes.faults import UserError
@@ -56,8 +58,6 @@ def compare(
 
     Candidates that did not converge are listed, and not ranked.
     """
-    from deabayes.cli.by_hand import compare_posteriors
-
     click.echo(compare_posteriors(posteriors, results, prepared, output))
 
 
@@ -73,8 +73,6 @@ def further(results: Path, config: Path, asked: str | None, output: Path | None)
     how much would it tell about their parameters? Considered are the held-out records and what
     the study asks for under further_experiments.
     """
-    from deabayes.cli.by_hand import weigh_experiments
-
     click.echo(weigh_experiments(results, config, asked, output), nl=False)
 
 
@@ -108,7 +106,6 @@ def predict(
     -o FILE.csv or FILE.nc.
     """
     from deabayes.cli.arguments import one_posterior
-    from deabayes.cli.by_hand import predict_posteriors
     from deabayes.cli.using import predict_record
 
     _go_together(
@@ -220,3 +217,65 @@ def population(population: str, config: Path, results: Path, output: Path | None
     if Path(population) != folder / SETTINGS:
         write_population(found, folder / SETTINGS)
     click.echo(said)
+
+
+def compare_posteriors(
+    sources: Sequence[str], results: Path, prepared: Path | None, output: Path | None
+) -> str:
+    """Score the posteriors that have no score yet, rank them; the table as text."""
+    from deabayes.pipeline import compare_candidates, score_candidate
+
+    posteriors = found_posteriors(sources, results)
+    prepared = prepared or posteriors[0].parent.parent / "prepared"
+    output = output or posteriors[0].parent.parent / "comparison.csv"
+    keep_inputs(output, prepared, *posteriors, *(p.with_name("scores.json") for p in posteriors))
+    for posterior in posteriors:
+        scores = posterior.with_name("scores.json")
+        if not scores.exists() or scores.stat().st_mtime < posterior.stat().st_mtime:
+            score_candidate(posterior, prepared, scores)
+    compare_candidates(posteriors, prepared, output)
+    return output.read_text()
+
+
+def weigh_experiments(results: Path, config: Path, asked: str | None, output: Path | None) -> str:
+    """Weigh experiments that could be done next; the table as text.
+
+    Parameters
+    ----------
+    asked : `further_experiments` as YAML; by default those of the study that `results` is of.
+    """
+    from deabayes.pipeline import entries_of, further_experiments
+
+    if asked is None:
+        entries = find_study(results.resolve().name, config).further_experiments
+    else:
+        entries = entries_of(asked)
+    output = output or results / "further_experiments.csv"
+    keep_inputs(output, config, results / "study.yaml", results / "comparison.csv")
+    further_experiments(results, entries, output)
+    return output.read_text()
+
+
+def predict_posteriors(
+    source: str, results: Path, prepared: Path | None, output: Path | None, errors: Path | None
+) -> str:
+    """Predict with one posterior, or with every posterior of a study; where the tables are."""
+    from deabayes.pipeline import predict_candidate
+
+    posteriors = found_posteriors([source], results)
+    if len(posteriors) > 1 and (output or errors):
+        raise UserError("--output and --errors go with one posterior file, not with a study")
+    lines = []
+    for posterior in posteriors:
+        table = errors or posterior.with_name("errors.csv")
+        records = prepared or posterior.parent.parent / "prepared"
+        keep_inputs(output, posterior, records)
+        keep_inputs(errors, posterior, records, option="--errors")
+        lines += predict_candidate(
+            posterior,
+            records,
+            output or posterior.with_name("predictions"),
+            table,
+        )
+        lines.append(f"{table}")
+    return "\n".join(lines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 @CONFIG
 def new(name: str, system: str, folder: Path, config: Path) -> None:
     """Write a commented study folder to fill in, and print its config entry."""
-    from deabayes.cli.by_hand import new_by_name
-
     click.echo(new_by_name(name, system, folder, config), nl=False)
 
 
@@ -48,8 +46,6 @@ def check(what: str, config: Path) -> None:
 @CONFIG
 def data(studies: Sequence[str], config: Path) -> None:
     """Download the public data sets that STUDIES (default: all) need, checked by SHA-256."""
-    from deabayes.cli.by_hand import download
-
     for line in download(studies, config):
         click.echo(line)
 
@@ -157,3 +153,24 @@ def checked(study: Study, compare: bool = False) -> list[str]:
     if faults:
         raise Faults(faults)
     return warnings
+
+
+def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
+    """Write a study folder to fill in; the entry for the config."""
+    from deabayes.own_models.loading import load_for
+    from deabayes.records.scaffold import new_study
+
+    load_for(system, config)
+    return new_study(name, system, folder)
+
+
+def download(studies: Sequence[str], config: Path) -> Iterator[str]:
+    """Fetch the public records of the studies; one line per specimen folder."""
+    from deabayes.records.download import fetch
+    from deabayes.studies import load_studies
+
+    wanted = [find_study(name, config) for name in studies] or load_studies(config)
+    for folder, root in dict.fromkeys((study.specimen, study.data_root) for study in wanted):
+        place = fetch(folder, root, progress=True)
+        if place != folder:
+            yield f"{folder}: records are in {place}"

@@ -11,6 +11,7 @@ import numpy as np
 
 from deabayes.cli.arguments import CONDITIONS, CONFIG, EXISTING, TARGET, keep_inputs
 from deabayes.faults import Faults, UserError, nearest
+from deabayes.units import NUMBER_AND_UNIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,8 +48,6 @@ def simulate(
     config: Path,
 ) -> None:
     """Simulate the response of CANDIDATE of SYSTEM to an excitation record."""
-    from deabayes.cli.by_hand import simulate_record
-
     tables = (specimen / "specimen.yaml", specimen / "experiments.csv")
     keep_inputs(output, excitation, config, *tables)
     failure = simulate_record(
@@ -276,3 +275,57 @@ def _to_be_known(prediction: xr.Dataset) -> Iterator[str]:
     for name in ("failure", "noise_note", "model_note", "held_out_note"):
         if attributes[name]:
             yield str(attributes[name])
+
+
+OTHER_FORMATS = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
+"""Endings that a CSV file may not have: what opens them would not read it."""
+
+
+def simulate_record(
+    system: str,
+    candidate: str,
+    specimen: Path,
+    excitation: Path,
+    settings: Sequence[str],
+    conditions: Sequence[str],
+    output: Path,
+    config: Path,
+) -> str:
+    """Simulate the response to the drive in a record; write time, drive and response as CSV.
+
+    Returns why the response ends or is missing, empty where it is whole.
+    """
+    from deabayes.files import write_atomically
+    from deabayes.own_models.loading import load_for
+    from deabayes.prediction.simulate import simulate
+
+    if output.suffix.lower() in OTHER_FORMATS:
+        raise UserError(f"-o {output}: a table is written, name it .csv")
+    load_for(system, config)
+    driven: dict[str, Any] = read_drive(system, excitation)
+    response = simulate(
+        system,
+        candidate,
+        parameters=dict(_values(settings)),
+        specimen=specimen,
+        conditions=dict(named(conditions, "--condition")),
+        **driven,
+    )
+    table = response.to_dataframe().reset_index()
+    table.columns = [f"{name} [{response[name].attrs['units']}]" for name in table.columns]
+    write_atomically(lambda path: table.to_csv(path, index=False), output)
+    return str(response.attrs.get("failure", ""))
+
+
+def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
+    """Parameters given as NAME=VALUE: SI, or with a unit."""
+    once_each(settings, "--set")
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        number, unit = match.groups() if (match := NUMBER_AND_UNIT.match(value)) else ("", "")
+        if not number:
+            raise UserError(
+                f"--set {setting!r}: expected NAME=VALUE with a number in SI units, or with its "
+                "unit, such as 'E_0=1.5 MPa'"
+            )
+        yield name.strip(), value if unit else float(number)

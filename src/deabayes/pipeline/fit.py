@@ -15,6 +15,7 @@ import numpy as np
 
 from deabayes.experiment import Experiment
 from deabayes.faults import UserError, nearest
+from deabayes.pipeline.sources import sources_of
 from deabayes.records.columns import ExperimentRow
 from deabayes.records.table import in_roles, none_to_fit, selected
 from deabayes.study import Study, fit_settings
@@ -163,8 +164,7 @@ def _without_response(target: LogPosterior) -> str:
 def _content(
     study: Study, candidate: str, target: LogPosterior, sampled: Sampled
 ) -> PosteriorContent:
-    from deabayes.checks.prior_sources import overruled
-    from deabayes.checks.priors import unexpected
+    from deabayes.checks.priors import overruled, unexpected
     from deabayes.inference.default_priors import further_prior
     from deabayes.posteriors.content import PosteriorContent
 
@@ -262,11 +262,8 @@ def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
 
     yield json.dumps(fit_settings(study), sort_keys=True, default=str).encode()
     yield specimen_to_json(read_specimen(study.specimen)).encode()
-    package = Path(__file__).parents[1]
-    above = {"analyses", "commands", "export", "figures", "report"}
-    code = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in above]
     given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
-    for path in [*calibrated_files(prepared), *given, *code]:
+    for path in [*calibrated_files(prepared), *given, *sources_of("pipeline.fit")]:
         yield path.name.encode()
         yield path.read_bytes()
 

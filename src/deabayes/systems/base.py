@@ -24,6 +24,15 @@ from deabayes.faults import Faults, MissingQuantity, UserError, nearest
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.springs.stretched import StretchedSpring
 
+if TYPE_CHECKING:
+    from deabayes.prior.joint import Prior
+    from deabayes.systems.ridges.film import FilmStress
+    from deabayes.systems.ridges.terms import GentPair, LogParts
+    from deabayes.systems.ridges.units import NestedShares, Shares, UnitHop
+    from deabayes.systems.solid import LinearModel, Solid
+
+    Ridge = FilmStress | GentPair | LogParts | NestedShares | Shares
+
 Conditions = Mapping[str, Mapping[str, float | str | None]]
 """Excitation channel -> condition -> its value where a record states none; None if not known.
 
@@ -61,15 +70,6 @@ def _wrong(name: str, value: object, wanted: tuple[str, ...]) -> list[str]:
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
 
-
-if TYPE_CHECKING:
-    from deabayes.prior.joint import Prior
-    from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress
-    from deabayes.systems.ridges.terms import GentPair, LogParts
-    from deabayes.systems.ridges.units import NestedShares, Shares, UnitHop
-    from deabayes.systems.solid import LinearModel, Solid
-
-    Ridge = FilmStress | GentPair | LogParts | NestedShares | Shares
 
 Draws = Mapping[str, FloatArray]
 Simulator = Callable[[Draws], FloatArray]

@@ -13,7 +13,7 @@ from deabayes.prior.coordinates import log_normals
 from deabayes.prior.distributions import Uniform
 from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.joint import Prior
-from deabayes.systems.minimum_energy_structure.film_coordinates import FilmStress
+from deabayes.systems.ridges.film import FilmStress
 from deabayes.systems.ridges.units import Shares, units_of
 from deabayes.systems.springs.ogden import stress_of_one
 from deabayes.systems.springs.stretched import StretchedSpring
