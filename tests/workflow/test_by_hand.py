@@ -9,7 +9,7 @@ import pytest
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes import api, pipeline
-from deabayes.cli.by_hand import fit_by_name
+from deabayes.cli.fitting import fit_by_name
 from deabayes.cli.main import main
 from deabayes.studies import load_studies, load_study
 

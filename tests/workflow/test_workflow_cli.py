@@ -132,7 +132,7 @@ def test_a_broken_configuration_is_one_message(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
-    from deabayes.cli.main import main as cli
+    from deabayes.cli import main as cli
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -145,7 +145,7 @@ def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
 
 
 def test_a_fault_of_the_program_is_not_hidden(monkeypatch) -> None:
-    from deabayes.cli.main import main as cli
+    from deabayes.cli import main as cli
 
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.workflow.snakemake_runs import ROOT, TINY, snakemake
 
-from deabayes.cli.by_hand import weigh_experiments
+from deabayes.cli.judging import weigh_experiments
 from deabayes.pipeline import compare_candidates
 from deabayes.posteriors.storage import read_tree, write_tree
 

@@ -2,7 +2,7 @@ rule score:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
         prepared="<results>/{study}/prepared",
-        code=code_of("comparison.scoring"),
+        code=code_of("comparison.scoring", "comparison.left_out"),
     output:
         "<results>/{study}/{candidate}/scores.json",
     log:
