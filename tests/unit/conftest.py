@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from tests.unit.own_model_page import write_page
 
-from deabayes.analyses import influence
 from deabayes.own_models import loading
+from deabayes.papers.membrane import influence
 from deabayes.systems import OWN
 
 

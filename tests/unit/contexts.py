@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from tests.unit.membranes import PLAIN, golden_draws, membrane, sine, step
 
-from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Experiment
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.papers.base import StudyContext
 from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from tests.unit.structures import FILM, PLAIN, STIFFNESS, VISCOSITY, pull, structure, voltage
 
-from deabayes import analyses
-from deabayes.analyses.base import StudyContext
+from deabayes import papers
 from deabayes.experiment import Experiment
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.papers.base import StudyContext
 from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 
@@ -135,7 +135,7 @@ def _context(name, candidates, protocol, records) -> StudyContext:
 @cache
 def computed(name, study):
     """One analysis of one of the made-up studies."""
-    return analyses.module(name).compute({"static": static, "motion": motion}[study]())
+    return papers.module(name).compute({"static": static, "motion": motion}[study]())
 
 
 def known(context, responses):

@@ -15,10 +15,10 @@ from tests.unit.contexts import context
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
-from deabayes import analyses, figures
-from deabayes.analyses.base import Analysis
+from deabayes import figures, papers
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
+from deabayes.papers.base import Analysis
 from deabayes.report.page import render
 from deabayes.report.sections import readable
 from deabayes.report.tables import write_csv
@@ -49,40 +49,41 @@ def made_up(name="mean_modulus", systems=(), tables=("modulus",)):
 def registered(monkeypatch):
     """Only the made-up analysis is registered."""
     monkeypatch.setitem(sys.modules, "made_up", made_up())
-    monkeypatch.setattr(analyses, "REGISTRY", {"mean_modulus": "made_up"})
+    monkeypatch.setattr(papers, "REGISTRY", {"mean_modulus": "made_up"})
 
 
-@pytest.mark.parametrize("name", analyses.REGISTRY)
+@pytest.mark.parametrize("name", papers.REGISTRY)
 def test_every_analysis_says_what_it_is(name):
-    module = analyses.module(name)
+    module = papers.module(name)
     assert set(module.SYSTEMS) <= set(SYSTEMS)
     assert module.TITLE and module.CAPTION and callable(module.compute)
-    assert module.__name__ == f"deabayes.analyses.{name}"
+    assert module.__name__.startswith("deabayes.papers.")
+    assert module.__name__.endswith(f".{name}")
 
 
 def test_figures_draw_registered_analyses():
     named = {getattr(figures.module(name), "ANALYSIS", "") for name in figures.REGISTRY}
-    assert named - {""} <= set(analyses.REGISTRY)
+    assert named - {""} <= set(papers.REGISTRY)
 
 
 def test_unknown_analysis(registered):
     with pytest.raises(UserError, match="did you mean 'mean_modulus'"):
-        analyses.module("mean_moduli")
+        papers.module("mean_moduli")
 
 
 def test_a_system_has_its_own_and_the_common_ones(monkeypatch):
     for name, systems in (("one", ("tubular",)), ("two", ())):
         monkeypatch.setitem(sys.modules, name, made_up(name, systems))
-    monkeypatch.setattr(analyses, "REGISTRY", {"one": "one", "two": "two"})
-    assert analyses.names_for("tubular") == ["one", "two"]
-    assert analyses.names_for("membrane") == ["two"]
+    monkeypatch.setattr(papers, "REGISTRY", {"one": "one", "two": "two"})
+    assert papers.names_for("tubular") == ["one", "two"]
+    assert papers.names_for("membrane") == ["two"]
 
 
 def test_what_is_computed_is_read_back(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
     results = StudyResults(study)
     assert results.analysis("mean_modulus") is None
-    assert analyses.run_all(context(), study / "analyses") == ["mean_modulus"]
+    assert papers.run_all(context(), study / "analyses") == ["mean_modulus"]
     found = StudyResults(study).analysis("mean_modulus")
     assert found is not None
     assert (found.title, found.caption) == ("Mean modulus", "Of the draws.")
@@ -93,7 +94,7 @@ def test_what_is_computed_is_read_back(registered, tmp_path):
 
 def test_same_seed_same_draws_and_other_study_others(registered, tmp_path):
     def drawn(context, folder):
-        analyses.run_all(context, folder)
+        papers.run_all(context, folder)
         return xr.load_dataset(folder / "mean_modulus" / "noise.nc")["drawn"].values
 
     first = drawn(context(), tmp_path / "a")
@@ -103,26 +104,26 @@ def test_same_seed_same_draws_and_other_study_others(registered, tmp_path):
 
 
 def test_what_was_there_before_goes(registered, tmp_path, monkeypatch):
-    analyses.run_all(context(), tmp_path / "analyses")
-    monkeypatch.setattr(analyses, "REGISTRY", {})
-    analyses.run_all(context(), tmp_path / "analyses")
+    papers.run_all(context(), tmp_path / "analyses")
+    monkeypatch.setattr(papers, "REGISTRY", {})
+    papers.run_all(context(), tmp_path / "analyses")
     assert [path.name for path in tmp_path.rglob("*")] == ["analyses", "index.json"]
 
 
 def test_a_failing_analysis_leaves_what_was_there(registered, tmp_path, monkeypatch):
-    analyses.run_all(context(), tmp_path / "analyses")
+    papers.run_all(context(), tmp_path / "analyses")
     before = sorted(path.read_bytes() for path in (tmp_path / "analyses").rglob("*.*"))
     monkeypatch.setitem(sys.modules, "broken", made_up("broken", tables=("modulus",)))
-    monkeypatch.setattr(analyses, "REGISTRY", {**analyses.REGISTRY, "broken": "broken"})
+    monkeypatch.setattr(papers, "REGISTRY", {**papers.REGISTRY, "broken": "broken"})
     with pytest.raises(ValueError, match="broken: a table 'modulus' exists already"):
-        analyses.run_all(context(), tmp_path / "analyses")
+        papers.run_all(context(), tmp_path / "analyses")
     assert before == sorted(path.read_bytes() for path in (tmp_path / "analyses").rglob("*.*"))
 
 
 def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
-    monkeypatch.setattr(analyses, "REGISTRY", {})
+    monkeypatch.setattr(papers, "REGISTRY", {})
     study = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
-    assert analyses.run_all(context(), study / "analyses") == []
+    assert papers.run_all(context(), study / "analyses") == []
     assert json.loads((study / "analyses" / "index.json").read_text()) == []
     assert StudyResults(study).analyses == ()
     page = render([StudyResults(study)], {study: []}, [], {})
@@ -131,7 +132,7 @@ def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
 
 def test_an_analysis_with_nothing_to_show_has_no_heading(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
-    analyses.run_all(context(), study / "analyses")
+    papers.run_all(context(), study / "analyses")
     index = study / "analyses" / "index.json"
     (entry,) = json.loads(index.read_text())
     index.write_text(json.dumps([{**entry, "tables": [], "curves": []}]))
@@ -141,7 +142,7 @@ def test_an_analysis_with_nothing_to_show_has_no_heading(registered, tmp_path):
 
 def test_the_report_shows_tables_and_keeps_them_whole(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
-    analyses.run_all(context(), study / "analyses")
+    papers.run_all(context(), study / "analyses")
     results = StudyResults(study)
     page = render([results], {results.folder: []}, [], {})
     text = page[page.index("What the paper reports") :]

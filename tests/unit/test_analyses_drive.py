@@ -10,8 +10,8 @@ from tests.unit import structure_contexts
 from tests.unit.contexts import experiment
 from tests.unit.membranes import sine, step, voltage
 
-from deabayes.analyses.drive import Cycles, amplitude, resampled, since_step
 from deabayes.integrate.periodic import upward_crossings
+from deabayes.papers.timing import Cycles, amplitude, resampled, since_step
 from deabayes.systems.curves import drive_of
 
 

@@ -10,19 +10,18 @@ import pytest
 from tests.unit.contexts import CANDIDATES, context, draws, experiment
 from tests.unit.membranes import membrane, sine, step, voltage
 
-from deabayes import analyses
-from deabayes.analyses import (
+from deabayes import papers
+from deabayes.papers import hysteresis
+from deabayes.papers.base import band, interval
+from deabayes.papers.membrane import (
     amplitude_frequency,
     error_against_time,
-    hysteresis,
     membrane_table_1,
     membrane_table_2,
     pull_in,
     response_stages,
 )
-from deabayes.analyses.drive import Cycles
-from deabayes.analyses.loops import Loops
-from deabayes.analyses.summaries import band, interval
+from deabayes.papers.timing import Cycles, Loops
 
 TIME = np.array([1.0, 4.0, 6.0, 100.0])
 FLAT = np.array([0.1, 0.3, 0.4, 0.5])
@@ -220,29 +219,29 @@ def test_beyond_pull_in_there_is_no_steady_stretch():
     assert np.isfinite(table.loc[4.0, "steady_stretch"])
 
 
-@pytest.mark.parametrize("name", analyses.names_for("membrane"))
+@pytest.mark.parametrize("name", papers.names_for("membrane"))
 def test_every_analysis_does_without_the_records_it_is_about(name):
     made = context()
     only = [e for e in made.experiments if e.response_name == "area"]
     made = replace(made, experiments=only[:1])
-    found = analyses.module(name).compute(made)
+    found = papers.module(name).compute(made)
     assert all(isinstance(table, pd.DataFrame) and len(table) for table in found.tables.values())
 
 
-@pytest.mark.parametrize("name", [n for n in analyses.names_for("membrane") if n != "influence"])
+@pytest.mark.parametrize("name", [n for n in papers.names_for("membrane") if n != "influence"])
 def test_a_candidate_that_pulls_in_in_every_draw_costs_no_analysis(name):
     made = context()
     softer = {n: v * (0.3 if n[:2] in ("mu", "ze") else 1e4 if n[:2] == "J_" else 1.0)
               for n, v in draws(1).items()}  # fmt: skip
     soft = replace(made.candidates["kv_gm_1"], draws=softer)
     made = replace(made, candidates=dict(made.candidates) | {"kv_gm_1": soft}, _responses={})
-    found = analyses.module(name).compute(made)
+    found = papers.module(name).compute(made)
     assert all("kv_gm_2" in set(t.get("candidate", ["kv_gm_2"])) for t in found.tables.values())
 
 
-@pytest.mark.parametrize("name", analyses.names_for("membrane"))
+@pytest.mark.parametrize("name", papers.names_for("membrane"))
 def test_every_number_of_a_posterior_has_its_interval(name):
-    for table in analyses.module(name).compute(context()).tables.values():
+    for table in papers.module(name).compute(context()).tables.values():
         columns = [str(c) for c in table.columns]
         low = [c.removesuffix("_q05") for c in columns if c.endswith("_q05")]
         for base in low:

@@ -11,18 +11,18 @@ from tests.unit import structure_contexts as made_up
 from tests.unit.structure_contexts import MOVING, STATIC, computed, draws, exact, motion, static
 from tests.unit.structures import FILM, STIFFNESS, VISCOSITY
 
-from deabayes import analyses
-from deabayes.analyses import (
+from deabayes import papers
+from deabayes.papers import minimum_energy_structure
+from deabayes.papers.minimum_energy_structure import (
     force_curve,
     structure_errors,
     structure_film,
-    structure_paper,
     structure_units,
 )
-from deabayes.analyses.drive import Cycles
+from deabayes.papers.timing import Cycles
 from deabayes.report.sections import readable
 
-OF_STRUCTURE = [n for n in analyses.names_for("minimum_energy_structure") if "genetic" not in n]
+OF_STRUCTURE = [n for n in papers.names_for("minimum_energy_structure") if "genetic" not in n]
 """The genetic algorithm is tested in test_genetic_algorithm.py: it takes its time."""
 
 
@@ -137,9 +137,9 @@ def test_late_errors_are_of_the_second_half():
     [(5.0002, 1.0, 6.14), (4.0, 6.0001, 7.25), (3.0, 1.0, None), (5.0, 5.3, None)],
 )
 def test_the_papers_table_5(kilovolts, hertz, printed):
-    found = structure_paper.e_rms(kilovolts, hertz)
+    found = minimum_energy_structure.e_rms(kilovolts, hertz)
     assert np.isnan(found) if printed is None else found == printed
-    assert np.isnan(structure_paper.e_rms(5.0, 12.0))
+    assert np.isnan(minimum_energy_structure.e_rms(5.0, 12.0))
 
 
 @pytest.mark.parametrize("name", OF_STRUCTURE)
@@ -164,11 +164,11 @@ def test_each_study_has_what_its_records_are_about():
             assert all(isinstance(t, pd.DataFrame) and len(t) for t in found.tables.values())
 
 
-@pytest.mark.parametrize("name", analyses.names_for("minimum_energy_structure"))
+@pytest.mark.parametrize("name", papers.names_for("minimum_energy_structure"))
 def test_a_single_held_out_record_is_enough_not_to_fail(name):
     for context in (static(), motion()):
         only = [e for e in context.experiments if e.role == "validate"][:1]
-        analyses.module(name).compute(replace(context, experiments=only))
+        papers.module(name).compute(replace(context, experiments=only))
 
 
 @pytest.mark.parametrize("name", OF_STRUCTURE)
@@ -188,7 +188,7 @@ def test_a_candidate_without_any_response_costs_no_analysis(name):
         }
         experiments = [*context.experiments, *more]
         found = replace(context, experiments=experiments, _responses=lost)
-        for table in analyses.module(name).compute(found).tables.values():
+        for table in papers.module(name).compute(found).tables.values():
             assert last in set(table.get("candidate", [last]))
 
 

@@ -9,9 +9,10 @@ import pytest
 from tests.unit import structure_contexts as made_up
 from tests.unit.structure_contexts import MOVING, computed, exact, motion
 
-from deabayes.analyses import error_against_phase, hysteresis, structure_amplitude
-from deabayes.analyses.drive import Cycles
-from deabayes.analyses.summaries import beside
+from deabayes.papers import hysteresis
+from deabayes.papers.base import beside
+from deabayes.papers.minimum_energy_structure import error_against_phase, structure_amplitude
+from deabayes.papers.timing import Cycles
 
 
 def test_the_phase_is_counted_from_the_lowest_voltage():

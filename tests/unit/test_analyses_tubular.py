@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from tests.unit.tubes import QUANTITIES
 
-from deabayes.analyses import amplifier_current, circuit, inertial_parameter, names_for
-from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.papers import names_for
+from deabayes.papers.base import StudyContext
+from deabayes.papers.tubular import amplifier_current, circuit, inertial_parameter
 from deabayes.posteriors.fitted import Fitted
 from deabayes.study import Study
 from deabayes.systems import build

@@ -9,9 +9,9 @@ import pytest
 from scipy.special import ndtri
 from tests.unit.membranes import sine
 
-from deabayes.analyses.cycle_influence import cycle_stages, has_cycles
-from deabayes.analyses.loops import PHASES
 from deabayes.experiment import Experiment
+from deabayes.papers.membrane.influence import cycle_stages, has_cycles
+from deabayes.papers.timing import PHASES
 from deabayes.prediction.influence import PriorModel, stage_sensitivity
 from deabayes.prior.distributions import LogNormal, Uniform
 from deabayes.prior.joint import Prior

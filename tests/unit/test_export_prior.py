@@ -11,7 +11,7 @@ import pytest
 from tests.unit.cards import posterior
 
 from deabayes.export import export
-from deabayes.export.prior_normal import prior_normal
+from deabayes.export.priors import prior_normal
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import stacked
 from deabayes.prior.learned import distance_from_normal

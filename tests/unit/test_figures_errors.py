@@ -9,8 +9,8 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import structure_errors
 from deabayes.figures.results import StudyResults
+from deabayes.papers.minimum_energy_structure import structure_errors
 
 FACTORS = [(15.0, "linear"), (100.0, "log")]
 

@@ -11,13 +11,13 @@ from tests.unit.contexts import CANDIDATES, context
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
-from deabayes import analyses, figures
+from deabayes import figures, papers
 from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 OF_MEMBRANE = [
     name for name in figures.REGISTRY
-    if getattr(figures.module(name), "ANALYSIS", "") in analyses.names_for("membrane")
+    if getattr(figures.module(name), "ANALYSIS", "") in papers.names_for("membrane")
     and "membrane" in getattr(figures.module(name), "SYSTEMS", ("membrane",))
 ]  # fmt: skip
 OF_POSTERIORS = [n for n in OF_MEMBRANE if figures.module(n).ANALYSIS != "influence"]
@@ -28,7 +28,7 @@ FAKE = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated"
 @pytest.fixture(scope="module")
 def analysed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = write_study(tmp_path_factory.mktemp("analysed"), FAKE)
-    analyses.run_all(context(), study / "analyses")
+    papers.run_all(context(), study / "analyses")
     return study
 
 

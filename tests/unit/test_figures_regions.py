@@ -20,15 +20,11 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import (
-    frequency_response,
-    hysteresis,
-    pairs,
-    panels,
-    residuals,
-    structure_loops,
-)
+from deabayes.figures import pairs, panels, residuals
 from deabayes.figures.results import StudyResults
+from deabayes.papers import hysteresis
+from deabayes.papers.minimum_energy_structure import structure_loops
+from deabayes.papers.tubular import frequency_response
 
 PHASE = np.linspace(0.0, 2.0 * np.pi, 81)
 

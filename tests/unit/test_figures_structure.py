@@ -14,15 +14,15 @@ from tests.unit import structure_contexts as made_up
 from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
-from deabayes import analyses, figures
-from deabayes.analyses import genetic_algorithm
+from deabayes import figures, papers
 from deabayes.figures import pairs, panels
 from deabayes.figures.results import StudyResults
+from deabayes.papers.minimum_energy_structure import genetic_algorithm
 
 SYSTEM = "minimum_energy_structure"
 OF_STRUCTURE = [
     name for name in figures.REGISTRY
-    if getattr(figures.module(name), "ANALYSIS", "") in analyses.names_for(SYSTEM)
+    if getattr(figures.module(name), "ANALYSIS", "") in papers.names_for(SYSTEM)
 ]  # fmt: skip
 STATIC = ("force_curve", "structure_film", "genetic_algorithm")
 FAKE = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated")
@@ -43,7 +43,7 @@ def analysed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         found = {}
         for kind, context in (("static", made_up.static()), ("motion", made_up.motion())):
             found[kind] = write_study(folder / kind, FAKE)
-            analyses.run_all(context, found[kind] / "analyses")
+            papers.run_all(context, found[kind] / "analyses")
         return found
 
 

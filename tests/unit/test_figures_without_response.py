@@ -16,8 +16,9 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import panels, prior_curves, residuals, style
+from deabayes.figures import panels, residuals, style
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.papers.membrane import prior_curves
 
 NOTHING = "no draw has a response"
 FEW = Fake(candidates=(1, 2), protocols=("relaxation", "creep"))

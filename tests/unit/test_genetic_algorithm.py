@@ -9,7 +9,7 @@ import pytest
 from tests.unit.structure_contexts import STATIC, motion, static, truth
 from tests.unit.structures import FILM, structure
 
-from deabayes.analyses import genetic_algorithm
+from deabayes.papers.minimum_energy_structure import genetic_algorithm
 
 
 @pytest.fixture

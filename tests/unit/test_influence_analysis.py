@@ -11,10 +11,10 @@ from tests.unit.fake_records import Fake
 from tests.unit.fake_results import write_study
 from tests.unit.membranes import sine
 
-from deabayes import analyses, figures
-from deabayes.analyses import influence
-from deabayes.analyses.influence_curves import loops_dataset
+from deabayes import figures, papers
 from deabayes.figures.results import StudyResults
+from deabayes.papers.membrane import influence
+from deabayes.papers.membrane.influence import loops_dataset
 from deabayes.prediction.influence import PriorModel
 from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
@@ -28,8 +28,8 @@ def study(tmp_path_factory):
     fake = Fake(candidates=(1, 2), protocols=("relaxation",), provenance="simulated")
     folder = write_study(tmp_path_factory.mktemp("influence"), fake)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(analyses, "REGISTRY", {"influence": "deabayes.analyses.influence"})
-        analyses.run_all(context(), folder / "analyses")
+        patch.setattr(papers, "REGISTRY", {"influence": "deabayes.papers.membrane.influence"})
+        papers.run_all(context(), folder / "analyses")
     return StudyResults(folder)
 
 

@@ -9,10 +9,10 @@ import yaml
 from tests.unit.study_folders import make_folder, replace_in
 
 from deabayes.faults import Faults, UserError
-from deabayes.instruments import PROPERTIES, instrument
 from deabayes.records.columns import CHANNELS
 from deabayes.records.schema import read_yaml, schema
 from deabayes.records.specimen import read_specimen, specimen_from_quantities
+from deabayes.systems.specimen_quantities import PROPERTIES, instrument
 
 
 def test_quantities_and_instruments_in_si(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 from matplotlib import pyplot
 
-from deabayes.analyses import response_stages
 from deabayes.experiment import Excitation, Experiment
-from deabayes.figures import response_stages as figure
+from deabayes.papers.membrane import response_stages
+from deabayes.papers.membrane import response_stages as figure
 
 TIME = np.array([0.5, 1.0, 30.0, 100.0])
 

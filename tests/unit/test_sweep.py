@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.unit import structure_contexts as made_up
 
-from deabayes.analyses import sweep
-from deabayes.analyses.sweep import Sweep
+from deabayes.papers import timing
+from deabayes.papers.timing import Sweep
 
 
 def test_amplitudes_along_a_sweep():
@@ -31,7 +31,7 @@ def test_frequencies_that_the_points_alias_are_left_out(monkeypatch):
     """At a third of the sampling rate the second harmonic reads as the first."""
     record = made_up.sweep(duration=40.0)
     found = Sweep.of(record).frequency
-    monkeypatch.setattr(sweep, "WORST_CONDITION", np.inf)
+    monkeypatch.setattr(timing, "WORST_CONDITION", np.inf)
     (*_, missing) = sorted(set(Sweep.of(record).frequency) - set(found))
     assert missing == pytest.approx(125.0 / 3.0, abs=0.5)
     assert np.min(np.abs(found - missing)) > 0.3

@@ -14,11 +14,11 @@ from tests.unit.test_predict_with import STUDY, UNCERTAIN, creep, draws, file, p
 from tests.unit.test_tubular_frequency_response import SPECIMEN, WHOLE, experiments
 
 from deabayes import figures
-from deabayes.analyses import resonance
-from deabayes.analyses.base import StudyContext
 from deabayes.experiment import Excitation, Experiment
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.noise import REGISTRY as NOISE
+from deabayes.papers.base import StudyContext
+from deabayes.papers.tubular import resonance
 from deabayes.pipeline import predict_candidate
 from deabayes.posteriors.fitted import Fitted
 from deabayes.posteriors.storage import write_tree

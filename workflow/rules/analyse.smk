@@ -3,7 +3,7 @@ rule analyse:
         study="<results>/{study}/study.yaml",
         prepared="<results>/{study}/prepared",
         posteriors=posteriors_of,
-        code=code_of("analyses"),
+        code=code_of("papers"),
     output:
         directory("<results>/{study}/analyses"),
     log:

@@ -37,7 +37,7 @@ rule population_figures:
         posterior="<results>/populations/{population}/posterior.nc",
         shrinkage="<results>/populations/{population}/shrinkage.csv",
         predictions="<results>/populations/{population}/predictions",
-        code=code_of("figures"),
+        code=code_of("figures", "papers"),
     output:
         directory("<results>/populations/{population}/figures"),
     log:

@@ -5,7 +5,7 @@ rule figures:
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
-        code=code_of("figures"),
+        code=code_of("figures", "papers"),
     output:
         directory("<results>/{study}/figures"),
     log:

@@ -9,10 +9,10 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
 from deabayes.systems.base import System
+from deabayes.systems.specimen_quantities import instrument
 
 if TYPE_CHECKING:
     from deabayes.experiment import Excitation, Experiment, Specimen

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.posteriors.storage import fitted_posteriors
 
 if TYPE_CHECKING:
     from deabayes.population.settings import Population
@@ -167,6 +166,8 @@ def study_folders(names: Sequence[str], results: Path) -> list[Path]:
 
 def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:
     """Posterior files given as such, or all those of one study given by name."""
+    from deabayes.posteriors.storage import fitted_posteriors
+
     if all(Path(source).is_file() for source in sources):
         return [Path(source) for source in sources]
     if len(sources) > 1:
@@ -180,6 +181,8 @@ def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:
 
 def one_posterior(source: str, results: Path) -> Path:
     """A posterior file given as such, or that of a study by name with one fitted candidate."""
+    from deabayes.posteriors.storage import fitted_posteriors
+
     if Path(source).is_file():
         return Path(source)
     found = fitted_posteriors(results / source)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
 
 from deabayes.cli.arguments import (
     CONFIG,
@@ -21,7 +20,6 @@ from deabayes.cli.arguments import (
 )
 from deabayes.cli.records import checked
 from deabayes.faults import UserError, nearest
-from deabayes.studies import load_study, write_study
 from deabayes.study import Study, settings_on_file
 
 if TYPE_CHECKING:
@@ -103,6 +101,8 @@ def compile_study(study: str, config: Path) -> None:
 
 def _use_the_proposal() -> None:
     """The sampler's straightening map, there and back."""
+    import numpy as np
+
     from deabayes.sampling.warp import fit_warp
 
     samples = np.random.default_rng(0).standard_normal((200, 2))
@@ -115,6 +115,8 @@ def _use_wider_systems(
     study: Study, target: LogPosterior, experiments: Sequence[Experiment]
 ) -> None:
     """What `predict_with` asks for, at the median of the prior."""
+    import numpy as np
+
     from deabayes.inference.default_priors import further_prior, wider_systems
 
     theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
@@ -131,6 +133,8 @@ def _use_wider_systems(
 
 def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
     """Likelihood, derived quantities, every record's response; noise and its innovations."""
+    import numpy as np
+
     theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
     draws = target.draws(theta)
     target.log_likelihood(theta)
@@ -200,6 +204,8 @@ def _folders_of(study: Study) -> list[Path]:
 
 def _keep_settings(study: Study, path: Path) -> None:
     """Write study.yaml, unless the workflow's says the same: a newer one has it prepare again."""
+    from deabayes.studies import load_study, write_study
+
     if not path.is_file() or settings_on_file(load_study(path)) != settings_on_file(study):
         write_study(study, path)
 

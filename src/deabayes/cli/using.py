@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from deabayes.cli.arguments import CONDITIONS, CONFIG, EXISTING, TARGET, keep_inputs
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.units import NUMBER_AND_UNIT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,6 +155,8 @@ def _check_without_time(record: RawRecord, in_time: list[str], path: Path) -> No
 
 
 def _faults(driven: Mapping[str, FloatArray], where: str, steady: list[str]) -> list[str]:
+    import numpy as np
+
     from deabayes.records.checks import not_finite, time_goes_back, time_repeats
 
     faults = [f for name, values in driven.items() for f in not_finite(values, name, where, "")]
@@ -319,6 +319,8 @@ def simulate_record(
 
 def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
     """Parameters given as NAME=VALUE: SI, or with a unit."""
+    from deabayes.units import NUMBER_AND_UNIT
+
     once_each(settings, "--set")
     for setting in settings:
         name, _, value = setting.partition("=")

@@ -1,4 +1,4 @@
-"""Posteriors in the formats other programs read: one file and one line here per format."""
+"""Posteriors in the formats other programs read: one function and one line here per format."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ from typing import Any
 
 import xarray as xr
 
+from deabayes.export import abaqus, ansys, state_space
+from deabayes.export.draws import write_csv, write_json, write_mat, write_parquet
+from deabayes.export.priors import write_numpyro, write_pymc
 from deabayes.faults import UserError, nearest
 from deabayes.files import write_atomically
-from deabayes.registry import load
 
-REGISTRY: dict[str, Callable[..., Sequence[str] | None]] = load(
-    __name__,
-    {
-        "csv": "write",
-        "parquet": "write",
-        "json": "write",
-        "mat": "write",
-        "state-space": "write",
-        "abaqus": "write",
-        "ansys": "write",
-        "pymc": "write",
-        "numpyro": "write",
-    },
-)
-"""Format -> its function in the module of the same name: (tree, path, *, its options).
+REGISTRY: dict[str, Callable[..., Sequence[str] | None]] = {
+    "csv": write_csv,
+    "parquet": write_parquet,
+    "json": write_json,
+    "mat": write_mat,
+    "state-space": state_space.write,
+    "abaqus": abaqus.write,
+    "ansys": ansys.write,
+    "pymc": write_pymc,
+    "numpyro": write_numpyro,
+}
+"""Format -> its function: (tree, path, *, its options).
 
 One that takes `suffix` is told the ending of the file asked for: it writes to another path. One may
 return what is to be heeded about what it wrote.

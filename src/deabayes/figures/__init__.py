@@ -1,5 +1,7 @@
 """Figures drawn from results files: one module per figure, one line of the registry.
 
+Those of a paper's results are beside their tables, in `papers`.
+
 A figure module has `SCOPE` (candidate | study | population), `TITLE`, `CAPTION` and
 `draw(results)`, which returns a Figure or a list of them (one per sheet) from a
 `CandidateResults`, a `StudyResults` or a `PopulationResults`. One that draws an analysis
@@ -38,28 +40,28 @@ REGISTRY: Mapping[str, str] = {
     "pit": "deabayes.figures.pit",
     "noise_share": "deabayes.figures.noise_share",
     "prior_predictive": "deabayes.figures.prior_predictive",
-    "prior_curves": "deabayes.figures.prior_curves",
-    "one_at_a_time": "deabayes.figures.one_at_a_time",
-    "one_at_a_time_loops": "deabayes.figures.one_at_a_time_loops",
-    "sobol_indices": "deabayes.figures.sobol_indices",
+    "prior_curves": "deabayes.papers.membrane.prior_curves",
+    "one_at_a_time": "deabayes.papers.membrane.one_at_a_time",
+    "one_at_a_time_loops": "deabayes.papers.membrane.one_at_a_time_loops",
+    "sobol_indices": "deabayes.papers.membrane.sobol_indices",
     "comparison": "deabayes.figures.comparison",
     "further_experiments": "deabayes.figures.further_experiments",
     "errors": "deabayes.figures.errors",
     "preparation": "deabayes.figures.preparation",
-    "frequency_response": "deabayes.figures.frequency_response",
-    "strain_voltage": "deabayes.figures.strain_voltage",
-    "error_against_time": "deabayes.figures.error_against_time",
-    "response_stages": "deabayes.figures.response_stages",
-    "force_curve": "deabayes.figures.force_curve",
-    "structure_film": "deabayes.figures.structure_film",
-    "genetic_algorithm": "deabayes.figures.genetic_algorithm",
-    "structure_errors": "deabayes.figures.structure_errors",
-    "structure_loops": "deabayes.figures.structure_loops",
-    "hysteresis": "deabayes.figures.hysteresis",
-    "error_against_phase": "deabayes.figures.error_against_phase",
-    "structure_amplitude": "deabayes.figures.structure_amplitude",
-    "amplitude_frequency": "deabayes.figures.amplitude_frequency",
-    "pull_in": "deabayes.figures.pull_in",
+    "frequency_response": "deabayes.papers.tubular.frequency_response",
+    "strain_voltage": "deabayes.papers.tubular.strain_voltage",
+    "error_against_time": "deabayes.papers.membrane.error_against_time",
+    "response_stages": "deabayes.papers.membrane.response_stages",
+    "force_curve": "deabayes.papers.minimum_energy_structure.force_curve",
+    "structure_film": "deabayes.papers.minimum_energy_structure.structure_film",
+    "genetic_algorithm": "deabayes.papers.minimum_energy_structure.genetic_algorithm",
+    "structure_errors": "deabayes.papers.minimum_energy_structure.structure_errors",
+    "structure_loops": "deabayes.papers.minimum_energy_structure.structure_loops",
+    "hysteresis": "deabayes.papers.hysteresis",
+    "error_against_phase": "deabayes.papers.minimum_energy_structure.error_against_phase",
+    "structure_amplitude": "deabayes.papers.minimum_energy_structure.structure_amplitude",
+    "amplitude_frequency": "deabayes.papers.membrane.amplitude_frequency",
+    "pull_in": "deabayes.papers.membrane.pull_in",
     "shrinkage": "deabayes.figures.shrinkage",
     "new_specimen": "deabayes.figures.new_specimen",
 }
@@ -119,7 +121,8 @@ def draw(name: str, results: Results) -> list[Figure]:
     from deabayes.figures.results import StudyResults
 
     systems = getattr(module(name), "SYSTEMS", ())
-    if systems and results.study.system not in systems:
+    drawn_as_computed = hasattr(module(name), "ANALYSIS")
+    if systems and not drawn_as_computed and results.study.system not in systems:
         return []
     with style.applied():
         drawn = module(name).draw(results)
@@ -192,6 +195,14 @@ def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
 
 
+def _titles(source: ModuleType) -> tuple[str, str]:
+    """Title and caption; those of a paper's result stand beside its tables' own."""
+    title, caption = (
+        getattr(source, f"FIGURE_{n}", None) or getattr(source, n) for n in ("TITLE", "CAPTION")
+    )
+    return title, caption
+
+
 def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
     from deabayes.figures import style
 
@@ -204,7 +215,7 @@ def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
         svg, png = out / f"{stem}.svg", out / f"{stem}.png"
         with style.applied():
             style.write(figure, svg, png)
-        labels = source.TITLE, source.CAPTION
+        labels = _titles(source)
         analysis = getattr(source, "ANALYSIS", "")
         saved.append(SavedFigure(name, candidate, sheet, *labels, svg, png, analysis))
     return saved

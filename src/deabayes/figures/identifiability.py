@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from deabayes.figures import style
-from deabayes.figures.decided_by import SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.figures.results import CandidateResults
-from deabayes.posteriors.sensitivity import SENSITIVE
+from deabayes.posteriors.sensitivity import SENSITIVE, SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.quantities import symbol_text
 
 SCOPE = "candidate"

@@ -9,12 +9,12 @@ import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Quantity
 from deabayes.faults import UserError
-from deabayes.instruments import instrument
 from deabayes.noise.base import NoiseModel
 from deabayes.prior.distributions import LogNormal
 from deabayes.prior.parameter import Parameter
 from deabayes.study import Study
 from deabayes.systems.base import System
+from deabayes.systems.specimen_quantities import instrument
 
 
 @dataclass(frozen=True)

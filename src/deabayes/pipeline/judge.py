@@ -250,8 +250,8 @@ def analyse_study(results: Path, output: Path) -> list[str]:
     ----------
     results : `results/{study}` with study.yaml, prepared records and posteriors.
     """
-    from deabayes.analyses import run_all
-    from deabayes.analyses.base import StudyContext
+    from deabayes.papers import run_all
+    from deabayes.papers.base import StudyContext
     from deabayes.studies import load_study
 
     check_as_fitted(results)

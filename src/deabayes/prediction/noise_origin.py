@@ -12,8 +12,8 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.inference.record_noise import ResidualScale, is_ratio
-from deabayes.instruments import instrument
 from deabayes.systems.base import Draws, System
+from deabayes.systems.specimen_quantities import instrument
 
 SHARE = 0.2
 """Of an excitation's range: noise of a monitor must not count as change."""

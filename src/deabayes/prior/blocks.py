@@ -12,9 +12,9 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.prior.distributions import Distribution, LogNormal
-from deabayes.prior.distributions.scores import log_normal_density, log_or_nan
 from deabayes.prior.ordered import Ordered
 from deabayes.prior.parameter import Parameter
+from deabayes.prior.scores import log_normal_density, log_or_nan
 
 
 class Block(Protocol):

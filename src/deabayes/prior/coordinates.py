@@ -23,10 +23,10 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Independent
 from deabayes.prior.distributions import LogNormal, LogUniform, Uniform
-from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.from_posterior import PosteriorBlock
 from deabayes.prior.joint import Prior
 from deabayes.prior.ordered import ROUNDING, Ordered
+from deabayes.prior.scores import log_normal_density
 
 KINDS = (Uniform, LogUniform, LogNormal)
 

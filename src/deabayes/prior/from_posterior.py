@@ -16,9 +16,9 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
-from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.learned import Learned, Shown, distance, distance_from_normal
 from deabayes.prior.normal_mixture import NormalMixture
+from deabayes.prior.scores import log_normal_density
 
 FEWEST_DRAWS_PER_PARAMETER = 10
 LARGEST_MISFIT = 0.05

@@ -9,12 +9,12 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Block, DefaultMap
 from deabayes.prior.distributions import format_number
-from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.from_posterior import PosteriorBlock, PriorFromPosterior, check_scores
 from deabayes.prior.learned import Shown
 from deabayes.prior.ordered import Ordered
 from deabayes.prior.overrides import check_same_order, overridden
 from deabayes.prior.parameter import Parameter
+from deabayes.prior.scores import log_normal_density
 
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0

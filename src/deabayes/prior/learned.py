@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.parameter import Parameter
+from deabayes.prior.scores import log_normal_density
 
 LOG_STRETCHES = np.linspace(-0.3, 0.3, 5)
 """Beyond the one at rest, at which a film's stress is taken: 0.74 to 1.35 times as far."""

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.prior.distributions.scores import log_normal_density
+from deabayes.prior.scores import log_normal_density
 
 
 @dataclass(frozen=True)

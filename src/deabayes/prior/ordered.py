@@ -11,7 +11,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.prior.distributions import Distribution, LogNormal, LogUniform
-from deabayes.prior.distributions.scores import UNRESOLVED_SCORE
+from deabayes.prior.scores import UNRESOLVED_SCORE
 
 LARGEST_SCORE = 37.0
 ROUNDING = 1e-12

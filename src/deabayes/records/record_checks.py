@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Specimen
-from deabayes.instruments import instrument
 from deabayes.integrate.periodic import alike, passes
 from deabayes.quantities import with_unit
 from deabayes.records import checks
@@ -28,6 +27,7 @@ from deabayes.records.glitches import (
     standing_out,
 )
 from deabayes.records.table import WITHOUT_TIME, channels_of
+from deabayes.systems.specimen_quantities import instrument
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
 FEWEST_SWINGS, PULSES = 4, 0.7

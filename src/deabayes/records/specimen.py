@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from deabayes.experiment import Quantity, Specimen
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.instruments import PROPERTIES
 from deabayes.records.columns import CHANNELS
 from deabayes.records.schema import read_yaml, violations
 from deabayes.records.text import format_faults
 from deabayes.systems import system_class
+from deabayes.systems.specimen_quantities import PROPERTIES
 from deabayes.units import parse_quantity, same_dimension, si_unit, to_si
 
 if TYPE_CHECKING:

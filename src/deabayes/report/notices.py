@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from deabayes.figures.decided_by import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.posteriors.sensitivity import MOVED_BY_BOTH, MOVED_BY_PRIOR, SET_BY_PRIOR, in_words
 from deabayes.prediction.errors import missed, rejected
 from deabayes.quantities import plain, with_unit
 from deabayes.sampling.diagnostics import Failed

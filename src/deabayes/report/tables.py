@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.figures.decided_by import in_words
 from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.posteriors.sensitivity import in_words
 from deabayes.quantities import (
     ROLES,
     display_unit,

@@ -1,4 +1,4 @@
-"""A specimen's quantities that are known with an error: parameters of every system."""
+"""Quantities of a specimen that are known with an error, and properties of instruments."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from deabayes.faults import UserError
 from deabayes.prior.distributions import LogNormal
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Draws
+from deabayes.units import same_dimension
 
 
 def uncertain_quantities(
@@ -79,3 +80,30 @@ def positive(values: FloatArray) -> FloatArray:
 def filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
     """A quantity per draw, (W,)."""
     return np.full(like.shape, positive(quantity(specimen, name, draws)))
+
+
+OF_AMPLIFIER = ("voltage", "current")
+"""Channels that the amplifier's own monitors show."""
+PROPERTIES = ("delay", "range", "resolution", "noise", "current_limit")
+
+
+def instrument(
+    specimen: Specimen, name: str, channel: str, unit: str | None = None
+) -> Quantity | None:
+    """The property `name` (`delay`, `range`, ...) of the instrument at `channel`.
+
+    A property under the channel's own mapping (`force: {noise: ...}`, kept as
+    ``force.noise``) comes first; then the one given for the specimen at large, if
+    `unit` is None or its dimension is that of `unit`. A `delay` for the specimen at large is that
+    of what senses its motion or force: the amplifier's monitors do not have it, and no dimension
+    would tell.
+    """
+    own = specimen.instruments.get(f"{channel}.{name}")
+    if own is not None:
+        return own
+    if name == "delay" and channel in OF_AMPLIFIER:
+        return None
+    general = specimen.instruments.get(name)
+    if general is None or (unit is not None and not same_dimension(general.unit, unit)):
+        return None
+    return general

@@ -10,13 +10,13 @@ import numpy as np
 
 from deabayes.experiment import PHASE, Experiment
 from deabayes.faults import UserError, nearest
-from deabayes.instruments import instrument
 from deabayes.integrate.periodic import passes
 from deabayes.records.columns import ExperimentRow
 from deabayes.records.preparation.bins import LONGEST_GRID, NOTED, harmonics, width_for
 from deabayes.records.preparation.periods import found_period, whole_cycles
 from deabayes.records.preparation.ringing import Ringing, ringing
 from deabayes.records.preparation.working import WorkingRecord
+from deabayes.systems.specimen_quantities import instrument
 
 POINTS = 400
 TRANSITION, PER_CYCLE, FEWEST_PER_CYCLE = 5, 40, 20

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.faults import UserError
-from deabayes.instruments import instrument
 from deabayes.integrate.amplifier import Amplifier
 from deabayes.records.preparation.working import Settings, WorkingRecord
+from deabayes.systems.specimen_quantities import instrument
 
 LOAD = {"series_resistance": "ohm", "leakage_resistance": "ohm", "capacitance": "F"}
 

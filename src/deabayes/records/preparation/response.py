@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from deabayes.faults import UserError
-from deabayes.instruments import OF_AMPLIFIER, instrument
 from deabayes.records.preparation.working import Settings, WorkingRecord
+from deabayes.systems.specimen_quantities import OF_AMPLIFIER, instrument
 
 
 def baseline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:

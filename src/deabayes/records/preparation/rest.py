@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.instruments import instrument
 from deabayes.quantities import with_unit
 from deabayes.records.excitation import STEPS
 from deabayes.records.glitches import least_swing, without_single_samples
 from deabayes.records.preparation.working import WorkingRecord
 from deabayes.systems import system_class
+from deabayes.systems.specimen_quantities import instrument
 
 AT_REST = 0.01
 """Of its range: how far the excitation's first value may be from none."""

@@ -11,8 +11,8 @@ from deabayes.experiment import FloatArray
 from deabayes.prior.blocks import Parts
 from deabayes.prior.coordinates import log_normals
 from deabayes.prior.distributions import Uniform
-from deabayes.prior.distributions.scores import log_normal_density
 from deabayes.prior.joint import Prior
+from deabayes.prior.scores import log_normal_density
 from deabayes.systems.ridges.film import FilmStress
 from deabayes.systems.ridges.units import Shares, units_of
 from deabayes.systems.springs.ogden import stress_of_one

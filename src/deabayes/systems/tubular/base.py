@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
-from deabayes.instruments import instrument
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Draws, Simulator, System, once
 from deabayes.systems.curves import drive_of
 from deabayes.systems.electrostatics import maxwell_pressure
-from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.specimen_quantities import instrument, uncertain_quantities
 from deabayes.systems.tubular.circuit import Circuit, Supply
 
 SOURCE = "from total_mass, active_mass and sensor_mass"

@@ -1,0 +1,122 @@
+"""Draws as CSV, JSON, MATLAB and Parquet files."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from deabayes.export.taken import converged, draws_table, stated, units
+from deabayes.faults import UserError
+
+
+def write_csv(tree: xr.DataTree, path: Path) -> None:
+    """One row per draw; columns of quantities are headed `name [unit]`, SI.
+
+    Without a unit are `ensemble` and, last, `simulated` (from simulated records) and `converged`, 1
+    or 0 in every row: a comment above the header would be data to who reads plain CSV, and a text
+    in a column is no number to who reads nothing else.
+    """
+    names = {name: f"{name} [{unit}]" for name, unit in units(tree).items()}
+    table = draws_table(tree).rename(columns=names)
+    table["simulated"] = int(tree.attrs["provenance"] == "simulated")
+    table["converged"] = int(converged(tree))
+    table.to_csv(path, index=False)
+
+
+def write_json(tree: xr.DataTree, path: Path) -> None:
+    """`{candidate, system, provenance, converged, parameters: {name: {unit, symbol, draws}}}`.
+
+    A draw that is not finite is null: JSON has no NaN and no infinity.
+    """
+    table = draws_table(tree)
+    parameters = {
+        str(name): {
+            "unit": variable.attrs.get("unit", "1"),
+            "symbol": variable.attrs.get("symbol", ""),
+            "kind": variable.attrs.get("kind", ""),
+            "draws": [each if math.isfinite(each) else None for each in table[str(name)].tolist()],
+        }
+        for name, variable in tree["posterior"].data_vars.items()
+    }
+    content = {
+        **stated(tree),
+        "converged": converged(tree),
+        "ensemble": table["ensemble"].tolist(),
+        "parameters": parameters,
+    }
+    path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+
+
+LONGEST_NAME = 63
+
+
+def write_mat(tree: xr.DataTree, path: Path) -> None:
+    """Structs `draws`, `units` and `names`, their fields named as MATLAB allows (see `fields`).
+
+    And `about`: `candidate`, `system`, `provenance`, `deabayes_version`, logical `converged`.
+
+    Raises
+    ------
+    UserError : a name longer than MATLAB allows.
+    """
+    from scipy.io import savemat
+
+    table = draws_table(tree)
+    of = fields([str(name) for name in table.columns])
+    draws = {of[str(name)]: table[name].to_numpy() for name in table.columns}
+    labels = {of[name]: unit for name, unit in units(tree).items()}
+    names = {found: name for name, found in of.items()}
+    about = {**stated(tree), "converged": converged(tree)}
+    content = {"draws": draws, "units": labels, "names": names, "about": about}
+    with path.open("wb") as stream:
+        savemat(stream, content, long_field_names=True)
+
+
+def fields(names: Sequence[str]) -> dict[str, str]:
+    """Quantity -> field: `__` for a dot, `_` for other signs, `x` before a first digit.
+
+    Of names that differ in such signs only, the later ones end in `_1`, `_2`, as those of
+    MATLAB's `makeUniqueStrings`.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"\W", "_", name.replace(".", "__"), flags=re.ASCII)
+        plain = plain if plain[0].isalpha() else f"x{plain}"
+        choices = itertools.chain([plain], (f"{plain}_{k}" for k in itertools.count(1)))
+        found[name] = next(each for each in choices if each not in found.values())
+        if len(found[name]) > LONGEST_NAME:
+            raise UserError(
+                f"{name} is longer than the {LONGEST_NAME} characters of a name in MATLAB; export "
+                "to csv or json"
+            )
+    return found
+
+
+def write_parquet(tree: xr.DataTree, path: Path) -> None:
+    """One row per draw, one column per quantity, and `ensemble`; read by `pandas.read_parquet`.
+
+    Metadata of every column but `ensemble`: `unit` (SI) and `symbol`; of the table: `candidate`,
+    `system`, `provenance`, `deabayes_version`, and `converged`, which is `true` or `false`.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.Table.from_pandas(draws_table(tree), preserve_index=False)
+    variables = tree["posterior"].data_vars
+    fields = [
+        field.with_metadata(
+            {name: str(variables[field.name].attrs.get(name, "")) for name in ("unit", "symbol")}
+        )
+        if field.name in variables
+        else field
+        for field in table.schema
+    ]
+    told = stated(tree) | {"converged": json.dumps(converged(tree))}
+    kept = {key.decode(): value for key, value in (table.schema.metadata or {}).items()}
+    pq.write_table(table.cast(pa.schema(fields, metadata={**kept, **told})), path)

@@ -1,0 +1,85 @@
+"""Hysteresis loops as each parameter moves alone over its prior (Nguyen et al. 2021, Fig. 10)."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from deabayes.experiment import FloatArray
+from deabayes.figures import panels, style
+from deabayes.figures.results import CandidateResults
+from deabayes.papers.membrane import prior_axes as moved
+from deabayes.papers.membrane.prior_axes import drive, head, vertical
+from deabayes.quantities import display_unit, plain
+
+SCOPE = "candidate"
+ANALYSIS = "influence"
+TITLE = "Hysteresis loops, one parameter at a time"
+CAPTION = (
+    "The last whole cycle of a sine as one parameter moves over quantiles of its prior while the "
+    "others stay at their prior medians. Right of the loops: how far the mean of the response "
+    "creeps from the first whole cycle (foot) to the last (dot). Values that leave no response "
+    "(pull-in, beyond the breakdown stretch) are named in the panel."
+)
+FIRST, LAST = 0, -1
+GAP, SPACING = 0.16, 0.09
+"""Of the peak excitation: from the loops to the first creep bar, and between bars."""
+ROUNDING = 0.01
+"""A monitor's noise and even phases leave a peak of 2 kV a little beside it."""
+
+
+def draw(results: CandidateResults) -> list[Figure]:
+    """One sheet per record, one panel per parameter."""
+    found = results.study.analysis(ANALYSIS)
+    if found is None:
+        return []
+    start = f"loops_{results.name}_"
+    return [_sheet(c) for name, c in found.curves.items() if name.startswith(start)]
+
+
+def _sheet(curves: xr.Dataset) -> Figure:
+    figure, axes = panels.sheet(curves.sizes["parameter"], 38 * style.MILLIMETRE)
+    first, last = curves["cycle"].values[[FIRST, LAST]]
+    head(figure, f"{drive(curves)}, cycle {last}")
+    values = curves["curve"].values[:, :, LAST]
+    unit, label = vertical(curves, values)
+    every = np.concatenate([values.ravel(), curves["mean"].values.ravel()])
+    shared = moved.limits(every / unit.factor)
+    for k, ax in enumerate(axes):
+        parameter = curves.isel(parameter=k)
+        _panel(ax, parameter, unit.factor)
+        ax.set_ylim(shared)
+        moved.words(ax, parameter, np.isnan(values[k, :, 0]))
+    moved.label_outer(axes, label)
+    creep = Line2D([], [], color=style.GREY, marker="o", markersize=2.2, linewidth=0.9,
+                   label=f"mean of the cycle, {first} to {last} (dot)")  # fmt: skip
+    panels.legend_below(figure, [*moved.handles(curves), creep], curves.sizes["quantile"] + 1)
+    return figure
+
+
+def _panel(ax: Axes, parameter: xr.Dataset, factor: float) -> None:
+    volts = parameter["excitation"].values[LAST]
+    name = str(parameter.attrs["excitation_name"])
+    unit = display_unit(str(parameter.attrs["excitation_unit"]), volts, name)
+    loops, means = parameter["curve"].values[:, LAST] / factor, parameter["mean"].values / factor
+    shades = moved.colours(len(loops))
+    for response, colour in zip(loops, shades, strict=True):
+        ax.plot(volts / unit.factor, response, color=colour, linewidth=0.9)
+    peak = float(np.abs(volts).max()) / unit.factor
+    _creep(ax, peak, means[:, [FIRST, LAST]], shades)
+    ticks = MaxNLocator(5).tick_values(-peak, peak)
+    ax.set_xticks(ticks[np.abs(ticks) <= peak * (1.0 + ROUNDING)])
+    ax.spines["bottom"].set_bounds(-peak, peak)
+    ax.set_xlabel(plain(name) + unit.suffix)
+
+
+def _creep(ax: Axes, peak: float, means: FloatArray, shades: FloatArray) -> None:
+    """A bar per quantile from the first to the last mean, right of the loops."""
+    for k, (ends, colour) in enumerate(zip(means, shades, strict=True)):
+        place = peak * (1.0 + GAP + k * SPACING)
+        ax.plot([place, place], ends, color=colour, linewidth=0.9)
+        ax.plot(place, ends[-1], "o", color=colour, markersize=2.2)

@@ -1,0 +1,305 @@
+"""The paper's fit of the film by a genetic algorithm, and where it lands in the posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from deabayes.experiment import Experiment, FloatArray
+from deabayes.figures import panels, style
+from deabayes.figures.results import StudyResults
+from deabayes.papers import minimum_energy_structure as paper
+from deabayes.papers.base import Analysis, StudyContext, band, labels
+from deabayes.posteriors.fitted import Fitted
+from deabayes.systems.base import System
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+SYSTEMS = ("minimum_energy_structure",)
+TITLE = "Genetic algorithm beside the posterior"
+SEEDS = (1, 2, 3, 4, 5)
+GENERATIONS = paper.GA_GENERATIONS
+PERCENT = 100.0
+CAPTION = (
+    "The paper's fit, (24) and (25), repeated: least squares of the calibrated forces within its "
+    "bounds (μ 1 to 1000 kPa, α and εr 0 to 5) by scipy's differential evolution, a relative of "
+    "its genetic algorithm, population and generations as many, the specimen's other quantities "
+    "as stated. K, the hinges' stiffness, follows from the rest angle; a measured one is no part "
+    "of the fitness, and an optimum far from it contradicts that measurement, which the posterior "
+    "heeds. Each row is one seed; several optima that fit alike are one more way to see what "
+    "the forces do not tell. Rms: of the force's error at the optimum; posterior rms: of the "
+    "posterior median curve. Below: share of the posterior draws with a smaller value, so 0 and "
+    "100 % lie outside. The bounds forbid negative exponents, whatever the prior allows. "
+    "Generations: until the population's fitness agreed within 1 %, or the paper's number."
+)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where one run ended: parameters (SI, exponents ascending), rms error [N], generations."""
+
+    seed: int
+    parameters: dict[str, float]
+    rms: float
+    generations: int
+
+
+def compute(context: StudyContext) -> Analysis:
+    """Runs, their terms, and the draws beside them, per candidate without units."""
+    import pandas as pd
+
+    records = [e for e in context.records("force", "quasi_static") if e.role == "calibrate"]
+    if not records:
+        return Analysis()
+    runs, terms, curves = [], [], {}
+    for name, fitted in context.candidates.items():
+        if "alpha_1" not in fitted.draws or "tau_1" in fitted.draws:
+            continue
+        found = [optimum(fitted.system, records, seed) for seed in SEEDS]
+        head, posterior = labels(name, fitted), posterior_rms(context, name, records)
+        runs += [head | run_row(fitted, each, posterior) for each in found]
+        terms += [head | row for each in found for row in term_rows(fitted, each)]
+        curves[name] = draws_and_optima(fitted, found, posterior)
+    tables = {"genetic_algorithm_runs": runs, "genetic_algorithm_terms": terms}
+    return Analysis({n: pd.DataFrame(rows) for n, rows in tables.items() if rows}, curves)
+
+
+def optimum(system: System, records: Sequence[Experiment], seed: int) -> Optimum:
+    """One run of differential evolution."""
+    from scipy.optimize import differential_evolution
+
+    names = [p.name for p in system.parameters() if bounds_of(p.name) is not None]
+    bounds = [bounds_of(name) for name in names]
+    found = differential_evolution(
+        mean_square(system, records, names), bounds, maxiter=GENERATIONS,
+        popsize=max(round(paper.GA_POPULATION / len(names)), 1), rng=np.random.default_rng(seed),
+        polish=False, vectorized=True, updating="deferred",
+    )  # fmt: skip
+    parameters = ascending(dict(zip(names, found.x.tolist(), strict=True)))
+    return Optimum(seed, parameters, float(np.sqrt(found.fun)), int(found.nit))
+
+
+def bounds_of(name: str) -> tuple[float, float] | None:
+    """(25); None for what the paper did not fit."""
+    return paper.GA_BOUNDS.get(name if name in paper.GA_BOUNDS else name.partition("_")[0])
+
+
+def mean_square(
+    system: System, records: Sequence[Experiment], names: Sequence[str]
+) -> Callable[[FloatArray], FloatArray]:
+    """Mean squared error of the forces [N^2] of populations (P, S); huge where there is none."""
+    models = [system.simulator_of(e) for e in records]
+    measured = np.concatenate([e.response for e in records])
+    worst = 1e6 * float(np.mean(measured**2))
+
+    def of(population: FloatArray) -> FloatArray:
+        draws = dict(zip(names, population, strict=True))
+        forces = np.concatenate([model(draws) for model in models], axis=1)
+        squares = np.mean((forces - measured) ** 2, axis=1)
+        return np.where(np.isfinite(squares), squares, worst)
+
+    return of
+
+
+def ascending(parameters: dict[str, float]) -> dict[str, float]:
+    """The same film, its terms in the order of their exponents."""
+    count = sum(name.startswith("alpha_") for name in parameters)
+    terms = sorted((parameters[f"alpha_{i}"], parameters[f"mu_{i}"]) for i in range(1, count + 1))
+    renamed = {f"mu_{i}": mu for i, (_, mu) in enumerate(terms, start=1)}
+    renamed |= {f"alpha_{i}": alpha for i, (alpha, _) in enumerate(terms, start=1)}
+    return parameters | renamed
+
+
+def posterior_rms(context: StudyContext, name: str, records: Sequence[Experiment]) -> float:
+    """Rms error [N] of the posterior median curves."""
+    errors = [e.response - np.median(context.responses(name, e), axis=0) for e in records]
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+
+
+def mu_0(parameters: dict[str, FloatArray] | dict[str, float]) -> FloatArray:
+    """Small-strain shear modulus, half the sum of mu_i alpha_i [Pa]."""
+    count = sum(name.startswith("alpha_") for name in parameters)
+    terms = [parameters[f"mu_{i}"] * parameters[f"alpha_{i}"] for i in range(1, count + 1)]
+    return np.asarray(0.5 * sum(terms))
+
+
+def hinge(system: System, parameters: Mapping[str, float]) -> float:
+    """Stiffness of a hinge that the rest angle asks for [N m/rad]."""
+    draws = {name: np.array([value]) for name, value in parameters.items()}
+    return float(system.derived(draws)["hinge_stiffness"].values[0])
+
+
+def below(draws: FloatArray, value: float) -> float:
+    """Share of draws with a smaller value [%]."""
+    return PERCENT * float(np.mean(draws < value))
+
+
+def run_row(fitted: Fitted, found: Optimum, posterior: float) -> dict[str, object]:
+    """Fitness, permittivity and mu_0 of one run, and where they lie in the posterior."""
+    modulus = float(mu_0(found.parameters))
+    row: dict[str, object] = {
+        "seed": found.seed,
+        "generations": found.generations,
+        "rms_mN": 1e3 * found.rms,
+        "posterior_rms_mN": 1e3 * posterior,
+        "hinge_stiffness_mNmperrad": 1e3 * hinge(fitted.system, found.parameters),
+        "mu_0_kPa": modulus / 1e3,
+        "mu_0_below_percent": below(mu_0(dict(fitted.draws)), modulus),
+    }
+    permittivity = found.parameters.get("relative_permittivity")
+    if permittivity is not None:
+        of_draws = fitted.draws["relative_permittivity"]
+        row |= {"relative_permittivity": permittivity}
+        row |= {"relative_permittivity_below_percent": below(of_draws, permittivity)}
+    return row
+
+
+def term_rows(fitted: Fitted, found: Optimum) -> list[dict[str, object]]:
+    """Each term of one run, and where it lies in the posterior."""
+    count = sum(name.startswith("alpha_") for name in found.parameters)
+    rows = []
+    for i in range(1, count + 1):
+        mu, alpha = found.parameters[f"mu_{i}"], found.parameters[f"alpha_{i}"]
+        rows.append(
+            {
+                "seed": found.seed,
+                "term": i,
+                "mu_kPa": mu / 1e3,
+                "mu_below_percent": below(fitted.draws[f"mu_{i}"], mu),
+                "alpha": alpha,
+                "alpha_below_percent": below(fitted.draws[f"alpha_{i}"], alpha),
+                "share_kPa": 0.5 * mu * alpha / 1e3,
+            }
+        )
+    return rows  # type: ignore[return-value]
+
+
+def draws_and_optima(fitted: Fitted, found: Sequence[Optimum], posterior: float) -> xr.Dataset:
+    """Exponents, shares mu_i alpha_i/2 and mu_0, of draws and of the runs' optima."""
+    import xarray as xr
+
+    count = sum(name.startswith("alpha_") for name in found[0].parameters)
+    numbers = range(1, count + 1)
+    draws = fitted.draws
+    runs = {n: np.array([o.parameters[n] for o in found]) for n in found[0].parameters}
+    content: dict[str, tuple[object, FloatArray, dict[str, str]]] = {}
+    for kind, of in (("draw", draws), ("run", runs)):
+        alpha = np.array([of[f"alpha_{i}"] for i in numbers])
+        share = np.array([0.5 * of[f"mu_{i}"] * of[f"alpha_{i}"] for i in numbers])
+        content |= {
+            f"{kind}_alpha": (("term", kind), alpha, {"units": "1"}),
+            f"{kind}_share": (("term", kind), share, {"units": "Pa"}),
+            f"{kind}_mu_0": (kind, share.sum(axis=0), {"units": "Pa"}),
+        }
+    modulus = mu_0(dict(draws))
+    content["interval_mu_0"] = ("bound", band(modulus[:, None])[:, 0], {"units": "Pa"})
+    content["run_rms"] = ("run", np.array([o.rms for o in found]), {"units": "N"})
+    return xr.Dataset(
+        content,
+        coords={
+            "term": list(numbers),
+            "run": [o.seed for o in found],
+            "bound": ["lower", "median", "upper"],
+        },
+        attrs={
+            "candidate": fitted.candidate,
+            "converged": int(fitted.converged),
+            "posterior_rms": posterior,
+        },
+    )
+
+
+SCOPE = "study"
+ANALYSIS = "genetic_algorithm"
+FIGURE_TITLE = "Genetic algorithm and posterior"
+KILO, MILLI, DECADE = 1e3, 1e3, 10.0
+FIGURE_CAPTION = (
+    "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
+    "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
+    "term. Right: the rms error of the force at each optimum and the modulus μ0 its terms add up "
+    "to; line and band: the posterior's μ0, dotted: the error of the posterior median. Optima "
+    "far off the cloud contradict the measured stiffness of the hinges, which the algorithm does "
+    "not heed and the posterior does."
+)
+
+
+def draw(results: StudyResults) -> list[Figure]:
+    """One row per candidate."""
+    found = results.analysis(ANALYSIS)
+    if found is None or not found.curves:
+        return []
+    rows = sorted(found.curves.values(), key=lambda each: (each["term"].size, _name(each)))
+    return [_sheet(list(group)) for group in panels.batches(rows, 4)]
+
+
+def _sheet(rows: list[xr.Dataset]) -> Figure:
+    height = 1.75 * len(rows) + 0.6 + style.HEADER
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(5, 3))
+    for (left, right), each in zip(axes, rows, strict=True):
+        _terms(left, each)
+        _moduli(right, each)
+        mark = "" if each.attrs["converged"] else " (not converged)"
+        left.set_title(_name(each) + mark, loc="left")
+    axes[-1, 0].set_xlabel(r"exponent $\alpha_i$ (1)")
+    axes[-1, 1].set_xlabel(r"$\mu_0$ (kPa)")
+    panels.legend_below(figure, _handles(max(each["term"].size for each in rows)), 4)
+    return figure
+
+
+def _terms(ax: Axes, each: xr.Dataset) -> None:
+    for k in range(each["term"].size):
+        ax.plot(each["draw_alpha"].values[k], each["draw_share"].values[k] / KILO,
+                linestyle="none", marker=".", markersize=2.5, markeredgewidth=0, alpha=0.45,
+                color=style.SERIES[k], rasterized=True)  # fmt: skip
+        for run in range(each["run"].size):
+            ax.plot(each["run_alpha"].values[k, run], each["run_share"].values[k, run] / KILO,
+                    **_marker(run, style.SERIES[k]))  # fmt: skip
+    ax.set_yscale("log")
+    ax.set_ylabel(r"$\mu_i\alpha_i/2$ (kPa)")
+
+
+def _moduli(ax: Axes, each: xr.Dataset) -> None:
+    low, middle, high = each["interval_mu_0"].values / KILO
+    ax.axvspan(low, high, color=style.LIGHT_GREY, linewidth=0)
+    ax.axvline(middle, color=style.GREY, linewidth=1.0)
+    ax.axhline(MILLI * float(each.attrs["posterior_rms"]), color=style.GREY, linestyle=":")
+    for run in range(each["run"].size):
+        ax.plot(each["run_mu_0"].values[run] / KILO, MILLI * each["run_rms"].values[run],
+                **_marker(run, style.VERMILLION))  # fmt: skip
+    panels.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
+    errors = MILLI * np.append(each["run_rms"].values, each.attrs["posterior_rms"])
+    if errors.max() > DECADE * errors.min():
+        ax.set_yscale("log")
+    ax.set_ylabel("rms error of the force (mN)")
+
+
+def _marker(run: int, colour: str) -> dict[str, Any]:
+    return {"linestyle": "none", "marker": style.MARKERS[run % len(style.MARKERS)],
+            "markersize": 4.5, "markerfacecolor": colour, "markeredgecolor": style.BLACK,
+            "markeredgewidth": 0.6, "zorder": 4}  # fmt: skip
+
+
+def _handles(terms: int) -> list[Line2D]:
+    entries = [
+        Line2D([], [], color=style.SERIES[k], marker=".", linestyle="none",
+               label=f"draws, term {k + 1}")
+        for k in range(terms)
+    ]  # fmt: skip
+    runs = Line2D([], [], **_marker(0, "white"))
+    runs.set_label("optima, one marker per run")
+    span = Line2D([], [], color=style.GREY, label=r"posterior $\mu_0$ (band: 5–95 %)")
+    error = Line2D([], [], color=style.GREY, linestyle=":", label="error of the posterior median")
+    return [*entries, runs, span, error]
+
+
+def _name(each: xr.Dataset) -> str:
+    return str(each.attrs["candidate"])

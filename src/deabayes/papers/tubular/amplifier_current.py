@@ -1,0 +1,86 @@
+"""Whether the amplifier can give the current that the records ask for: (16) of Sarban et al."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deabayes.experiment import Experiment
+from deabayes.papers.base import Analysis, StudyContext, interval
+from deabayes.papers.timing import STEPS, amplitude
+from deabayes.papers.tubular.sources import circuits
+from deabayes.systems.curves import drive_of
+from deabayes.systems.specimen_quantities import instrument
+from deabayes.systems.tubular.circuit import Circuit
+
+SYSTEMS = ("tubular",)
+TITLE = "Amplifier current (16)"
+CAPTION = (
+    "Amplitude of the current of each sine, ωCV/√(1 + (ωR_S C)²), at the highest frequency of a "
+    "frequency response, against the amplifier's limit; for how long a step keeps the amplifier "
+    "at its limit, (V − R_S I)C/I. Medians with 5 to 95 % intervals of the draws. Above its limit "
+    "the amplifier distorts a sine; a step is none on the scale of the time at the limit."
+)
+UNDER, OVER = "under the limit", "over the limit: the voltage is distorted"
+CERTAIN = 0.95
+"""Share of the draws that makes a verdict."""
+
+
+def compute(context: StudyContext) -> Analysis:
+    """One row per circuit and record that a sine or a step drives."""
+    import pandas as pd
+
+    limit = instrument(context.specimen, "current_limit", "current", "A")
+    if limit is None:
+        return Analysis()
+    rows = [
+        labels | asked
+        for labels, circuit in circuits(context, context.rng("amplifier_current"))
+        for each in context.experiments
+        for asked in asked_of(each, circuit, limit.value)
+    ]
+    return Analysis({"amplifier_current": pd.DataFrame(rows)} if rows else {})
+
+
+def asked_of(experiment: Experiment, circuit: Circuit, limit: float) -> list[dict[str, object]]:
+    """What a record asks of the amplifier: one row, or none."""
+    if experiment.response_name == "phase":
+        return []  # of the same sweep as its gain
+    first = {"experiment": experiment.name, "protocol": experiment.protocol}
+    if experiment.protocol in STEPS:
+        return [first | step_row(amplitude(experiment.excitation), circuit, limit)]
+    drive = drive_of(experiment)
+    return [] if drive is None else [first | sine_row(*drive, circuit, limit)]
+
+
+def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> dict[str, object]:
+    """Of a sine of amplitude `volts` [V]."""
+    current = circuit.current_amplitude(volts, np.array([frequency]))[:, 0]
+    over = float(np.mean(current > limit))
+    verdict = f"over the limit in {100.0 * over:.0f} % of the draws"
+    if over <= 1.0 - CERTAIN:
+        verdict = UNDER
+    elif over >= CERTAIN:
+        verdict = OVER
+    return {
+        "voltage_kV": volts / 1e3,
+        "frequency_Hz": frequency,
+        **interval("current", "mA", 1e3 * current),
+        "limit_mA": 1e3 * limit,
+        **interval("at_limit", "ms", []),
+        "verdict": verdict,
+    }
+
+
+def step_row(volts: float, circuit: Circuit, limit: float) -> dict[str, object]:
+    """Of a step to `volts` [V] from zero: v_C rises at I/C until v_C + R_S I is the command."""
+    left = volts - circuit.series_resistance * limit
+    held = np.maximum(left, 0.0) * circuit.capacitance / limit
+    at_limit = float(np.median(held)) > 0.0
+    return {
+        "voltage_kV": volts / 1e3,
+        "frequency_Hz": np.nan,
+        **interval("current", "mA", []),
+        "limit_mA": 1e3 * limit,
+        **interval("at_limit", "ms", 1e3 * held),
+        "verdict": "at the limit at first: no step on that scale" if at_limit else UNDER,
+    }

@@ -1,0 +1,335 @@
+"""Univariate priors by name: transforms of a standard normal variable."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deabayes.experiment import FloatArray
+from deabayes.prior.scores import (
+    SMALLEST_PROBABILITY,
+    UNRESOLVED_PROBABILITY,
+    between,
+    log_normal_density,
+    log_normal_mass,
+    log_or_nan,
+    outside_is_impossible,
+    score,
+    score_between,
+)
+
+
+class Distribution(ABC):
+    """A continuous distribution of one quantity.
+
+    Methods are vectorised over any shape and warn of nothing: values outside
+    the support have log density -inf and a NaN normal score.
+    """
+
+    label: ClassVar[str]
+    dimensionless: ClassVar[tuple[str, ...]] = ()
+    """Settings without the quantity's unit."""
+
+    @abstractmethod
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        """The quantile transform F^-1(Phi(z)) of standard normal values."""
+
+    @abstractmethod
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        """The normal score Phi^-1(F(x)); NaN outside the support."""
+
+    @abstractmethod
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """log f(x); -inf outside the support."""
+
+    @property
+    @abstractmethod
+    def support(self) -> tuple[float, float]:
+        """Lower and upper end, infinite where unbounded."""
+
+    def describe(self) -> str:
+        """Name and settings in words: ``log-normal, median 35e3, sigma 0.5``."""
+        settings = (f"{f.name} {format_number(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        return ", ".join((self.label, *settings))
+
+
+def format_number(value: float) -> str:
+    """Four digits, with an exponent in steps of three outside 0.01 to 9999: ``35e3``."""
+    if value == 0.0 or not math.isfinite(value) or 0.01 <= abs(value) < 1e4:
+        return f"{value:.4g}"
+    exponent = 3 * math.floor(math.log10(abs(value)) / 3)
+    return f"{value / 10.0**exponent:.4g}e{exponent}"
+
+
+def check_finite(distribution: Distribution, *names: str) -> None:
+    """Refuse settings that are no finite numbers."""
+    for name in names:
+        value = getattr(distribution, name)
+        if not math.isfinite(value):
+            raise ValueError(f"{distribution.label}: {name} must be finite, found {value}")
+
+
+def check_positive(distribution: Distribution, *names: str) -> None:
+    """Refuse settings that are not above zero."""
+    for name in names:
+        value = getattr(distribution, name)
+        if not value > 0.0:
+            raise ValueError(f"{distribution.label}: {name} must be positive, found {value}")
+
+
+def check_ascending(distribution: Distribution) -> None:
+    """Refuse bounds that enclose nothing."""
+    lower, upper = distribution.support
+    if not lower < upper:
+        raise ValueError(
+            f"{distribution.label}: lower must be below upper, found lower {lower}, upper {upper}"
+        )
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """f(x) = exp(-(x - mean)^2 / 2 sd^2) / (sd sqrt(2 pi))."""
+
+    mean: float
+    sd: float
+    label: ClassVar[str] = "normal"
+
+    def __post_init__(self) -> None:
+        check_finite(self, "mean", "sd")
+        check_positive(self, "sd")
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return self.mean + self.sd * np.asarray(z, dtype=float)
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        return (np.asarray(x, dtype=float) - self.mean) / self.sd
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        return log_normal_density(self.to_normal(x)) - math.log(self.sd)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return -math.inf, math.inf
+
+
+LARGEST_EXPONENT = 700.0
+
+
+@dataclass(frozen=True)
+class LogNormal(Distribution):
+    """log x is normal with mean log(median) and standard deviation sigma."""
+
+    median: float
+    sigma: float
+    label: ClassVar[str] = "log-normal"
+    dimensionless: ClassVar[tuple[str, ...]] = ("sigma",)
+
+    def __post_init__(self) -> None:
+        check_finite(self, "median", "sigma")
+        check_positive(self, "median", "sigma")
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        log_x = math.log(self.median) + self.sigma * np.asarray(z, dtype=float)
+        return np.exp(np.clip(log_x, -LARGEST_EXPONENT, LARGEST_EXPONENT))
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        return (log_or_nan(x) - math.log(self.median)) / self.sigma
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        log_x = log_or_nan(x)
+        z = (log_x - math.log(self.median)) / self.sigma
+        return outside_is_impossible(log_normal_density(z) - math.log(self.sigma) - log_x, x)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+
+@dataclass(frozen=True)
+class LogUniform(Distribution):
+    """f(x) = 1 / (x log(upper / lower)) between the positive bounds."""
+
+    lower: float
+    upper: float
+    label: ClassVar[str] = "log-uniform"
+
+    def __post_init__(self) -> None:
+        check_finite(self, "lower", "upper")
+        check_positive(self, "lower")
+        check_ascending(self)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        x = np.exp(between(math.log(self.lower), math.log(self.upper), z))
+        return np.clip(x, self.lower, self.upper)  # exp(log(bound)) may step outside by one ulp
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        scores = score_between(math.log(self.lower), math.log(self.upper), log_or_nan(x), 1e-14)
+        return np.where((x >= self.lower) & (x <= self.upper), scores, np.nan)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        inside = (x >= self.lower) & (x <= self.upper)
+        log_width = math.log(math.log(self.upper / self.lower))
+        return outside_is_impossible(np.where(inside, -log_or_nan(x) - log_width, np.nan), x)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return self.lower, self.upper
+
+
+@dataclass(frozen=True)
+class HalfNormal(Distribution):
+    """The absolute value of a normal variable of mean 0 and standard deviation sd."""
+
+    sd: float
+    label: ClassVar[str] = "half-normal"
+
+    def __post_init__(self) -> None:
+        check_finite(self, "sd")
+        check_positive(self, "sd")
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        from scipy.special import erfcinv, erfinv, ndtr
+
+        z = np.asarray(z, dtype=float)
+        lower = erfinv(ndtr(np.minimum(z, 0.0)))
+        upper = erfcinv(np.maximum(ndtr(-np.maximum(z, 0.0)), SMALLEST_PROBABILITY))
+        return self.sd * math.sqrt(2.0) * np.where(z < 0.0, lower, upper)
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        from scipy.special import erf, erfc
+
+        scaled = np.asarray(x, dtype=float) / (self.sd * math.sqrt(2.0))
+        return np.where(scaled >= 0.0, score(erf(scaled), erfc(scaled)), np.nan)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        log_density = log_normal_density(x / self.sd) + math.log(2.0 / self.sd)
+        return outside_is_impossible(np.where(x >= 0.0, log_density, np.nan), x)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
+
+
+@dataclass(frozen=True)
+class Uniform(Distribution):
+    """f(x) = 1 / (upper - lower) between the bounds."""
+
+    lower: float
+    upper: float
+    label: ClassVar[str] = "uniform"
+
+    def __post_init__(self) -> None:
+        check_finite(self, "lower", "upper")
+        check_ascending(self)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return between(self.lower, self.upper, z)
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        return score_between(self.lower, self.upper, np.asarray(x, dtype=float))
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        inside = (x >= self.lower) & (x <= self.upper)
+        return outside_is_impossible(
+            np.where(inside, -math.log(self.upper - self.lower), np.nan), x
+        )
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return self.lower, self.upper
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(Distribution):
+    """A normal distribution restricted to [lower, upper]; either end may be infinite."""
+
+    mean: float
+    sd: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    label: ClassVar[str] = "truncated normal"
+
+    def __post_init__(self) -> None:
+        check_finite(self, "mean", "sd")
+        check_positive(self, "sd")
+        check_ascending(self)
+
+    def _ends(self) -> tuple[float, float]:
+        return (self.lower - self.mean) / self.sd, (self.upper - self.mean) / self.sd
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        from scipy.special import log_ndtr, ndtri_exp
+
+        z = np.asarray(z, dtype=float)
+        a, b = self._ends()
+        log_mass = log_normal_mass(a, b)
+        with np.errstate(invalid="ignore"):  # NaN stays NaN
+            log_below = np.logaddexp(log_ndtr(a), log_ndtr(z) + log_mass)
+            log_above = np.logaddexp(log_ndtr(-b), log_ndtr(-z) + log_mass)
+        left = log_below < log_above
+        scaled = np.where(
+            left, ndtri_exp(np.minimum(log_below, 0.0)), -ndtri_exp(np.minimum(log_above, 0.0))
+        )
+        return np.clip(self.mean + self.sd * scaled, self.lower, self.upper)
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        from scipy.special import ndtri_exp
+
+        x = np.asarray(x, dtype=float)
+        a, b = self._ends()
+        inside = (x >= self.lower) & (x <= self.upper)
+        scaled = np.where(inside, (x - self.mean) / self.sd, np.clip(0.0, a, b))
+        log_mass = log_normal_mass(a, b)
+        below = _resolved(np.minimum(log_normal_mass(a, scaled) - log_mass, 0.0))
+        above = _resolved(np.minimum(log_normal_mass(scaled, b) - log_mass, 0.0))
+        score = np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
+        return np.where(inside, score, np.nan)
+
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        inside = (x >= self.lower) & (x <= self.upper)
+        log_density = log_normal_density((x - self.mean) / self.sd) - math.log(self.sd)
+        log_density = log_density - log_normal_mass(*self._ends())
+        return outside_is_impossible(np.where(inside, log_density, np.nan), x)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        return self.lower, self.upper
+
+
+def _resolved(log_probability: FloatArray) -> FloatArray:
+    """With the log probability of a value on a bound in place of -inf."""
+    return np.where(np.isneginf(log_probability), math.log(UNRESOLVED_PROBABILITY), log_probability)
+
+
+__all__ = [
+    "REGISTRY",
+    "Distribution",
+    "FloatArray",
+    "HalfNormal",
+    "LogNormal",
+    "LogUniform",
+    "Normal",
+    "TruncatedNormal",
+    "Uniform",
+    "format_number",
+]
+
+REGISTRY: dict[str, type[Distribution]] = {
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "uniform": Uniform,
+    "loguniform": LogUniform,
+    "halfnormal": HalfNormal,
+    "truncated_normal": TruncatedNormal,
+}
+"""Distribution as a config names it -> its class in the module of the same name."""
