@@ -173,7 +173,7 @@ def test_what_the_package_cannot_do_with_a_call_is_said_of_the_call(
 ) -> None:
     replace_in(MODEL, "LogNormal(1e6, 1.0)", "LogNormal(-1e6, 1.0)")
     told = said(capsys, "check", "stack")
-    assert "models/stack.py, line 37: deabayes.prior.distributions." in told
+    assert "models/stack.py, line 37: deabayes.prior.distributions, called" in told
     assert "correct what it is given" in told and told.count("\n") == 1
 
 

@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from data.make import tubular
+from data.make import tubular_frequency as analyser
+from data.make.sensor import Sensor, ornstein_uhlenbeck
+from data.make.tubular_motion import leakage_current, motion
+from data.make.tubular_truth import CURRENT, DISPLACEMENT, TRUTH
 from scipy.integrate import solve_ivp
 from tests.unit.golden import REPOSITORY
 
-from deabayes.reference import tubular
-from deabayes.reference import tubular_frequency as analyser
-from deabayes.reference.sensor import Sensor, ornstein_uhlenbeck
-from deabayes.reference.tubular_motion import leakage_current, motion
-from deabayes.reference.tubular_truth import CURRENT, DISPLACEMENT, TRUTH
 from deabayes.systems.tubular.circuit import Circuit
 from deabayes.systems.tubular.sine import SineResponse
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain

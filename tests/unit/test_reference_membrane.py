@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from data.make import membrane as reference
 from tests.unit.golden import REPOSITORY, golden_table
 from tests.unit.membranes import membrane, voltage
-
-from deabayes.reference import membrane as reference
 
 SHIPPED = REPOSITORY / "data" / "membrane"
 

@@ -7,6 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from data.make import minimum_energy_structure
+from data.make import minimum_energy_structure_pull as pull
+from data.make.minimum_energy_structure_motion import motion
+from data.make.minimum_energy_structure_truth import (
+    LASER,
+    LOAD_CELL,
+    TRUTH,
+    Truth,
+    tilted,
+)
+from data.make.writing import write_record
 from scipy.integrate import solve_ivp
 from tests.unit.golden import REPOSITORY, golden_table, load_golden
 
@@ -16,17 +27,6 @@ from deabayes.records.record import read_record
 from deabayes.records.record_checks import record_faults, record_warnings
 from deabayes.records.schema import violations
 from deabayes.records.table import read_table
-from deabayes.reference import minimum_energy_structure
-from deabayes.reference import minimum_energy_structure_pull as pull
-from deabayes.reference.minimum_energy_structure_motion import motion
-from deabayes.reference.minimum_energy_structure_truth import (
-    LASER,
-    LOAD_CELL,
-    TRUTH,
-    Truth,
-    tilted,
-)
-from deabayes.reference.writing import write_record
 from deabayes.units import to_si
 
 SHIPPED = REPOSITORY / "data" / "minimum_energy_structure"

@@ -6,10 +6,10 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+from data.make.tubular_truth import DISPLACEMENT, MONITOR_NOISE, TRUTH
+from data.make.writing import write_record, write_table
 
 import deabayes
-from deabayes.reference.tubular_truth import DISPLACEMENT, MONITOR_NOISE, TRUTH
-from deabayes.reference.writing import write_record, write_table
 
 VOLTAGES = (2000, 2500, 1500)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from data.make.minimum_energy_structure_truth import LOAD_CELL, Truth
 
 from deabayes.experiment import FloatArray
-from deabayes.reference.minimum_energy_structure_truth import LOAD_CELL, Truth
 
 SPEED = 2e-5
 """Of the stage [m/s]."""

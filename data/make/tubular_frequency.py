@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from data.make.sensor import Sensor, ornstein_uhlenbeck
+from data.make.tubular_truth import Truth
 
 from deabayes.experiment import FloatArray
-from deabayes.reference.sensor import Sensor, ornstein_uhlenbeck
-from deabayes.reference.tubular_truth import Truth
 
 RELATIVE_ERROR = 0.01
 """sd of the analyser's relative error, real (gain) and imaginary part (phase) alike."""

@@ -1,6 +1,6 @@
 """Simulate the reference minimum-energy structure.
 
-``python -m deabayes.reference.minimum_energy_structure data/minimum_energy_structure``
+``python -m data.make.minimum_energy_structure data/minimum_energy_structure``
 writes the structure of the paper of 2019 on its protocols: forces against slider positions at
 0 to 5 kV, biased sines of 4 and 5 kV at 1 to 10 Hz, and a sweep through the resonance. It
 holds what its candidates leave out: see `minimum_energy_structure_truth`.
@@ -14,12 +14,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-
-from deabayes.experiment import FloatArray
-from deabayes.reference import minimum_energy_structure_pull as pull
-from deabayes.reference.minimum_energy_structure_motion import motion
-from deabayes.reference.minimum_energy_structure_specimen import SPECIMEN
-from deabayes.reference.minimum_energy_structure_truth import (
+from data.make import minimum_energy_structure_pull as pull
+from data.make.minimum_energy_structure_motion import motion
+from data.make.minimum_energy_structure_specimen import SPECIMEN
+from data.make.minimum_energy_structure_truth import (
     LASER,
     LOAD_CELL,
     MONITOR_NOISE,
@@ -28,7 +26,9 @@ from deabayes.reference.minimum_energy_structure_truth import (
     TRUTH,
     tilted,
 )
-from deabayes.reference.writing import write_record, write_table, write_yaml
+from data.make.writing import write_record, write_table, write_yaml
+
+from deabayes.experiment import FloatArray
 
 SEED = 20190
 REST = 0.2
@@ -36,8 +36,7 @@ REST = 0.2
 INTERVAL = 1e-3
 PERIODS = 50
 COMMENT = (
-    "Written by `python -m deabayes.reference.minimum_energy_structure`; "
-    "edit that module, not this file."
+    "Written by `python -m data.make.minimum_energy_structure`; edit that module, not this file."
 )
 Columns = dict[str, tuple[FloatArray, int]]
 
@@ -204,5 +203,5 @@ def truth_for_scoring() -> dict[str, object]:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python -m deabayes.reference.minimum_energy_structure FOLDER")
+        sys.exit("usage: python -m data.make.minimum_energy_structure FOLDER")
     write(Path(sys.argv[1]))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from data.make.sensor import Sensor
+
 from deabayes.experiment import FloatArray
-from deabayes.reference.sensor import Sensor
 from deabayes.systems.electrostatics import maxwell_pressure
 
 MONITOR_NOISE = 0.3

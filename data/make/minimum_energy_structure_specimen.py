@@ -6,7 +6,7 @@ STAND_IN = "stand-in, not in the paper's text"
 PAPER = "minimum-energy structure 2019, Table 1"
 
 PROVENANCE = (
-    "Simulated by deabayes.reference.minimum_energy_structure with scipy's DOP853: the slider and "
+    "Simulated by data.make.minimum_energy_structure with scipy's DOP853: the slider and "
     "crank of the paper on minimum-energy structures (Smart Mater. Struct. 2019, Tables 1, 3 and "
     "4), window area and rest angle stand-ins, with a fifth, slow Maxwell unit (300 s) that "
     "candidates with one to four units leave out, dry friction (0.3 mN) beside the viscous one "

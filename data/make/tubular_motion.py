@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from data.make.tubular_truth import Truth
 
 from deabayes.experiment import FloatArray
-from deabayes.reference.tubular_truth import Truth
 
 Command = Callable[[float], float]
 Stretch = tuple[Callable[[FloatArray], FloatArray], tuple[float, float]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 STAND_IN = "stand-in, not in the paper's text"
 
 PROVENANCE = (
-    "Simulated by deabayes.reference.tubular, in time with scipy's DOP853, in frequency by "
+    "Simulated by data.make.tubular, in time with scipy's DOP853, in frequency by "
     "harmonic balance: three Kelvin units with stand-in constants for the actuator of Sarban, "
     "Lassen and Willatzen (2012), of which the third is slow (1.5 s), moving the masses of (13), "
     "so that it rings at tens of hertz, behind an amplifier limited to 120 mA that takes "

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
+from data.make.sensor import Sensor
+
 from deabayes.experiment import FloatArray
-from deabayes.reference.sensor import Sensor
 
 VACUUM_PERMITTIVITY = 8.8541878188e-12
 GRAVITY = 9.80665

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from data.make.minimum_energy_structure_truth import Truth
 
 from deabayes.experiment import FloatArray
-from deabayes.reference.minimum_energy_structure_truth import Truth
 
 Command = Callable[[float], float]
 

@@ -6,7 +6,7 @@ STAND_IN = "stand-in, not in the paper's text"
 PAPER = "Nguyen et al. 2021"
 
 PROVENANCE = (
-    "Simulated by deabayes.reference.membrane with scipy's Radau: KV-GM with the step "
+    "Simulated by data.make.membrane with scipy's Radau: KV-GM with the step "
     "parameters of Nguyen et al. (2021; moduli and relaxation times 6/50/125 s from the text, "
     "Gent limits stand-ins) and a fourth, slow Maxwell unit (900 s) that the candidates of "
     "order 1 to 3 leave out, behind an amplifier limited to 5 uA that takes tenths of a "

@@ -1,4 +1,4 @@
-"""Simulate the reference membrane: ``python -m deabayes.reference.membrane data/membrane``.
+"""Simulate the reference membrane: ``python -m data.make.membrane data/membrane``.
 
 The membrane of Nguyen et al. (2021) on the paper's protocols: steps to 2, 3 and 4 kV for
 600 s, and sines of 2 kV at 0.01, 0.02 and 0.05 Hz, with what its candidates leave out: a
@@ -14,18 +14,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from data.make.membrane_specimen import SPECIMEN
+from data.make.sensor import Sensor
+from data.make.writing import write_record, write_table, write_yaml
 
 from deabayes.experiment import FloatArray
-from deabayes.reference.membrane_specimen import SPECIMEN
-from deabayes.reference.sensor import Sensor
-from deabayes.reference.writing import write_record, write_table, write_yaml
 
 SEED = 20210
 REST = 5.0
 """Seconds at rest, without voltage, before each command."""
 MONITOR_NOISE = 0.3
 """sd of the amplifier's voltage monitor [V]."""
-COMMENT = "Written by `python -m deabayes.reference.membrane`; edit that module, not this file."
+COMMENT = "Written by `python -m data.make.membrane`; edit that module, not this file."
 Command = Callable[[float], float]
 
 
@@ -233,5 +233,5 @@ def truth_for_scoring() -> dict[str, object]:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python -m deabayes.reference.membrane FOLDER")
+        sys.exit("usage: python -m data.make.membrane FOLDER")
     write(Path(sys.argv[1]))

@@ -1,4 +1,4 @@
-"""Simulate the reference tubular actuator: ``python -m deabayes.reference.tubular data/tubular``.
+"""Simulate the reference tubular actuator: ``python -m data.make.tubular data/tubular``.
 
 One actuator with the stand-in material of Sarban et al. (2012), on the paper's protocols:
 creep, the 10 Hz sine, leakage and frequency responses under three loads. It holds what the
@@ -15,19 +15,19 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from data.make import tubular_frequency as analyser
+from data.make.tubular_motion import leakage_current, motion
+from data.make.tubular_specimen import SPECIMEN
+from data.make.tubular_truth import CURRENT, DISPLACEMENT, LEAKAGE, MONITOR_NOISE, TRUTH
+from data.make.writing import write_record, write_table, write_yaml
 
 from deabayes.experiment import FloatArray
-from deabayes.reference import tubular_frequency as analyser
-from deabayes.reference.tubular_motion import leakage_current, motion
-from deabayes.reference.tubular_specimen import SPECIMEN
-from deabayes.reference.tubular_truth import CURRENT, DISPLACEMENT, LEAKAGE, MONITOR_NOISE, TRUTH
-from deabayes.reference.writing import write_record, write_table, write_yaml
 
 SEED = 20120
 VOLTAGES = {2000: "calibrate", 2500: "validate", 1500: "validate"}
 LOADS = (100, 300, 500)
 """Of the frequency responses [g]."""
-COMMENT = "Written by `python -m deabayes.reference.tubular`; edit that module, not this file."
+COMMENT = "Written by `python -m data.make.tubular`; edit that module, not this file."
 Columns = dict[str, tuple[FloatArray, int]]
 
 
@@ -195,5 +195,5 @@ def truth_for_scoring() -> dict[str, object]:
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("usage: python -m deabayes.reference.tubular FOLDER")
+        sys.exit("usage: python -m data.make.tubular FOLDER")
     write(Path(sys.argv[1]))
