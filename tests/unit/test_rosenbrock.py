@@ -8,7 +8,6 @@ import pytest
 from deabayes.integrate import rodas5p
 from deabayes.integrate.drive import GridSettings, graded_grid, simplify
 from deabayes.integrate.rosenbrock import (
-    classical_coefficients,
     interpolate,
     size_factor,
     transformed_coefficients,
@@ -17,6 +16,19 @@ from deabayes.integrate.rosenbrock import (
 NODES = np.array([0, rodas5p.NODE2, rodas5p.NODE3, rodas5p.NODE4, rodas5p.NODE5, 1, 1, 1])
 DRIFTS = np.array([rodas5p.D1, rodas5p.D2, rodas5p.D3, rodas5p.D4, rodas5p.D5, 0, 0, 0])
 DENSE = np.array([[getattr(rodas5p, f"H{r}{j}") for j in range(1, 9)] for r in (2, 3, 4)])
+
+
+def classical_coefficients():
+    """alpha (8, 8), Gamma (8, 8), b (8,) and embedded b (8,) of the untransformed method.
+
+    Hairer & Wanner, Solving ODEs II, section IV.7: A = alpha Gamma^-1,
+    C = 1/gamma - Gamma^-1, m = b Gamma^-1.
+    """
+    a, c, weights = transformed_coefficients()
+    gamma = np.linalg.inv(np.eye(8) / rodas5p.GAMMA - c)
+    embedded = weights.copy()
+    embedded[7] = 0.0
+    return a @ gamma, gamma, weights @ gamma, embedded @ gamma
 
 
 def order_conditions(b, alpha, beta):

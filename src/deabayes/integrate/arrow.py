@@ -14,9 +14,10 @@ A group of LANES draws runs in lockstep, one step of each at a time, but every l
 its own time, step size and excitation piece, and takes the next draw when it has finished
 its own: a draw's steps depend on that draw alone, and a lane that fails changes no other.
 
-This module holds what does not depend on the right-hand side: the rows that every block
-(y_0, or one of the others) begins with, the stages' sums over earlier increments, step
-sizes, and dense output. Blocks are flat arrays of rows x LANES: from one base address the
+A kernel writes its right-hand side and Jacobian once, and makes its eight stages from the
+tableau in a loop (`systems.membrane.kernel`). This module holds what does not depend on them:
+the rows that every block (y_0, or one of the others) begins with, sums over earlier increments,
+step sizes, and dense output. Blocks are flat arrays of rows x LANES: from one base address the
 compiler sees that rows do not overlap, and makes vectors of the lanes.
 """
 
@@ -25,15 +26,16 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.integrate import rodas5p as t
 from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, interpolate
 
 LANES = 32
-START, ARGUMENT, U1, U2, U3, U4, U5, U6, U7, U8 = (row * LANES for row in range(10))
+START, ARGUMENT, U1 = (row * LANES for row in range(3))
 """Offsets of the rows all blocks begin with: value at the start of the step, argument of
-the current stage, increments."""
+the current stage, the first of eight increments."""
 SHARED_ROWS = 10
+FIRST_AT_THE_END = 6
+"""Later stages too: each is at the argument of the stage before plus its increment."""
 SAFETY = 0.9
 LARGEST_GROWTH = 5.0
 LARGEST_CUT = 0.1
@@ -43,89 +45,14 @@ FINEST = 1e-10
 
 
 @njit(**KERNEL_OPTIONS)
-def argument_2(w: FloatArray, i: int) -> float:
-    """Argument of stage 2 of the block `w`, lane `i`; likewise the following."""
-    return w[START + i] + t.A21 * w[U1 + i]
+def combined(w: FloatArray, i: int, start: float, weights: tuple[float, ...]) -> float:
+    """Start + sum_j weights_j u_j of the block `w`, lane `i`: a row of A, C or H times increments.
 
-
-@njit(**KERNEL_OPTIONS)
-def argument_3(w: FloatArray, i: int) -> float:
-    return w[START + i] + t.A31 * w[U1 + i] + t.A32 * w[U2 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def argument_4(w: FloatArray, i: int) -> float:
-    return w[START + i] + t.A41 * w[U1 + i] + t.A42 * w[U2 + i] + t.A43 * w[U3 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def argument_5(w: FloatArray, i: int) -> float:
-    found = w[START + i] + t.A51 * w[U1 + i] + t.A52 * w[U2 + i] + t.A53 * w[U3 + i]
-    return found + t.A54 * w[U4 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def argument_6(w: FloatArray, i: int) -> float:
-    found = w[START + i] + t.A61 * w[U1 + i] + t.A62 * w[U2 + i] + t.A63 * w[U3 + i]
-    return found + t.A64 * w[U4 + i] + t.A65 * w[U5 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_2(w: FloatArray, i: int) -> float:
-    """sum_j C_2j u_j of the block `w`, lane `i`; likewise the following."""
-    return t.C21 * w[U1 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_3(w: FloatArray, i: int) -> float:
-    return t.C31 * w[U1 + i] + t.C32 * w[U2 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_4(w: FloatArray, i: int) -> float:
-    return t.C41 * w[U1 + i] + t.C42 * w[U2 + i] + t.C43 * w[U3 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_5(w: FloatArray, i: int) -> float:
-    return t.C51 * w[U1 + i] + t.C52 * w[U2 + i] + t.C53 * w[U3 + i] + t.C54 * w[U4 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_6(w: FloatArray, i: int) -> float:
-    found = t.C61 * w[U1 + i] + t.C62 * w[U2 + i] + t.C63 * w[U3 + i]
-    return found + t.C64 * w[U4 + i] + t.C65 * w[U5 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_7(w: FloatArray, i: int) -> float:
-    found = t.C71 * w[U1 + i] + t.C72 * w[U2 + i] + t.C73 * w[U3 + i]
-    return found + t.C74 * w[U4 + i] + t.C75 * w[U5 + i] + t.C76 * w[U6 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def history_8(w: FloatArray, i: int) -> float:
-    found = t.C81 * w[U1 + i] + t.C82 * w[U2 + i] + t.C83 * w[U3 + i] + t.C84 * w[U4 + i]
-    return found + t.C85 * w[U5 + i] + t.C86 * w[U6 + i] + t.C87 * w[U7 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def dense_2(w: FloatArray, i: int) -> float:
-    """k_2 of the dense output of the block `w`, lane `i`; likewise k_3 and k_4."""
-    found = t.H21 * w[U1 + i] + t.H22 * w[U2 + i] + t.H23 * w[U3 + i] + t.H24 * w[U4 + i]
-    return found + t.H25 * w[U5 + i] + t.H26 * w[U6 + i] + t.H27 * w[U7 + i] + t.H28 * w[U8 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def dense_3(w: FloatArray, i: int) -> float:
-    found = t.H31 * w[U1 + i] + t.H32 * w[U2 + i] + t.H33 * w[U3 + i] + t.H34 * w[U4 + i]
-    return found + t.H35 * w[U5 + i] + t.H36 * w[U6 + i] + t.H37 * w[U7 + i] + t.H38 * w[U8 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def dense_4(w: FloatArray, i: int) -> float:
-    found = t.H41 * w[U1 + i] + t.H42 * w[U2 + i] + t.H43 * w[U3 + i] + t.H44 * w[U4 + i]
-    return found + t.H45 * w[U5 + i] + t.H46 * w[U6 + i] + t.H47 * w[U7 + i] + t.H48 * w[U8 + i]
+    The number of weights is part of the compiled type, so that the loop is unrolled.
+    """
+    for j in range(len(weights)):
+        start += weights[j] * w[U1 + j * LANES + i]
+    return start
 
 
 @njit(**KERNEL_OPTIONS)

@@ -1,6 +1,6 @@
 """Rosenbrock-Wanner integration: what kernels share, whatever they integrate.
 
-The coefficients are in `rodas5p`; a kernel unrolls the stages for its own right-hand
+The coefficients are in `rodas5p`; a kernel makes its stages from them, for its own right-hand
 side and Jacobian, with the innermost loop over draws in contiguous lanes. LANES is the
 fixed number of draws in a group: loops of a known length compile to full vectors only,
 so that a draw's arithmetic does not depend on where in a batch it stands.
@@ -47,25 +47,8 @@ def size_factor(error_ratio: float) -> float:
 
 
 def transformed_coefficients() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A (8, 8), C (8, 8) and the weights of the increments (8,), as kernels use them."""
-    stages = 8
-    a, c = np.zeros((stages, stages)), np.zeros((stages, stages))
-    for i in range(1, stages):
-        for j in range(i):
-            c[i, j] = getattr(rodas5p, f"C{i + 1}{j + 1}")
-            a[i, j] = getattr(rodas5p, f"A{min(i, 5) + 1}{j + 1}") if j < 5 else 1.0
-    weights = np.append(a[7, :7], 1.0)
-    return a, c, weights
-
-
-def classical_coefficients() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """alpha (8, 8), Gamma (8, 8), b (8,) and embedded b (8,) of the untransformed method.
-
-    Hairer & Wanner, Solving ODEs II, section IV.7: A = alpha Gamma^-1,
-    C = 1/gamma - Gamma^-1, m = b Gamma^-1.
-    """
-    a, c, weights = transformed_coefficients()
-    gamma: FloatArray = np.linalg.inv(np.eye(8) / rodas5p.GAMMA - c).astype(np.float64)
-    embedded = weights.copy()
-    embedded[7] = 0.0
-    return a @ gamma, gamma, weights @ gamma, embedded @ gamma
+    """A (8, 8), C (8, 8) and the weights of the increments (8,), as arrays."""
+    a, c = np.zeros((rodas5p.STAGES, rodas5p.STAGES)), np.zeros((rodas5p.STAGES, rodas5p.STAGES))
+    for stage in range(rodas5p.STAGES):
+        a[stage, :stage], c[stage, :stage] = rodas5p.A[stage], rodas5p.C[stage]
+    return a, c, np.array(rodas5p.A[rodas5p.STAGES])

@@ -17,9 +17,8 @@ from deabayes.systems.membrane.kernel import IndexArray, resistance, slopes
 from deabayes.systems.membrane.material import Material
 
 A, C, _ = transformed_coefficients()
-NODES = np.array([0.0, rodas5p.NODE2, rodas5p.NODE3, rodas5p.NODE4, rodas5p.NODE5, 1.0, 1.0, 1.0])
-DRIFTS = np.array([rodas5p.D1, rodas5p.D2, rodas5p.D3, rodas5p.D4, rodas5p.D5, 0.0, 0.0, 0.0])
-DENSE = np.array([[getattr(rodas5p, f"H{r}{j}") for j in range(1, 9)] for r in (2, 3, 4)])
+NODES, DRIFTS = np.array(rodas5p.NODES), np.array(rodas5p.D)
+DENSE = np.array([rodas5p.H2, rodas5p.H3, rodas5p.H4])
 GAMMA = rodas5p.GAMMA
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
-from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1, U2, U3, U4, U5, U6, U7, U8
+from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1
 from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 
 IndexArray = NDArray[np.int64]
+UnitStage = Callable[[FloatArray, FloatArray], None]
+StretchStage = Callable[[FloatArray], None]
+DIFFERENT_NODES = 6
+"""Of the tableau: the last stages are at the end of the step, as the sixth."""
 FLUIDITY, MODULUS, INVERSE, WEIGHT = ((arrow.SHARED_ROWS + r) * LANES for r in range(4))
 """Rows of every block: 1/tau or 1/zeta_alpha, mu, 1/J, weight of the error."""
 RATE, FORCE_RATE, SOLVE, COUPLE, PULL, RIGHT = (
@@ -68,27 +74,15 @@ def drive(c: FloatArray) -> None:
         v4, v5, gain = c[V4 + i], c[V5 + i], c[GAIN + i]
         v = v0 + x * (v1 + x * (v2 + x * (v3 + x * (v4 + x * v5))))
         slope = v1 + x * (2.0 * v2 + x * (3.0 * v3 + x * (4.0 * v4 + x * 5.0 * v5)))
-        c[D1 + i] = gain * v * v
         c[DRIFT + i] = c[HZ + i] * 2.0 * gain * v * slope * dx
-        a = x + t.NODE2 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D2 + i] = gain * v * v
-        a = x + t.NODE3 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D3 + i] = gain * v * v
-        a = x + t.NODE4 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D4 + i] = gain * v * v
-        a = x + t.NODE5 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D5 + i] = gain * v * v
-        a = x + dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D6 + i] = gain * v * v
+        for node in range(DIFFERENT_NODES):
+            a = x + t.NODES[node] * dx
+            v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+            c[D1 + node * LANES + i] = gain * v * v
 
 
 @njit(**KERNEL_OPTIONS)
-def _unit_1(w: FloatArray, c: FloatArray) -> None:
+def _unit_begins(w: FloatArray, c: FloatArray) -> None:
     """Jacobian and first stage of a unit."""
     for i in range(LANES):
         lam, xi = c[START + i], w[START + i]
@@ -105,82 +99,43 @@ def _unit_1(w: FloatArray, c: FloatArray) -> None:
         c[SCHUR + i] += pull * right
 
 
-@njit(**KERNEL_OPTIONS)
-def _close(w: FloatArray, c: FloatArray, i: int, lam: float, xi: float, history: float) -> None:
-    """The part of a unit's stage that all stages share."""
-    r = resistance(lam, xi, w[INVERSE + i])
-    right = w[RATE + i] * lam * r + history
-    w[RIGHT + i] = right * w[SOLVE + i]
-    c[FORCE + i] += w[FORCE_RATE + i] * xi * r
-    c[SCHUR + i] += w[PULL + i] * right
+def _unit_stage(stage: int) -> UnitStage:
+    """Of a unit: its increment in the stage before, and its right-hand side in this one."""
+    before, weights, history = U1 + (stage - 2) * LANES, t.A[stage - 1], t.C[stage - 1]
+    kept, added = stage >= arrow.FIRST_AT_THE_END, stage > arrow.FIRST_AT_THE_END
+
+    @njit(**KERNEL_OPTIONS)
+    def unit_stage(w: FloatArray, c: FloatArray) -> None:
+        for i in range(LANES):
+            w[before + i] = w[RIGHT + i] + w[COUPLE + i] * c[before + i]
+            if added:
+                xi = w[ARGUMENT + i] + w[before + i]
+            else:
+                xi = arrow.combined(w, i, w[START + i], weights)
+            if kept:
+                w[ARGUMENT + i] = xi
+            lam = c[ARGUMENT + i]
+            r = resistance(lam, xi, w[INVERSE + i])
+            right = w[RATE + i] * lam * r + arrow.combined(w, i, 0.0, history)
+            w[RIGHT + i] = right * w[SOLVE + i]
+            c[FORCE + i] += w[FORCE_RATE + i] * xi * r
+            c[SCHUR + i] += w[PULL + i] * right
+
+    return unit_stage
 
 
 @njit(**KERNEL_OPTIONS)
-def _unit_2(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U1 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U1 + i]
-        _close(w, c, i, c[ARGUMENT + i], arrow.argument_2(w, i), arrow.history_2(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_3(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U2 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U2 + i]
-        _close(w, c, i, c[ARGUMENT + i], arrow.argument_3(w, i), arrow.history_3(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_4(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U3 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U3 + i]
-        _close(w, c, i, c[ARGUMENT + i], arrow.argument_4(w, i), arrow.history_4(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_5(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U4 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U4 + i]
-        _close(w, c, i, c[ARGUMENT + i], arrow.argument_5(w, i), arrow.history_5(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_6(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U5 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U5 + i]
-        xi = arrow.argument_6(w, i)
-        w[ARGUMENT + i] = xi
-        _close(w, c, i, c[ARGUMENT + i], xi, arrow.history_6(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_7(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U6 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U6 + i]
-        xi = w[ARGUMENT + i] + w[U6 + i]
-        w[ARGUMENT + i] = xi
-        _close(w, c, i, c[ARGUMENT + i], xi, arrow.history_7(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_8(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U7 + i] = w[RIGHT + i] + w[COUPLE + i] * c[U7 + i]
-        xi = w[ARGUMENT + i] + w[U7 + i]
-        w[ARGUMENT + i] = xi
-        _close(w, c, i, c[ARGUMENT + i], xi, arrow.history_8(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def _unit_end(w: FloatArray, c: FloatArray) -> None:
+def _unit_ends(w: FloatArray, c: FloatArray) -> None:
     """End of the step and its error."""
+    last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
-        last = w[RIGHT + i] + w[COUPLE + i] * c[U8 + i]
-        w[ARGUMENT + i] += last
-        c[ERROR + i] += w[WEIGHT + i] * abs(last)
+        increment = w[RIGHT + i] + w[COUPLE + i] * c[last + i]
+        w[ARGUMENT + i] += increment
+        c[ERROR + i] += w[WEIGHT + i] * abs(increment)
 
 
 @njit(**KERNEL_OPTIONS)
-def _stretch_1(c: FloatArray) -> None:
+def _stretch_begins(c: FloatArray) -> None:
     """Pivot and first stage of lambda; clears the sums over the units."""
     for i in range(LANES):
         lam, hz = c[START + i], c[HZ + i]
@@ -192,71 +147,42 @@ def _stretch_1(c: FloatArray) -> None:
         c[DRIFT + i] *= square * lam
         u = solve * (flow - c[FORCE + i] + c[SCHUR + i] + t.D1 * c[DRIFT + i])
         c[PIVOT + i], c[U1 + i], c[FORCE + i], c[SCHUR + i] = solve, u, 0.0, 0.0
-        c[ARGUMENT + i] = arrow.argument_2(c, i)
+        c[ARGUMENT + i] = arrow.combined(c, i, c[START + i], t.A[1])
+
+
+def _stretch_stage(stage: int) -> StretchStage:
+    """Of lambda: its increment in this stage, and its argument in the next."""
+    here, node = U1 + (stage - 1) * LANES, D1 + min(stage - 1, DIFFERENT_NODES - 1) * LANES
+    history, of_drift, weights = t.C[stage - 1], t.D[stage - 1], t.A[stage]
+    at_the_end = stage >= arrow.FIRST_AT_THE_END
+
+    @njit(**KERNEL_OPTIONS)
+    def stretch_stage(c: FloatArray) -> None:
+        for i in range(LANES):
+            lam = c[ARGUMENT + i]
+            r = resistance(lam, 1.0, c[INVERSE + i])
+            flow = c[HZ + i] * (c[node + i] * lam * lam * lam + c[SIGMA + i] - c[MODULUS + i] * r)
+            before = 0.0 if at_the_end else of_drift * c[DRIFT + i]
+            earlier = arrow.combined(c, i, before, history)
+            c[here + i] = c[PIVOT + i] * (flow - c[FORCE + i] + c[SCHUR + i] + earlier)
+            c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
+            if at_the_end:
+                c[ARGUMENT + i] += c[here + i]
+            else:
+                c[ARGUMENT + i] = arrow.combined(c, i, c[START + i], weights)
+
+    return stretch_stage
 
 
 @njit(**KERNEL_OPTIONS)
-def _solve(c: FloatArray, i: int, drive: float, history: float) -> float:
-    """The increment of lambda in a stage; clears the sums over the units."""
-    lam = c[ARGUMENT + i]
-    r = resistance(lam, 1.0, c[INVERSE + i])
-    flow = c[HZ + i] * (drive * lam * lam * lam + c[SIGMA + i] - c[MODULUS + i] * r)
-    u = c[PIVOT + i] * (flow - c[FORCE + i] + c[SCHUR + i] + history)
-    c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
-    return u
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_2(c: FloatArray) -> None:
+def _stretch_ends(c: FloatArray) -> None:
+    """Error of lambda, and dense output."""
     for i in range(LANES):
-        c[U2 + i] = _solve(c, i, c[D2 + i], arrow.history_2(c, i) + t.D2 * c[DRIFT + i])
-        c[ARGUMENT + i] = arrow.argument_3(c, i)
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_3(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U3 + i] = _solve(c, i, c[D3 + i], arrow.history_3(c, i) + t.D3 * c[DRIFT + i])
-        c[ARGUMENT + i] = arrow.argument_4(c, i)
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_4(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U4 + i] = _solve(c, i, c[D4 + i], arrow.history_4(c, i) + t.D4 * c[DRIFT + i])
-        c[ARGUMENT + i] = arrow.argument_5(c, i)
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_5(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U5 + i] = _solve(c, i, c[D5 + i], arrow.history_5(c, i) + t.D5 * c[DRIFT + i])
-        c[ARGUMENT + i] = arrow.argument_6(c, i)
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_6(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U6 + i] = _solve(c, i, c[D6 + i], arrow.history_6(c, i))
-        c[ARGUMENT + i] += c[U6 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_7(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U7 + i] = _solve(c, i, c[D6 + i], arrow.history_7(c, i))
-        c[ARGUMENT + i] += c[U7 + i]
-
-
-@njit(**KERNEL_OPTIONS)
-def _stretch_8(c: FloatArray) -> None:
-    for i in range(LANES):
-        c[U8 + i] = _solve(c, i, c[D6 + i], arrow.history_8(c, i))
-        c[ARGUMENT + i] += c[U8 + i]
-        c[ERROR + i] = abs(c[U8 + i])
+        c[ERROR + i] = abs(c[U1 + (t.STAGES - 1) * LANES + i])
         c[PIVOT + i] = 0.0
-        c[K2 + i], c[K3 + i] = arrow.dense_2(c, i), arrow.dense_3(c, i)
-        c[K4 + i] = arrow.dense_4(c, i)
+        c[K2 + i] = arrow.combined(c, i, 0.0, t.H2)
+        c[K3 + i] = arrow.combined(c, i, 0.0, t.H3)
+        c[K4 + i] = arrow.combined(c, i, 0.0, t.H4)
 
 
 @njit(**KERNEL_OPTIONS)
@@ -267,14 +193,20 @@ def _control(c: FloatArray) -> None:
         c[FACTOR + i] = arrow.growth(c[ERROR + i])
 
 
+_unit_2, _unit_3, _unit_4, _unit_5, _unit_6, _unit_7, _unit_8 = map(_unit_stage, range(2, 9))
+_stretch_2, _stretch_3, _stretch_4, _stretch_5, _stretch_6, _stretch_7, _stretch_8 = map(
+    _stretch_stage, range(2, 9)
+)
+
+
 @njit(**KERNEL_OPTIONS)
 def step(c: FloatArray, units: FloatArray) -> None:
     """One step of every lane: lambda's block `c` and the blocks of the `units` (n, ...)."""
     n = units.shape[0]
     drive(c)
     for u in range(n):
-        _unit_1(units[u], c)
-    _stretch_1(c)
+        _unit_begins(units[u], c)
+    _stretch_begins(c)
     for u in range(n):
         _unit_2(units[u], c)
     _stretch_2(c)
@@ -296,8 +228,9 @@ def step(c: FloatArray, units: FloatArray) -> None:
     for u in range(n):
         _unit_8(units[u], c)
     _stretch_8(c)
+    _stretch_ends(c)
     for u in range(n):
-        _unit_end(units[u], c)
+        _unit_ends(units[u], c)
     _control(c)
 
 

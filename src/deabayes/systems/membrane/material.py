@@ -54,7 +54,7 @@ class Initial:
     prestress : nominal stress that holds the relaxed membrane there [Pa], (W,).
     fast : time of the fastest mode [s], (W,).
     compliance : change of stretch per squared voltage before units relax, (W,).
-    units : (W, n, 4) as `membrane_lanes` takes them.
+    units : (W, n, 4) as `kernel.integrate` takes them.
     """
 
     prestress: FloatArray
@@ -107,7 +107,7 @@ class Material:
     def constants(
         self, history: Drive, tolerance: float, limit: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Draws (W, 9) and units (W, n, 4) as `membrane_lanes` takes them.
+        """Draws (W, 9) and units (W, n, 4) as `kernel.integrate` takes them.
 
         Parameters
         ----------

@@ -137,7 +137,7 @@ class Membrane(System):
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare one record; returns draws -> response (W, N).
 
-        The voltage is zero before its first knot (see `voltage_history`).
+        The voltage is zero before its first knot (see `systems.electrostatics`).
 
         A row is NaN where a draw is pulled in (its stretch passes the end of the near
         equilibrium's branch), passes the breakdown stretch, or fails.
@@ -221,7 +221,7 @@ class Membrane(System):
         return self._material(draws).derived(self.breakdown)
 
     def solid(self, draws: Draws) -> Solid:
-        """A Gent solid that relaxes as the units do at the pre-stretch: see `membrane_solid`."""
+        """A Gent solid that relaxes as the units do at the pre-stretch: see `material`."""
         material, density = self._material(draws), None
         if "density" in self.specimen.quantities:
             density = filled(self.specimen, "density", draws, material.modulus)

@@ -30,6 +30,8 @@ from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 
 DEGREE = 5
 """Of the voltage in time on a piece."""
+DIFFERENT_NODES = 6
+"""Of the tableau: the last stages are at the end of the step, as the sixth."""
 FILM_DEGREE = 14
 """Of P in cos theta: 3e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper. How
 steep an angle it serves in general: `structure_motion.followed`."""
@@ -155,23 +157,11 @@ def drive(c: FloatArray) -> None:
         v3, v4, v5 = c[V0 + 3 * LANES + i], c[V0 + 4 * LANES + i], c[V0 + 5 * LANES + i]
         v = v0 + x * (v1 + x * (v2 + x * (v3 + x * (v4 + x * v5))))
         slope = v1 + x * (2.0 * v2 + x * (3.0 * v3 + x * (4.0 * v4 + x * 5.0 * v5)))
-        c[D1 + i] = v * v
         c[DRIFT + i] = 2.0 * v * slope * dx
-        a = x + t.NODE2 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D2 + i] = v * v
-        a = x + t.NODE3 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D3 + i] = v * v
-        a = x + t.NODE4 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D4 + i] = v * v
-        a = x + t.NODE5 * dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D5 + i] = v * v
-        a = x + dx
-        v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-        c[D6 + i] = v * v
+        for node in range(DIFFERENT_NODES):
+            a = x + t.NODES[node] * dx
+            v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
+            c[D1 + node * LANES + i] = v * v
 
 
 @njit(**KERNEL_OPTIONS)

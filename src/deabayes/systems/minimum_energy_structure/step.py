@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
-from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1, U2, U3, U4, U5, U6, U7, U8
+from deabayes.integrate.arrow import ARGUMENT, LANES, START, U1
 from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 from deabayes.systems.minimum_energy_structure import kernel as k
 from deabayes.systems.minimum_energy_structure.kernel import (
     ALLOWED,
     COUPLED,
-    D2,
-    D3,
-    D4,
-    D5,
-    D6,
+    D1,
     DAMPING,
     DRIFT,
     ERROR,
@@ -48,145 +46,83 @@ from deabayes.systems.minimum_energy_structure.kernel import (
     WEIGHT,
 )
 
+IndexArray = NDArray[np.int64]
+UnitStage = Callable[[FloatArray, FloatArray], None]
+AngleStage = Callable[[FloatArray, bool], None]
+
 
 @njit(**KERNEL_OPTIONS)
-def _solve(c: FloatArray, i: int, of_speed: float, of_angle: float) -> float:
-    """Theta's increment from the right-hand sides of both; clears the sums over the units."""
+def _increments(c: FloatArray, i: int, row: int, of_speed: float, of_angle: float) -> None:
+    """Of theta and omega, from the right-hand sides of both; clears the sums over the units."""
     right = c[STEP + i] * of_speed + c[DAMPING + i] * of_angle + c[SCHUR + i]
     c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
-    return c[PIVOT + i] * right
+    u = c[PIVOT + i] * right
+    c[row + i], c[SPEED + row + i] = u, c[RATE_OF_STEP + i] * (u / t.GAMMA - of_angle)
 
 
 @njit(**KERNEL_OPTIONS)
-def _speed(c: FloatArray, i: int, increment: float, of_angle: float) -> float:
-    """Omega's increment from theta's."""
-    return c[RATE_OF_STEP + i] * (increment / t.GAMMA - of_angle)
+def _move(c: FloatArray, i: int, weights: tuple[float, ...]) -> None:
+    """Theta and omega to the argument of the next stage."""
+    c[ARGUMENT + i] = arrow.combined(c, i, c[START + i], weights)
+    c[SPEED + ARGUMENT + i] = arrow.combined(c, SPEED + i, c[SPEED + START + i], weights)
 
 
 @njit(**KERNEL_OPTIONS)
-def angle_1(c: FloatArray, dry: bool) -> None:
+def _angle_begins(c: FloatArray, dry: bool) -> None:
     """First stage of theta and omega."""
     k.accelerate(c, dry)
     k.jacobian(c)
     for i in range(LANES):
         of_angle = c[STEP + i] * c[SPEED + START + i]
-        u = _solve(c, i, c[FLOW + i] + t.D1 * c[DRIFT + i], of_angle)
-        c[U1 + i], c[SPEED + U1 + i] = u, _speed(c, i, u, of_angle)
-        c[ARGUMENT + i] = arrow.argument_2(c, i)
-        c[SPEED + ARGUMENT + i] = arrow.argument_2(c, SPEED + i)
-        c[SQUARE + i] = c[D2 + i]
+        _increments(c, i, U1, c[FLOW + i] + t.D1 * c[DRIFT + i], of_angle)
+        _move(c, i, t.A[1])
+        c[SQUARE + i] = c[D1 + LANES + i]
     k.place(c)
 
 
-@njit(**KERNEL_OPTIONS)
-def angle_2(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_2(c, i)
-        of_speed = c[FLOW + i] + arrow.history_2(c, SPEED + i) + t.D2 * c[DRIFT + i]
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U2 + i], c[SPEED + U2 + i] = u, a
-        c[ARGUMENT + i] = arrow.argument_3(c, i)
-        c[SPEED + ARGUMENT + i] = arrow.argument_3(c, SPEED + i)
-        c[SQUARE + i] = c[D3 + i]
-    k.place(c)
+def _angle_stage(stage: int) -> AngleStage:
+    """Of theta and omega: their increments in this stage, and their argument in the next."""
+    row, node = U1 + (stage - 1) * LANES, D1 + min(stage, k.DIFFERENT_NODES - 1) * LANES
+    history, of_drift, weights = t.C[stage - 1], t.D[stage - 1], t.A[stage]
+    at_the_end = stage >= arrow.FIRST_AT_THE_END
+
+    @njit(**KERNEL_OPTIONS)
+    def angle_stage(c: FloatArray, dry: bool) -> None:
+        k.accelerate(c, dry)
+        for i in range(LANES):
+            moved = c[STEP + i] * c[SPEED + ARGUMENT + i]
+            of_angle = arrow.combined(c, i, moved, history)
+            flow = c[FLOW + i]
+            if not at_the_end:
+                flow += of_drift * c[DRIFT + i]
+            _increments(c, i, row, arrow.combined(c, SPEED + i, flow, history), of_angle)
+            if at_the_end:
+                c[ARGUMENT + i] += c[row + i]
+                c[SPEED + ARGUMENT + i] += c[SPEED + row + i]
+            else:
+                _move(c, i, weights)
+                c[SQUARE + i] = c[node + i]
+        k.place(c)
+
+    return angle_stage
 
 
 @njit(**KERNEL_OPTIONS)
-def angle_3(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
+def _angle_ends(c: FloatArray, dry: bool) -> None:
+    """Error of theta and omega, and dense output."""
+    last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_3(c, i)
-        of_speed = c[FLOW + i] + arrow.history_3(c, SPEED + i) + t.D3 * c[DRIFT + i]
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U3 + i], c[SPEED + U3 + i] = u, a
-        c[ARGUMENT + i] = arrow.argument_4(c, i)
-        c[SPEED + ARGUMENT + i] = arrow.argument_4(c, SPEED + i)
-        c[SQUARE + i] = c[D4 + i]
-    k.place(c)
-
-
-@njit(**KERNEL_OPTIONS)
-def angle_4(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_4(c, i)
-        of_speed = c[FLOW + i] + arrow.history_4(c, SPEED + i) + t.D4 * c[DRIFT + i]
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U4 + i], c[SPEED + U4 + i] = u, a
-        c[ARGUMENT + i] = arrow.argument_5(c, i)
-        c[SPEED + ARGUMENT + i] = arrow.argument_5(c, SPEED + i)
-        c[SQUARE + i] = c[D5 + i]
-    k.place(c)
-
-
-@njit(**KERNEL_OPTIONS)
-def angle_5(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_5(c, i)
-        of_speed = c[FLOW + i] + arrow.history_5(c, SPEED + i) + t.D5 * c[DRIFT + i]
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U5 + i], c[SPEED + U5 + i] = u, a
-        c[ARGUMENT + i] = arrow.argument_6(c, i)
-        c[SPEED + ARGUMENT + i] = arrow.argument_6(c, SPEED + i)
-        c[SQUARE + i] = c[D6 + i]
-    k.place(c)
-
-
-@njit(**KERNEL_OPTIONS)
-def angle_6(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_6(c, i)
-        of_speed = c[FLOW + i] + arrow.history_6(c, SPEED + i)
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U6 + i], c[SPEED + U6 + i] = u, a
-        c[ARGUMENT + i] += u
-        c[SPEED + ARGUMENT + i] += a
-    k.place(c)
-
-
-@njit(**KERNEL_OPTIONS)
-def angle_7(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_7(c, i)
-        of_speed = c[FLOW + i] + arrow.history_7(c, SPEED + i)
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U7 + i], c[SPEED + U7 + i] = u, a
-        c[ARGUMENT + i] += u
-        c[SPEED + ARGUMENT + i] += a
-    k.place(c)
-
-
-@njit(**KERNEL_OPTIONS)
-def angle_8(c: FloatArray, dry: bool) -> None:
-    k.accelerate(c, dry)
-    for i in range(LANES):
-        of_angle = c[STEP + i] * c[SPEED + ARGUMENT + i] + arrow.history_8(c, i)
-        of_speed = c[FLOW + i] + arrow.history_8(c, SPEED + i)
-        u = _solve(c, i, of_speed, of_angle)
-        a = _speed(c, i, u, of_angle)
-        c[U8 + i], c[SPEED + U8 + i] = u, a
-        c[ARGUMENT + i] += u
-        c[SPEED + ARGUMENT + i] += a
-        c[ERROR + i] = abs(u) + c[SLOWNESS + i] * abs(a)
-        c[K2 + i], c[K3 + i] = arrow.dense_2(c, i), arrow.dense_3(c, i)
-        c[K4 + i] = arrow.dense_4(c, i)
+        c[ERROR + i] = abs(c[last + i]) + c[SLOWNESS + i] * abs(c[SPEED + last + i])
+        c[K2 + i] = arrow.combined(c, i, 0.0, t.H2)
+        c[K3 + i] = arrow.combined(c, i, 0.0, t.H3)
+        c[K4 + i] = arrow.combined(c, i, 0.0, t.H4)
     if dry:
         k.doubt(c)
 
 
 @njit(**KERNEL_OPTIONS)
-def _close(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> None:
-    """The part of a unit's stage that all stages share."""
+def _respond(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> None:
+    """A unit's right-hand side in a stage, and what it adds to the sums over the units."""
     late = history - w[SHARE + i] * (y + c[PLACE + i])
     w[LATE + i] = late
     c[FORCE + i] += w[STIFFNESS + i] * y
@@ -194,13 +130,7 @@ def _close(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> No
 
 
 @njit(**KERNEL_OPTIONS)
-def _increment(w: FloatArray, c: FloatArray, i: int, of_angle: float) -> float:
-    """A unit's increment in a stage from that of theta."""
-    return w[SOLVE + i] * (w[LATE + i] + w[SHARE + i] * c[SLOPE + i] * of_angle)
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_1(w: FloatArray, c: FloatArray) -> None:
+def _unit_begins(w: FloatArray, c: FloatArray) -> None:
     """Jacobian and first stage of a unit."""
     for i in range(LANES):
         share = c[STEP + i] * w[RATE + i]
@@ -208,71 +138,45 @@ def unit_1(w: FloatArray, c: FloatArray) -> None:
         pull = c[LEVER + i] * w[STIFFNESS + i] * solve
         w[SHARE + i], w[SOLVE + i], w[PULL + i] = share, solve, pull
         c[COUPLED + i] += pull * share * c[SLOPE + i]
-        _close(w, c, i, w[START + i], 0.0)
+        _respond(w, c, i, w[START + i], 0.0)
+
+
+def _unit_stage(stage: int) -> UnitStage:
+    """Of a unit: its increment in the stage before, and its right-hand side in this one."""
+    before, weights, history = U1 + (stage - 2) * LANES, t.A[stage - 1], t.C[stage - 1]
+    kept, added = stage >= arrow.FIRST_AT_THE_END, stage > arrow.FIRST_AT_THE_END
+
+    @njit(**KERNEL_OPTIONS)
+    def unit_stage(w: FloatArray, c: FloatArray) -> None:
+        for i in range(LANES):
+            of_angle = w[SHARE + i] * c[SLOPE + i] * c[before + i]
+            w[before + i] = w[SOLVE + i] * (w[LATE + i] + of_angle)
+            if added:
+                y = w[ARGUMENT + i] + w[before + i]
+            else:
+                y = arrow.combined(w, i, w[START + i], weights)
+            if kept:
+                w[ARGUMENT + i] = y
+            _respond(w, c, i, y, arrow.combined(w, i, 0.0, history))
+
+    return unit_stage
 
 
 @njit(**KERNEL_OPTIONS)
-def unit_2(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U1 + i] = _increment(w, c, i, c[U1 + i])
-        _close(w, c, i, arrow.argument_2(w, i), arrow.history_2(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_3(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U2 + i] = _increment(w, c, i, c[U2 + i])
-        _close(w, c, i, arrow.argument_3(w, i), arrow.history_3(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_4(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U3 + i] = _increment(w, c, i, c[U3 + i])
-        _close(w, c, i, arrow.argument_4(w, i), arrow.history_4(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_5(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U4 + i] = _increment(w, c, i, c[U4 + i])
-        _close(w, c, i, arrow.argument_5(w, i), arrow.history_5(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_6(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U5 + i] = _increment(w, c, i, c[U5 + i])
-        y = arrow.argument_6(w, i)
-        w[ARGUMENT + i] = y
-        _close(w, c, i, y, arrow.history_6(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_7(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U6 + i] = _increment(w, c, i, c[U6 + i])
-        y = w[ARGUMENT + i] + w[U6 + i]
-        w[ARGUMENT + i] = y
-        _close(w, c, i, y, arrow.history_7(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_8(w: FloatArray, c: FloatArray) -> None:
-    for i in range(LANES):
-        w[U7 + i] = _increment(w, c, i, c[U7 + i])
-        y = w[ARGUMENT + i] + w[U7 + i]
-        w[ARGUMENT + i] = y
-        _close(w, c, i, y, arrow.history_8(w, i))
-
-
-@njit(**KERNEL_OPTIONS)
-def unit_end(w: FloatArray, c: FloatArray) -> None:
+def _unit_ends(w: FloatArray, c: FloatArray) -> None:
     """End of the step and its error."""
+    last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
-        last = _increment(w, c, i, c[U8 + i])
-        w[ARGUMENT + i] += last
-        c[ERROR + i] += w[WEIGHT + i] * abs(last)
+        of_angle = w[SHARE + i] * c[SLOPE + i] * c[last + i]
+        increment = w[SOLVE + i] * (w[LATE + i] + of_angle)
+        w[ARGUMENT + i] += increment
+        c[ERROR + i] += w[WEIGHT + i] * abs(increment)
+
+
+_unit_2, _unit_3, _unit_4, _unit_5, _unit_6, _unit_7, _unit_8 = map(_unit_stage, range(2, 9))
+_angle_2, _angle_3, _angle_4, _angle_5, _angle_6, _angle_7, _angle_8 = map(
+    _angle_stage, range(2, 9)
+)
 
 
 @njit(**KERNEL_OPTIONS)
@@ -282,37 +186,37 @@ def step(c: FloatArray, units: FloatArray, dry: bool) -> None:
     k.drive(c)
     k.begin(c)
     for u in range(n):
-        unit_1(units[u], c)
-    angle_1(c, dry)
+        _unit_begins(units[u], c)
+    _angle_begins(c, dry)
     for u in range(n):
-        unit_2(units[u], c)
-    angle_2(c, dry)
+        _unit_2(units[u], c)
+    _angle_2(c, dry)
     for u in range(n):
-        unit_3(units[u], c)
-    angle_3(c, dry)
+        _unit_3(units[u], c)
+    _angle_3(c, dry)
     for u in range(n):
-        unit_4(units[u], c)
-    angle_4(c, dry)
+        _unit_4(units[u], c)
+    _angle_4(c, dry)
     for u in range(n):
-        unit_5(units[u], c)
-    angle_5(c, dry)
+        _unit_5(units[u], c)
+    _angle_5(c, dry)
     for u in range(n):
-        unit_6(units[u], c)
-    angle_6(c, dry)
+        _unit_6(units[u], c)
+    _angle_6(c, dry)
     for u in range(n):
-        unit_7(units[u], c)
-    angle_7(c, dry)
+        _unit_7(units[u], c)
+    _angle_7(c, dry)
     for u in range(n):
-        unit_8(units[u], c)
-    angle_8(c, dry)
+        _unit_8(units[u], c)
+    _angle_8(c, dry)
+    _angle_ends(c, dry)
     for u in range(n):
-        unit_end(units[u], c)
+        _unit_ends(units[u], c)
     for i in range(LANES):
         c[ERROR + i] *= c[ALLOWED + i]
         c[FACTOR + i] = arrow.growth(c[ERROR + i])
 
 
-IndexArray = NDArray[np.int64]
 OF_START, OF_STEP, OF_LOW, OF_HIGH, OF_CONSTANTS = range(5)
 """Columns of a draw: starting angle, first step after a jump of the voltage, the angles
 between which it stays, and from there on the constants in the order of the kernel's rows."""

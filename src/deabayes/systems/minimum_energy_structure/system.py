@@ -2,7 +2,7 @@ r"""Minimum-energy structure: a pre-stretched film that bends a frame, as a slid
 
 equations.md, section 3 (the paper's (11)-(23)). Two links of length L at the angle theta,
 the slider at l = 2L cos theta; an Ogden film, hinges, weight and the electrostatic term at
-rest (`structure_static`), Maxwell units along the slider and friction in motion:
+rest (`static`), Maxwell units along the slider and friction in motion:
 
     [2J + 2 m_1 l_m^2 + C sin^2 theta] theta'' + C sin theta cos theta theta'^2
         + 2 m_1 g l_m cos theta + 4 K theta
@@ -263,7 +263,7 @@ class MinimumEnergyStructure(System):
         }
 
     def solid(self, draws: Draws) -> Solid:
-        """The film; units and friction act along the slider: see `structure_solid`."""
+        """The film; units and friction act along the slider: see `film`."""
         return solid(self.structure(draws))
 
     def response_to(self, excitation: str) -> str:

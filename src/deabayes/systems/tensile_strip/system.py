@@ -99,7 +99,7 @@ class TensileStrip(System):
         return self.model.derived(draws)
 
     def solid(self, draws: Draws) -> Solid:
-        """The spring's law, relaxing as the units do at stretch 1: see `strip_solid`."""
+        """The spring's law, relaxing as the units do at stretch 1: see `candidates`."""
         return solid(self.model, draws)
 
     def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:

@@ -37,11 +37,11 @@ def inertial_parameter(
     m_DE = m_active + (m_total - m_active) / 2. Masses in kg, L_0 in m, A_0 in m^2; all
     broadcast, so that draws of uncertain masses give draws of M.
     """
-    total, active, sensor, hung, length, area = (
+    total, active, sensor, load_mass, length, area = (
         np.asarray(given, dtype=float)
         for given in (total_mass, active_mass, sensor_mass, load, active_length, cross_section)
     )
-    return np.asarray((moving_mass(total, active, sensor) + hung) * length / area)
+    return np.asarray((moving_mass(total, active, sensor) + load_mass) * length / area)
 
 
 def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
@@ -244,7 +244,7 @@ def refuse_two_delays(specimen: Specimen) -> None:
             )
 
 
-def hung(excitation: Excitation) -> float:
+def load_mass(excitation: Excitation) -> float:
     """m_LOAD [kg] of a record."""
     given = excitation.conditions.get("load_g", 0.0)
     if isinstance(given, str) or not given >= 0.0:

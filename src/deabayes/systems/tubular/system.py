@@ -28,7 +28,7 @@ from deabayes.systems.tubular.base import (
     QUANTITY_SYMBOLS,
     TubularBase,
     bias,
-    hung,
+    load_mass,
     refuse_two_delays,
 )
 from deabayes.systems.tubular.material import DrivenChain, solid
@@ -201,7 +201,7 @@ class Tubular(TubularBase):
         """Strain, or displacement, when it happens (W, N); `spring`: with the one in series."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
-        mass = hung(excitation)
+        mass = load_mass(excitation)
 
         def simulate(draws: Draws) -> FloatArray:
             chain = self._chain(draws)
@@ -223,7 +223,7 @@ class Tubular(TubularBase):
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
         """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        conditions = bias(excitation), hung(excitation)  # said before a draw is made
+        conditions = bias(excitation), load_mass(excitation)  # said before a draw is made
         key = self, "harmonic", *conditions, frequency.tobytes()
 
         def simulate(draws: Draws) -> FloatArray:
@@ -244,7 +244,7 @@ class Tubular(TubularBase):
         chain: voigt_kelvin.Chain | MovingChain
         chain = self._chain(draws)
         if self.inertia:
-            chain = MovingChain(chain, self._inertial_parameter(hung(excitation), draws))
+            chain = MovingChain(chain, self._inertial_parameter(load_mass(excitation), draws))
         circuit = self.circuit_of(draws) if self.circuit else None
         return Harmonic(chain, circuit, self.pressure(1.0, draws), bias(excitation))
 
@@ -282,7 +282,7 @@ class Tubular(TubularBase):
     def linear_model(
         self, draws: Draws, load: float = 0.0, bias: float | None = None
     ) -> LinearModel:
-        """From the squared voltage, or about a bias: see `tubular_linear`."""
+        """From the squared voltage, or about a bias: see `material`."""
         if load and not self.inertia:
             raise UserError(
                 f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
@@ -298,7 +298,7 @@ class Tubular(TubularBase):
         return driven.squared() if bias is None else driven.about(bias)
 
     def solid(self, draws: Draws) -> Solid:
-        """A linear elastic solid that relaxes as the chain creeps: see `tubular_solid`."""
+        """A linear elastic solid that relaxes as the chain creeps: see `material`."""
         return solid(self._chain(draws), self.inertia, self.circuit)
 
     def _per_square(
