@@ -1,4 +1,4 @@
-"""What goes wrong because of what a user gave, said in one sentence each."""
+"""Mistakes of users: errors with one sentence each."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class MissingQuantity(UserError):
 
 
 def closest(name: object, known: Iterable[object]) -> str | None:
-    """The known name most like `name`, None if none is; what is no text (a key 2024) as written."""
+    """The known name closest to `name`, or None; a key that is no text (2024) counts as written."""
     close = difflib.get_close_matches(str(name), [str(each) for each in known], n=1, cutoff=0.6)
     return close[0] if close else None
 

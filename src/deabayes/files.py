@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, whenever the job that writes them is killed."""
+"""Write files so that a killed job leaves no half-written file."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _reason(error: OSError) -> str:
 def write_netcdf_atomically(content: xr.Dataset | xr.DataTree, path: Path) -> None:
     """Write as netCDF, whole or not at all; raises as `write_atomically`.
 
-    It is put together in memory: HDF5 that has no room for its file ends Python itself.
+    The file is built in memory: on a full disk HDF5 would end Python.
     """
     whole = io.BytesIO()
     content.to_netcdf(whole, engine="h5netcdf")

@@ -1,4 +1,4 @@
-"""Studies on file: those of a config, with what it says of all of them, and one alone."""
+"""Read studies: all of a config, or one from its own file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from deabayes.study import Study, from_settings, to_settings
 
 
 def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> tuple[Study, ...]:
-    """Every study of a config, in order; `split_by` gives one per value of the column.
+    """Read every study of a config, in order; `split_by` makes one study per value of a column.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
 
 
 def load_study(path: Path, name: str | None = None) -> Study:
-    """One study: of a file that holds just its settings (study.yaml), or by name of a config.
+    """Read one study: from a file with its settings (study.yaml), or by name from a config.
 
     Folders in a study.yaml are relative to the working directory, as `to_settings` gives them.
     The system that its `model` defines is loaded.
@@ -86,7 +86,7 @@ def load_study(path: Path, name: str | None = None) -> Study:
 
 
 def write_study(study: Study, path: Path) -> None:
-    """Write a study.yaml; a file that says the same already is left alone, time stamp and all."""
+    """Write study.yaml, unless the file says the same already."""
     text = yaml.safe_dump(to_settings(study), sort_keys=False, allow_unicode=True)
     path = Path(path)
     if path.is_file() and path.read_text(encoding="utf-8") == text:
@@ -95,13 +95,13 @@ def write_study(study: Study, path: Path) -> None:
 
 
 def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
-    """A study's settings with the config's `sampling` and `data_root` beneath its own."""
+    """Add the config's `sampling` and `data_root` where a study does not set them."""
     sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
     return {"data_root": content.get("data_root"), **settings, "sampling": sampling}
 
 
 def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) -> Study:
-    """The study with its folders seen from the working directory, and its system's file."""
+    """Resolve a study's folders and model file from the working directory."""
     found = [base for base in bases if (base / study.specimen).is_dir()]
     base = found[0] if found else bases[0]
     specimen, root = Path(os.path.normpath(base / study.specimen)), study.data_root
@@ -115,7 +115,7 @@ def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) ->
 
 
 def _from_here(path: str) -> str:
-    """A path in the one spelling that Snakemake knows it by: `./results/x` is `results/x`."""
+    """Normalise a path as Snakemake writes it: `./results/x` is `results/x`."""
     place = Path(os.path.normpath(path))
     return (place.relative_to(Path.cwd()) if place.is_relative_to(Path.cwd()) else place).as_posix()
 
@@ -151,7 +151,7 @@ def _without(others: Set[str], listed: tuple[str, ...] | None) -> tuple[str, ...
 
 
 def _check_names(studies: Sequence[Study], where: str) -> None:
-    """No two studies share a results folder (`split_by` may make them), also where case is lost."""
+    """Refuse studies that share a results folder, also on disks that ignore case."""
     seen: set[str] = set()
     for study in studies:
         if study.name.lower() in seen:

@@ -47,7 +47,7 @@ OF_A_STUDY = ("specimen.yaml", "study.yaml", "population.yaml")
 
 
 def keep_inputs(output: Path | None, *inputs: Path | None, option: str = "-o") -> None:
-    """Refuse an output that is one of the files or folders that are read, however it is spelt.
+    """Refuse an output that is also an input, however its path is written.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def a_folder(output: Path, option: str = "-o") -> None:
 
 
 def a_folder_of(kind: str, output: Path, key: str, option: str = "-o") -> None:
-    """Refuse a folder that holds records or results, or that lists something else than `kind`.
+    """Refuse a folder that holds records, results, or another kind of output than `kind`.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def a_folder_of(kind: str, output: Path, key: str, option: str = "-o") -> None:
 
 
 def a_folder_to_replace(kind: str, output: Path, key: str, option: str = "-o") -> None:
-    """Refuse the same, and any folder with something in it that is not of `kind`.
+    """Like `a_folder_of`; also refuse a folder with files that are not of `kind`.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _lists(index: Path, key: str) -> bool:
 
 
 def find_study(study: str, config: Path) -> Study:
-    """A study by its settings file (`results/NAME/study.yaml`) or by its name in `config`."""
+    """Find a study by its settings file (`results/NAME/study.yaml`) or its name in `config`."""
     from deabayes.records.schema import read_yaml
     from deabayes.studies import load_studies, load_study
 
@@ -133,7 +133,7 @@ def find_study(study: str, config: Path) -> Study:
 
 
 def find_population(name: str, config: Path) -> Population:
-    """A population of a config by name, checked against its studies."""
+    """Find a population of a config by name, and check it against its studies."""
     from deabayes.population.checks import check_population
     from deabayes.population.settings import load_populations
     from deabayes.studies import load_studies
@@ -150,9 +150,9 @@ def find_population(name: str, config: Path) -> Population:
 
 
 def study_folders(names: Sequence[str], results: Path) -> list[Path]:
-    """Results folders given as such, or as those of studies under `results`, which come first.
+    """Results folders given as paths, or as names of studies under `results`; names come first.
 
-    Each is there once, however it is spelt.
+    Each folder is returned once.
     """
     folders = [each if (each := results / name).exists() else Path(name) for name in names]
     for name, folder in zip(names, folders, strict=True):
@@ -165,7 +165,7 @@ def study_folders(names: Sequence[str], results: Path) -> list[Path]:
 
 
 def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:
-    """Posterior files given as such, or all those of one study given by name."""
+    """Posterior files given as paths, or all posteriors of one study given by name."""
     from deabayes.posteriors.storage import fitted_posteriors
 
     if all(Path(source).is_file() for source in sources):
@@ -180,7 +180,7 @@ def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:
 
 
 def one_posterior(source: str, results: Path) -> Path:
-    """A posterior file given as such, or that of a study by name with one fitted candidate."""
+    """One posterior file, given as a path or as the name of a study with one fitted candidate."""
     from deabayes.posteriors.storage import fitted_posteriors
 
     if Path(source).is_file():

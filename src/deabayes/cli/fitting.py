@@ -79,10 +79,10 @@ TRIAL_WALKERS = 2
 
 
 def compile_study(study: str, config: Path) -> None:
-    """Do once, for each candidate, all that later stages do with kernels: numba keeps them.
+    """Call every kernel of each candidate once, so that numba's cache holds them.
 
-    Studies of one system are compiled one after the other: the second finds what the first left.
-    A posterior that `prior_from` names may be still to come.
+    Studies of one system are compiled one after the other, so that the second finds the kernels of
+    the first. The posterior that `prior_from` names need not exist yet.
     """
     from deabayes.integrate.compiled import one_at_a_time
     from deabayes.pipeline import build_target, read_experiments
@@ -100,7 +100,7 @@ def compile_study(study: str, config: Path) -> None:
 
 
 def _use_the_proposal() -> None:
-    """The sampler's straightening map, there and back."""
+    """Compile the sampler's straightening map and its inverse."""
     import numpy as np
 
     from deabayes.sampling.warp import fit_warp
@@ -114,7 +114,7 @@ def _use_the_proposal() -> None:
 def _use_wider_systems(
     study: Study, target: LogPosterior, experiments: Sequence[Experiment]
 ) -> None:
-    """What `predict_with` asks for, at the median of the prior."""
+    """Compile the models that `predict_with` names, at the median of the prior."""
     import numpy as np
 
     from deabayes.inference.default_priors import further_prior, wider_systems
@@ -132,7 +132,7 @@ def _use_wider_systems(
 
 
 def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
-    """Likelihood, derived quantities, every record's response; noise and its innovations."""
+    """Compile likelihood, derived quantities, responses, noise and innovations."""
     import numpy as np
 
     theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
@@ -149,7 +149,7 @@ def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -
 
 
 def prepare_by_name(study: str, config: Path, output: Path) -> None:
-    """Prepare the records of one study, if all that it asks for can be given."""
+    """Check one study and prepare its records."""
     from deabayes.pipeline import prepare_study
 
     a_folder(output)
@@ -168,10 +168,10 @@ def fit_by_name(
     output: Path | None = None,
     summary: Path | None = None,
 ) -> str:
-    """Sample the posterior of a candidate; a sentence on convergence.
+    """Sample the posterior of a candidate; return a sentence on convergence.
 
-    Without `prepared` the records are prepared first, and the study's settings are written beside
-    them, for `deabayes analyse`.
+    Without `prepared`, the records are prepared first. The study's settings are written beside
+    them for `deabayes analyse`.
     """
     from deabayes.api import open_posterior
     from deabayes.pipeline import fit_candidate, prepare_study
@@ -194,7 +194,7 @@ def fit_by_name(
 
 
 def _folders_of(study: Study) -> list[Path]:
-    """Where a study's tables and its records are."""
+    """Folders of a study's tables and records."""
     from deabayes.records.folder import read_folder
 
     read = read_folder(study.specimen, study.data_root, check_records=False)
@@ -203,7 +203,7 @@ def _folders_of(study: Study) -> list[Path]:
 
 
 def _keep_settings(study: Study, path: Path) -> None:
-    """Write study.yaml, unless the workflow's says the same: a newer one has it prepare again."""
+    """Write study.yaml unless it is the same: a newer file would start `prepare` again."""
     from deabayes.studies import load_study, write_study
 
     if not path.is_file() or settings_on_file(load_study(path)) != settings_on_file(study):

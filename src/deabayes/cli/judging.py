@@ -187,7 +187,7 @@ def finish(state: Path, output: Path, tables: Path | None) -> None:
 def _go_together(
     own_drive: bool, with_drive: Mapping[str, object], with_records: Mapping[str, object]
 ) -> None:
-    """Refuse options that mean nothing for what is predicted, a drive of one's own or records."""
+    """Refuse options that do not belong to this kind of prediction."""
     for name, value in (with_records if own_drive else with_drive).items():
         if value:
             told = "does not go" if own_drive else "goes"
@@ -222,7 +222,7 @@ def population(population: str, config: Path, results: Path, output: Path | None
 def compare_posteriors(
     sources: Sequence[str], results: Path, prepared: Path | None, output: Path | None
 ) -> str:
-    """Score the posteriors that have no score yet, rank them; the table as text."""
+    """Score posteriors without a score, rank all; return the table as text."""
     from deabayes.pipeline import compare_candidates, score_candidate
 
     posteriors = found_posteriors(sources, results)
@@ -238,7 +238,7 @@ def compare_posteriors(
 
 
 def weigh_experiments(results: Path, config: Path, asked: str | None, output: Path | None) -> str:
-    """Weigh experiments that could be done next; the table as text.
+    """Compare possible further experiments; return the table as text.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def weigh_experiments(results: Path, config: Path, asked: str | None, output: Pa
 def predict_posteriors(
     source: str, results: Path, prepared: Path | None, output: Path | None, errors: Path | None
 ) -> str:
-    """Predict with one posterior, or with every posterior of a study; where the tables are."""
+    """Predict with one posterior or all of a study; return where the tables are."""
     from deabayes.pipeline import predict_candidate
 
     posteriors = found_posteriors([source], results)

@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _end_at_an_own_model(error: BaseException) -> None:
-    """What fails in a user's own model is a mistake of the user's: said with file and line."""
+    """Report an error inside a user's own model as a user's mistake, with file and line."""
     from deabayes.own_models.loading import fault_in_a_model
 
     fault = fault_in_a_model(error)

@@ -53,8 +53,8 @@ def data(studies: Sequence[str], config: Path) -> None:
 def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     """Check a study folder, a study with its folder, or a population and its studies.
 
-    A name that the config has is that of the study, also where a folder is called so.
-    Faults are raised once all is said.
+    A name in the config means the study, even if a folder has the same name. Faults are raised
+    after everything is printed.
     """
     from deabayes.population.settings import load_populations
 
@@ -68,7 +68,7 @@ def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
 
 
 def _names_entry(config: Path, what: str) -> bool:
-    """Whether a config has a study or a population called as a folder here is."""
+    """Whether a config has a study or population with the name of this folder."""
     from deabayes.records.schema import read_yaml
 
     if Path(what).name != what or not Path(config).is_file():
@@ -90,7 +90,7 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
 
 
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
-    """The report on its folder, then what is said of the study."""
+    """Print the check of a study's folder, then of the study."""
     from deabayes.checks.folder import check_folder, counted
     from deabayes.checks.study import check_study
 
@@ -114,7 +114,7 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
 
 
 def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
-    """What is wrong with the posterior that a study has for its prior, and what to know of it."""
+    """Faults and warnings on the posterior that a study takes as its prior."""
     from deabayes.checks.prior_sources import Sources
     from deabayes.population.settings import load_populations
     from deabayes.studies import load_studies
@@ -129,7 +129,7 @@ def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
 
 
 def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
-    """Its settings are sound by now; what is left are its members, all of them."""
+    """Print the check of every member of a population whose settings are sound."""
     say(
         f"population {population.name}: {len(population.studies)} specimens by "
         f"{population.candidate}, {', '.join(population.parameters)} scatter between them"
@@ -146,7 +146,7 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
 
 
 def checked(study: Study, compare: bool = False) -> list[str]:
-    """The warnings on a study; its faults are raised."""
+    """Raise the faults of a study; return its warnings."""
     from deabayes.checks.study import check_study
 
     faults, warnings = check_study(study, compare)
@@ -156,7 +156,7 @@ def checked(study: Study, compare: bool = False) -> list[str]:
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
-    """Write a study folder to fill in; the entry for the config."""
+    """Write a study folder to fill in; return its entry for the config."""
     from deabayes.own_models.loading import load_for
     from deabayes.records.scaffold import new_study
 

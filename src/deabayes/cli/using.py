@@ -56,7 +56,7 @@ def simulate(
 
 
 def complete_format(_context: object, _parameter: object, incomplete: str) -> list[str]:
-    """Formats that begin so, for a shell."""
+    """Complete the name of a format in a shell."""
     return [form for form in FORMATS if form.startswith(incomplete)]
 
 
@@ -103,7 +103,7 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
 
 
 def read_drive(system: str, path: Path) -> dict[str, FloatArray]:
-    """The time and the channels of a record that drive a system; SI.
+    """Read the time and the driving channels of a record, in SI units.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def read_drive(system: str, path: Path) -> dict[str, FloatArray]:
 
 
 def _check_without_time(record: RawRecord, in_time: list[str], path: Path) -> None:
-    """Refuse a record that has a time by another name, or that says nothing without one."""
+    """Refuse a record whose time has another name, or that needs a time and has none."""
     times = [name for name, unit in record.units.items() if unit == "s"]
     if times:
         raise UserError(
@@ -186,7 +186,7 @@ def predict_record(
     protocol: str | None,
     conditions: Sequence[str],
 ) -> list[str]:
-    """Predict the response to the drive in a record; what is to be known of it, a line each."""
+    """Predict the response to the drive in a record; return what a user must know."""
     from deabayes.api import open_posterior
     from deabayes.files import write_atomically
     from deabayes.own_models.loading import restore
@@ -212,8 +212,8 @@ def predict_record(
 def as_table(prediction: xr.Dataset) -> pd.DataFrame:
     """One row per point, columns headed `name [unit]`; bands as `predictive_90_lower`.
 
-    Last, without a unit, what must not be lost with the terminal: `simulated`, `converged` and
-    `extrapolated`, 1 or 0 in every row.
+    The last columns have no unit: `simulated`, `converged` and `extrapolated`, 1 or 0 in every
+    row.
     """
     import pandas as pd
 
@@ -236,7 +236,7 @@ def as_table(prediction: xr.Dataset) -> pd.DataFrame:
 
 
 def named(settings: Sequence[str], option: str) -> Iterator[tuple[str, float | str]]:
-    """NAME=VALUE pairs; a value that is no number stays a text.
+    """Split NAME=VALUE pairs; a value that is no number stays text.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def named(settings: Sequence[str], option: str) -> Iterator[tuple[str, float | s
 
 
 def once_each(settings: Sequence[str], option: str) -> None:
-    """Refuse a name that is set twice; which value was meant cannot be told.
+    """Refuse a name that is set twice.
 
     Raises
     ------
@@ -318,7 +318,7 @@ def simulate_record(
 
 
 def _values(settings: Sequence[str]) -> Iterator[tuple[str, float | str]]:
-    """Parameters given as NAME=VALUE: SI, or with a unit."""
+    """Split parameters given as NAME=VALUE, in SI units or with a unit."""
     from deabayes.units import NUMBER_AND_UNIT
 
     once_each(settings, "--set")

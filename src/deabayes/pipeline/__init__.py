@@ -1,4 +1,4 @@
-"""The line from raw records to a report, one function per stage.
+"""The stages from raw records to a report, one function each.
 
 The command line and the workflow's rules call these; each reads files, calls
 the layers below and writes files, nothing else.

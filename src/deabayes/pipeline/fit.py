@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 def prepare_study(study: Study, output: Path) -> list[Experiment]:
     """Read, check and prepare every record of a study into `output/{experiment}.nc`.
 
-    A frequency response gives two, its gain and its phase. Nothing is written before all are
-    prepared; what was there of records that the study no longer has is removed.
+    A frequency response gives two files: its gain and its phase. Nothing is written before all
+    records are prepared. Files of records that the study no longer has are removed.
     """
     from deabayes.posteriors.storage import write_datasets
     from deabayes.records.folder import read_folder
@@ -62,7 +62,7 @@ def prepare_study(study: Study, output: Path) -> list[Experiment]:
 
 
 def read_experiments(prepared: Path) -> list[Experiment]:
-    """All prepared records of a study, by name."""
+    """Read all prepared records of a study, sorted by name."""
     from deabayes.records.preparation.prepared import read_prepared
 
     paths = sorted(Path(prepared).glob("*.nc"))
@@ -72,7 +72,7 @@ def read_experiments(prepared: Path) -> list[Experiment]:
 
 
 def calibrated_files(prepared: Path) -> list[Path]:
-    """The files of the prepared records that are fitted, by name."""
+    """Files of the prepared records that are fitted, sorted by name."""
     from deabayes.records.preparation.prepared import read_prepared
 
     files = sorted(Path(prepared).glob("*.nc"))
@@ -80,10 +80,10 @@ def calibrated_files(prepared: Path) -> list[Path]:
 
 
 def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
-    """The rows a study uses, with the roles the study gives them.
+    """Rows of experiments.csv that a study uses, with the roles the study gives them.
 
-    `calibrate` and `validate` of the study override the role column, `validate: []` with no
-    held-out record; `select` keeps the rows whose column has the wanted value.
+    `calibrate` and `validate` of the study replace the column `role`; `validate: []` holds out no
+    record. `select` keeps the rows whose column has the wanted value.
     """
     kept = selected(rows, study.select)
     known = [row.name for row in kept]
@@ -106,7 +106,7 @@ DRAWS_TO_TELL = 200
 
 
 def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.random.SeedSequence:
-    """One explicit stream per (seed, study, candidate, stage, index)."""
+    """Seed of the random numbers of one stage of one candidate."""
     words = [zlib.crc32(text.encode()) for text in (study.name, candidate, stage)]
     return np.random.SeedSequence([study.sampling.seed, *words, index])
 
@@ -114,9 +114,9 @@ def seed_of(study: Study, candidate: str, stage: str, index: int = 0) -> np.rand
 def fit_candidate(
     study: Study, candidate: str, prepared: Path, output: Path, summary: Path, progress: bool
 ) -> None:
-    """Sample the posterior of a candidate whole, and write posterior.nc and summary.csv.
+    """Sample the posterior of a candidate, and write posterior.nc and summary.csv.
 
-    The same call after an interruption goes on from its checkpoints beside `output`. They are
+    After an interruption, the same call continues from the checkpoints beside `output`. They are
     removed once both files are written.
 
     Raises
@@ -154,7 +154,7 @@ def _sampled(
 
 
 def _without_response(target: LogPosterior) -> str:
-    """Which records no draw of the prior has a response to."""
+    """Name the records to which no draw of the prior has a response."""
     theta = target.prior.sample(np.random.default_rng(0), DRAWS_TO_TELL)
     names = [record.experiment.name for record in target.records]
     lost = [name for name in names if not np.isfinite(target.log_likelihood(theta, [name])).any()]
@@ -200,10 +200,10 @@ def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) ->
 
 
 def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterior]:
-    """The study that a posterior file is of, and the log-posterior that its draws are of.
+    """Study and log-posterior of a posterior file.
 
-    The specimen and what the prior was made of are the file's own: the study's folder and the
-    posterior that `prior_from` names may be elsewhere, or edited since.
+    Specimen and prior are read from the file. The study's folder and the posterior that
+    `prior_from` names may have moved or changed since.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def stored_target(tree: xr.DataTree, prepared: Path) -> tuple[Study, LogPosterio
 
 
 def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritance | None:
-    """The posterior that `prior_from` names, as a prior for the (study's) specimen."""
+    """Read the posterior that `prior_from` names, as a prior for this specimen."""
     from deabayes.posteriors.inheritance import inherit_from
     from deabayes.records.specimen import read_specimen
 
@@ -245,9 +245,10 @@ def inherited_prior(study: Study, specimen: Specimen | None = None) -> Inheritan
 
 
 def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) -> Path:
-    """Where a candidate's checkpoints live.
+    """Folder of a candidate's checkpoints.
 
-    Keyed by all that its draws follow from, so that stale ones are never resumed.
+    Its name is a hash of everything the draws depend on, so that old checkpoints are never
+    resumed.
     """
     digest = hashlib.sha256(candidate.encode())
     for part in _what_draws_follow_from(study, prepared):
@@ -256,7 +257,7 @@ def chain_folder(study: Study, candidate: str, prepared: Path, results: Path) ->
 
 
 def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
-    """Settings, specimen, calibrated records, what the prior is made of, code."""
+    """Everything the draws depend on: settings, specimen, fitted records, prior, code."""
     from deabayes.posteriors.storage import specimen_to_json
     from deabayes.records.specimen import read_specimen
 
@@ -269,10 +270,10 @@ def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
 
 
 def fit_made_of(study: Study) -> str:
-    """SHA-256 of settings, specimen, and the rows and files of the calibrated records.
+    """SHA-256 of the settings, the specimen, and the fitted records with their rows.
 
-    Other candidates and held-out records have no part in it. A posterior that `prior_from`
-    names, a model file and the code are files of their own.
+    It does not depend on other candidates or held-out records. The workflow follows the posterior
+    that `prior_from` names, the model file and the code as files of their own.
 
     Raises
     ------
@@ -295,7 +296,7 @@ def fit_made_of(study: Study) -> str:
 
 
 def sums(files: Iterable[Path]) -> dict[str, str]:
-    """SHA-256 by path; a file that is not there has none."""
+    """SHA-256 of each file by its path; missing files are left out."""
     return {
         path.as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in files

@@ -26,9 +26,9 @@ BRIDGE_DRAWS = 1000
 def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json.
 
-    A study's only candidate is compared with none, and no experiment is left out.
+    With a single candidate there is nothing to compare, and no experiment is left out.
 
-    Returns a line on every experiment that has no such score.
+    Returns a sentence on every experiment without a leave-one-out score.
     """
     from deabayes.comparison import scoring
     from deabayes.posteriors.problem import split_log_likelihood
@@ -91,7 +91,7 @@ def predict_candidate(posterior: Path, prepared: Path, output: Path, errors: Pat
 
     Predictions of records that the study no longer has are removed.
 
-    Returns a line on every record that some draws have no response to.
+    Returns a sentence on every record to which some draws have no response.
     """
     import pandas as pd
 
@@ -142,7 +142,7 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
 
 
 def _scores_of(posterior: Path) -> dict[str, Any]:
-    """What stands in scores.json beside a posterior."""
+    """Read scores.json beside a posterior."""
     path = posterior.with_name("scores.json")
     try:
         content: dict[str, Any] = json.loads(path.read_text())
@@ -152,7 +152,7 @@ def _scores_of(posterior: Path) -> dict[str, Any]:
 
 
 def _nested_of(posterior: Path) -> dict[str, float]:
-    """The evidence by nested sampling, where it was asked for since the posterior was made."""
+    """Read the evidence by nested sampling, if it is newer than the posterior."""
     found = posterior.with_name("nested.json")
     if not found.is_file() or found.stat().st_mtime < posterior.stat().st_mtime:
         return {}
@@ -164,7 +164,7 @@ DRAWS = 500
 
 
 def further_experiments(results: Path, asked: Mapping[str, Settings], output: Path) -> None:
-    """Weigh held-out records and experiments asked for; write further_experiments.csv.
+    """Compare possible further experiments; write further_experiments.csv.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def further_experiments(results: Path, asked: Mapping[str, Settings], output: Pa
 
 
 def entries_of(asked: str) -> dict[str, Settings]:
-    """`further_experiments` from YAML, held against the schema of a config."""
+    """Read `further_experiments` from YAML and check it against the schema."""
     import yaml
 
     from deabayes.records.schema import violations
@@ -215,9 +215,9 @@ def entries_of(asked: str) -> dict[str, Settings]:
 
 
 def check_as_fitted(results: Path) -> None:
-    """Refuse a study's results whose prepared records are no longer those of its posteriors.
+    """Refuse results whose prepared records are not those that the posteriors were fitted to.
 
-    Results without prepared records, a population's among them, are passed over.
+    Results without prepared records, such as those of a population, are not checked.
 
     Raises
     ------
@@ -244,7 +244,7 @@ ANALYSIS_DRAWS = 1000
 
 
 def analyse_study(results: Path, output: Path) -> list[str]:
-    """Compute every analysis of a fitted study's system into `output`; their names.
+    """Compute every analysis of a fitted study into `output`; return their names.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def build_report(
     left_out: Sequence[str],
     failed: Sequence[Notice] = (),
 ) -> None:
-    """Build the report page and its tables; `failed` is what a run could not make."""
+    """Build the report page and its tables; `failed` lists jobs that failed."""
     from deabayes.report import build
 
     for folder in folders:
@@ -62,7 +62,7 @@ def export_posterior(
 ) -> tuple[bool, list[str]]:
     """Write a posterior in another program's format, which may take options.
 
-    Returns whether it converged, which not every format can say, and what is to be heeded.
+    Returns whether the posterior converged, which not every format can store, and cautions.
     """
     from deabayes.export import export
     from deabayes.posteriors.storage import read_tree
@@ -77,9 +77,10 @@ WEIGHING_DRAWS = 1000
 
 
 def fit_population(population: Population, results: Path, output: Path, progress: bool) -> str:
-    """Put the specimens' posteriors together: posterior.nc, summary.csv, shrinkage.csv.
+    """Combine the posteriors of several specimens: posterior.nc, summary.csv, shrinkage.csv.
 
-    And a new specimen's response to the records of the first member: predictions/, errors.csv.
+    Also predicts the response of a new specimen to the first member's records: predictions/,
+    errors.csv.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def fit_population(population: Population, results: Path, output: Path, progress
 
 
 def prior_of(tree: xr.DataTree, prepared: Path) -> Prior:
-    """The prior of all parameters of a fitted candidate, as its study gives it."""
+    """Prior of all parameters of a fitted candidate."""
     return stored_target(tree, prepared)[1].prior
 
 
@@ -132,7 +133,7 @@ def content_of(
     trees: Sequence[xr.DataTree],
     rng: np.random.Generator,
 ) -> PopulationContent:
-    """All that follows from the draws of mean and spread."""
+    """Contents of a population's files, from the draws of mean and spread."""
     from deabayes.population.files import PopulationContent
     from deabayes.population.specimens import new_specimens, warnings_of
     from deabayes.posteriors.content import STORED_DRAWS
@@ -211,7 +212,7 @@ def finish(state: Path, output: Path, tables: Path) -> None:
 
 
 def _notice(stage: str, study: str, candidate: str, population: str, log: str) -> Notice:
-    """That a job failed, the end of what it said, and where all of it is."""
+    """Notice of a failed job: the end of its log, and where the log is."""
     from deabayes.report.notices import Notice
 
     path = Path(log)
@@ -230,9 +231,9 @@ def _not_run(folder: Path) -> list[Notice]:
 def _shown_in_part(
     folder: Path, made: Sequence[Path], place: Path
 ) -> tuple[list[Path], list[Notice]]:
-    """The results folder of the candidates that are complete, none if there are none.
+    """Results folder of the complete candidates, or None.
 
-    Also a notice on each stage that could not be run for them.
+    Also returns a notice on each stage that could not run for them.
     """
     there = set(made)
     complete = [
@@ -266,7 +267,7 @@ def _link(folder: Path, made: Iterable[Path], complete: Sequence[str], shown: Pa
 
 
 def _run_stages(shown: Path, complete: Sequence[str]) -> Iterable[Notice]:
-    """Run what is missing in a study's folder; a notice on each stage that fails."""
+    """Run the stages that are missing in a study's folder; return a notice on each failure."""
     from deabayes.report.notices import Notice
 
     posteriors = [shown / name / FITTED[0] for name in complete]
