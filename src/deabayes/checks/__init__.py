@@ -1,1 +1,1 @@
-"""What a user asks for, held against what there is before anything is run."""
+"""Checks of a study and its folder before anything is run."""

@@ -1,4 +1,4 @@
-"""What was understood of a study folder, and everything that is wrong with it."""
+"""Check a study folder, and report what was read and every fault."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ class CheckReport:
 
     Attributes
     ----------
+    folder : the study folder.
     understood : lines on the specimen, its quantities and every readable record.
-    faults : what must be corrected.
-    warnings : what must be known.
+    faults : what the user must correct.
+    warnings : what the user must know.
     """
 
     folder: Path
@@ -41,7 +42,7 @@ class CheckReport:
         return not self.faults
 
     def text(self, with_faults: bool = True, with_count: bool = True) -> str:
-        """The report in plain text; faults last, or left out for standard error, and counted."""
+        """Return the report as plain text, with faults last, or without faults, and with counts."""
         parts = ["\n".join(self.understood)] if self.understood else []
         if self.warnings:
             parts.append("\n".join(["Warnings", *(f"  - {line}" for line in self.warnings)]))
@@ -53,17 +54,17 @@ class CheckReport:
 
 
 def counted(faults: Sized, warnings: Sized) -> str:
-    """How many there are: ``1 fault, 2 warnings``."""
+    """Return the numbers of faults and warnings: ``1 fault, 2 warnings``."""
     kinds = ((faults, "fault"), (warnings, "warning"))
     return ", ".join(f"{len(found)} {kind}{'s' * (len(found) != 1)}" for found, kind in kinds)
 
 
 def check_folder(folder: Path, data_root: Path | None = None, as_study: bool = True) -> CheckReport:
-    """Check specimen.yaml, experiments.csv and all records; never raises for a user's mistake.
+    """Check specimen.yaml, experiments.csv and all records, without raising user errors.
 
     Parameters
     ----------
-    as_study : whether to say what a study of all records would be told, too.
+    as_study : whether to add the faults and warnings of a study of all records.
     """
     read, faults = scan_folder(Path(folder), data_root)
     if read is None:
@@ -82,7 +83,7 @@ def check_folder(folder: Path, data_root: Path | None = None, as_study: bool = T
 
 
 def _as_studied(read: StudyFolder, data_root: Path | None) -> tuple[list[str], list[str]]:
-    """What a study of all records would be told, by the first candidate that has a model of them.
+    """Check a study of all records, with the first candidate that can model them.
 
     Its model may have to be compiled.
     """
@@ -111,7 +112,7 @@ def _specimen_lines(read: StudyFolder) -> list[str]:
 
 
 def _wide(read: StudyFolder) -> list[str]:
-    """Quantities whose sd is per cent, or in another unit, by the look of it."""
+    """Warn of quantities whose sd seems to be in per cent or in another unit."""
     ratios = {name: q.sd / abs(q.value) for name, q in read.specimen.quantities.items() if q.sd}
     return [
         f"{read.path}/specimen.yaml, quantities.{name}: its sd is {ratio:.3g} times its value; an "
@@ -122,7 +123,7 @@ def _wide(read: StudyFolder) -> list[str]:
 
 
 def _left_to_fill_in(read: StudyFolder) -> list[str]:
-    """Texts that `deabayes new` wrote and nobody replaced."""
+    """Warn of placeholders from `deabayes new` that nobody replaced."""
     texts = {f"provenance.{key}": text for key, text in read.specimen.provenance.items()}
     for kind in ("quantities", "instruments"):
         for name, quantity in getattr(read.specimen, kind).items():
@@ -144,7 +145,7 @@ def _shown(name: str, quantity: Quantity) -> str:
 
 
 def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], list[str]]:
-    """What was understood of one record, and its warnings; nothing where it has faults."""
+    """Return lines that describe one record, and its warnings; one note if it has faults."""
     title = f"{row.name}: {row.protocol}, {row.role}, {row.excitation} -> {row.response}"
     try:
         raw, warnings = read.record(row), read.warnings(row)

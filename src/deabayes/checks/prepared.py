@@ -1,4 +1,4 @@
-"""Prepared records: coarse excitations, and changes that no model knows of."""
+"""Checks of prepared records: coarse excitations, and influences that no model includes."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ if TYPE_CHECKING:
     from deabayes.study import Study
 
 LARGEST_MISS = 0.002
-"""Of the excitation's range, root mean square: a sine of 28 samples a period."""
+"""Largest rms error as a share of the excitation's range: a sine with 28 samples per period."""
 FEWEST_SAMPLES = 16
 LAGS = (1, 3)
 
 
 def missed_by_lines(excitation: Excitation) -> float:
-    r"""What straight lines between samples miss of a curved excitation, rms over its range.
+    r"""RMS error of straight lines between samples of a curved excitation, over its range.
 
-    A sample is off the line between its neighbours by d_k, and half way between two samples of a
-    smooth curve a line misses d/4. Of such a curve d_k d_{k+m} is positive for small m. A jump, a
-    corner and a monitor's noise count for nothing: their mean product is negative or none with
-    neighbours (m = 1), and none beyond the reach of a sample's own noise (m = 3).
+    A sample lies d_k off the line between its neighbours. Half way between two samples of a
+    smooth curve, a line is off by d/4. For a smooth curve, d_k d_{k+m} is positive for small m.
+    A jump, a corner and a monitor's noise contribute nothing: the mean of their products is
+    negative or zero for neighbours (m = 1), and zero beyond the reach of a sample's own noise
+    (m = 3).
     """
     at, values = excitation.coordinate, excitation.values
     extent = float(np.ptp(values))
@@ -44,13 +45,13 @@ def missed_by_lines(excitation: Excitation) -> float:
 
 
 def _surely(products: FloatArray) -> float:
-    """Their mean where it is more than three standard errors above zero, else zero."""
+    """Return the mean if it exceeds zero by more than three standard errors, else zero."""
     mean, error = float(np.mean(products)), float(np.std(products)) / np.sqrt(products.size)
     return mean if mean > 3.0 * error else 0.0
 
 
 def too_coarse(excitation: Excitation) -> str | None:
-    """What there is to say of an excitation that lines follow badly; None where they do."""
+    """Warning if straight lines describe an excitation badly; else None."""
     missed = missed_by_lines(excitation) if excitation.in_time else 0.0
     if missed <= LARGEST_MISS:
         return None
@@ -64,9 +65,9 @@ def too_coarse(excitation: Excitation) -> str | None:
 def prepared_records(
     study: Study, read: StudyFolder, rows: Sequence[ExperimentRow]
 ) -> tuple[list[Experiment], list[str], list[str]]:
-    """The records as the likelihood will see them; each fault of a step, said once; warnings.
+    """Return the prepared records, the faults of steps (each once), and warnings.
 
-    Warnings are those of the steps: what a record itself is warned of is its folder's.
+    The warnings concern the steps only. `StudyFolder.warnings` has the warnings of the records.
     """
     from deabayes.records.preparation import measured_rows, prepare
     from deabayes.records.preparation.defaults import with_idle_masks
@@ -107,7 +108,7 @@ def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[
 
 
 def _delay_left_in(study: Study, specimen: Specimen, experiment: Experiment) -> list[str]:
-    """A sensor's delay that no step takes out; the usual steps do."""
+    """Warning: no step removes a sensor's delay; the default steps would."""
     name, protocol = experiment.response_name, experiment.protocol
     sensor = instrument(specimen, "delay", name, "s")
     late = experiment.coordinate_name == "time" or name == "phase"
@@ -123,21 +124,22 @@ def _delay_left_in(study: Study, specimen: Specimen, experiment: Experiment) -> 
 
 
 CAUSES = ("voltage", "control_voltage", "stretch", "displacement", "force")
-"""Channels that make a response; a current, say, is one itself."""
+"""Channels that cause a response. Others, such as a current, are responses themselves."""
 STATED = {"voltage_kV": "voltage", "bias_kV": "voltage", "amplitude_kV": "voltage"}
 """Columns of experiments.csv that state a channel."""
 AROUND = ("temperature", "humidity")
-"""What a material depends on and no model here: columns of experiments.csv that begin so."""
+"""Beginnings of column names for influences on a material that no shipped model includes."""
 HELD = 0.02
-"""Of its largest value: what a channel may change and count as constant."""
+"""Largest change of a channel that counts as constant, as a share of its largest value."""
 
 
 def unmodelled(
     system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]], study: str
 ) -> list[str]:
-    """Faults: channels and conditions that differ within records or between them, unknown to all.
+    """Faults: channels and conditions that vary within or between records and are in no model.
 
-    A response that depends on them is put down to something else, in silence.
+    Without this check, their effect on the response would silently be attributed to other
+    causes.
     """
     found = [*_channels(system, records), *_conditions(system, [row for row, _ in records])]
     return [f"study {study}, {each}" for each in found]
@@ -150,7 +152,7 @@ def _known(system: type[System]) -> set[str]:
 def _channels(
     system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]]
 ) -> list[str]:
-    """Columns of records; a voltage of a system that voltage does not drive, say."""
+    """Faults: columns of records, such as the voltage of a system that voltage does not drive."""
     faults = []
     known = _known(system)
     for name in CAUSES:
@@ -175,7 +177,7 @@ def _channels(
 
 
 def _conditions(system: type[System], rows: Sequence[ExperimentRow]) -> list[str]:
-    """Columns of experiments.csv: a stated voltage, a temperature."""
+    """Faults: columns of experiments.csv, such as a stated voltage or a temperature."""
     told = {name for names in (system.conditions or {}).values() for name in names}
     faults = []
     for name in dict.fromkeys(name for row in rows for name in row.metadata):

@@ -1,4 +1,4 @@
-"""What `prior_from` names, held against the studies and records of a config."""
+"""Checks of `prior_from` against the studies and records of a config."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from deabayes.study import Study
 from deabayes.systems import System, build
 
 SourceOf = Callable[[str], tuple[Study, ...] | Path]
-"""What a `prior_from` names: studies of the config (those of a population), else a file."""
+"""What `prior_from` names: studies of the config (for a population all of its), else a file."""
 
 
 def repeated_in_prior(study: Study, source_of: SourceOf) -> list[str]:
-    """A sentence on each record that would count twice."""
+    """Return a sentence on each record that would count twice."""
     if study.prior_from is None:
         return []
     known = list(_known(study.prior_from, source_of, set()))
@@ -36,7 +36,7 @@ def repeated_in_prior(study: Study, source_of: SourceOf) -> list[str]:
 
 
 def _known(source: str, source_of: SourceOf, passed: set[str]) -> Iterator[CountedRecord]:
-    """The records behind a posterior, the file there or still to come; circles are passed once."""
+    """Yield the records behind a posterior, even if it is not fitted yet; each source once."""
     found = source_of(source)
     if source in passed:
         return
@@ -52,7 +52,7 @@ def _known(source: str, source_of: SourceOf, passed: set[str]) -> Iterator[Count
 
 
 def _calibrated(study: Study) -> list[CountedRecord]:
-    """By their files; what is wrong with a folder, or not there, is said elsewhere."""
+    """Return a study's calibration records by their files; other checks report missing files."""
     try:
         folder = read_folder(study.specimen, study.data_root, check_records=False)
     except UserError:
@@ -71,13 +71,13 @@ POSTERIOR = "posterior.nc"
 
 @dataclass(frozen=True)
 class Sources:
-    """The posteriors that a config's studies can have for their prior.
+    """The posteriors that the studies of a config can use as their prior.
 
     Attributes
     ----------
-    studies, populations : of the config, by name, sound by themselves.
-    results : where their results are.
-    left_out : further studies of the config, whose records are not at hand.
+    studies, populations : those of the config by name, without faults of their own.
+    results : folder of their results.
+    left_out : other studies of the config, whose records are not on this machine.
     """
 
     studies: Mapping[str, Study]
@@ -86,8 +86,11 @@ class Sources:
     left_out: Collection[str] = field(default_factory=tuple)
 
     def faults(self, study: Study) -> list[str]:
-        """A source that does not exist, waits for this study, does not fit a candidate, or knows
-        a record already that the study calibrates on."""
+        """Faults of the source that a study names in `prior_from`.
+
+        The source does not exist, depends on this study, does not fit a candidate, or was fitted
+        to a record that the study calibrates on.
+        """
         if study.prior_from is None:
             return []
         try:
@@ -101,7 +104,7 @@ class Sources:
         return faults or repeated_in_prior(study, self._behind)
 
     def cautions(self, study: Study) -> list[str]:
-        """What to know of the posterior that `prior_from` names, there or still to come."""
+        """Return warnings about the posterior of `prior_from`, even if it is not fitted yet."""
         if study.prior_from is None:
             return []
         if Path(study.prior_from).is_file():
@@ -113,7 +116,7 @@ class Sources:
         return [f"study {study.name}, {line}" for line in lines]
 
     def _overruled_later(self, study: Study, source: str) -> list[str]:
-        """What `_overruled` says of a posterior that a sound config is still to have."""
+        """Return the result of `_overruled` for a posterior that is not fitted yet."""
         names, behind = self._handed_on(source), self._behind(source)
         if isinstance(behind, Path):
             return []
@@ -126,14 +129,14 @@ class Sources:
         return _overruled(study, names, first)
 
     def _named(self, source: str | None) -> tuple[str, str] | None:
-        """The study and the candidate, or FOLDER and the population, that a path is of."""
+        """Return the (study, candidate), or (FOLDER, population), that a path belongs to."""
         if source is None or not Path(source).is_relative_to(self.results):
             return None
         parts = Path(source).relative_to(self.results).parts
         return (parts[0], parts[1]) if len(parts) == 3 and parts[2] == POSTERIOR else None
 
     def _handed_on(self, source: str) -> Sequence[str]:
-        """The parameters that a posterior hands on, there or still to come."""
+        """Return the parameters that a posterior provides, even if it is not fitted yet."""
         named = self._named(source)
         if named is not None and named[0] == FOLDER and named[1] in self.populations:
             return self.populations[named[1]].parameters
@@ -141,12 +144,12 @@ class Sources:
             study = self.studies[named[0]]
             if named[1] in study.candidates:
                 return [parameter.name for parameter in _system(study, named[1]).parameters()]
-        if Path(source).exists():  # a folder is told from its file
+        if Path(source).exists():  # `open_posterior` reports a folder
             return open_posterior(source).as_prior().names
         raise UserError(f"{source}: {self._why_missing(named)}")
 
     def _behind(self, source: str) -> tuple[Study, ...] | Path:
-        """The studies of the config whose records a posterior knows, else its file."""
+        """Return the studies of the config whose records a posterior includes, else its file."""
         name, candidate = self._named(source) or ("", "")
         if name == FOLDER and candidate in self.populations:
             return tuple(self.studies[each] for each in self.populations[candidate].studies)
@@ -166,7 +169,7 @@ class Sources:
         return f"study {name!r} has no candidate {candidate!r}{nearest(candidate, known)}"
 
     def _after(self, name: str) -> Sequence[str]:
-        """The studies and populations (`populations/NAME`) that must be fitted before one."""
+        """Return the studies and populations (`populations/NAME`) that must be fitted first."""
         if name.startswith(f"{FOLDER}/"):
             population = self.populations.get(name.removeprefix(f"{FOLDER}/"))
             return () if population is None else population.studies
@@ -176,9 +179,9 @@ class Sources:
         return (f"{FOLDER}/{named[1]}",) if named[0] == FOLDER else (named[0],)
 
     def _circle(self, study: Study) -> list[str]:
-        """The same sentence for all studies that wait for each other."""
+        """Return one fault for studies that wait for each other, the same for all of them."""
         circle = self._way_back(study.name)
-        # A member that has its population for its prior is said with the population.
+        # The population's check reports a member that uses it as prior.
         if not circle or (len(circle) == 2 and circle[1].startswith(f"{FOLDER}/")):
             return []
         first = circle.index(min(circle))
@@ -187,7 +190,7 @@ class Sources:
         return [f"prior_from: {chain}: no posterior can be its own prior; take one of them out"]
 
     def _way_back(self, start: str) -> list[str]:
-        """The names passed on the way from `start` to itself; none if there is no such way."""
+        """Return the names on the way from `start` back to itself; empty if there is none."""
         ways, passed = [[start]], set[str]()
         while ways:
             way = ways.pop()
@@ -201,18 +204,18 @@ class Sources:
 
 
 def _overruled(study: Study, handed_on: Collection[str], theirs: Study | Inheritance) -> list[str]:
-    """Entries of `priors:` that are no prior; what all candidates share is said once."""
+    """Warn of `priors:` entries that do not act as priors, once for all candidates."""
     systems = [_system(study, candidate) for candidate in study.candidates]
     every = [overruled(study, each, handed_on, theirs.priors) for each in systems]
     return list(dict.fromkeys(line for lines in every for line in lines))
 
 
 def _misfit(study: Study, candidate: str, names: Sequence[str]) -> str:
-    """Why a candidate cannot take these parameters over; empty if it can."""
+    """Say why a candidate cannot take these parameters over; empty if it can."""
     system = _system(study, candidate)
     wider = [_names(each) for each in wider_systems(study, system).values()]
     if not _names(system) & set(names) and any(each & set(names) for each in wider):
-        return ""  # a prior of what only predictions need
+        return ""  # a prior of parameters that only predictions need
     try:
         check_same_order(system.parameters(), names)
     except UserError as error:

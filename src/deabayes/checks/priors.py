@@ -1,4 +1,4 @@
-"""Priors that a study writes down, held against parameters and records."""
+"""Checks of a study's priors against parameters and records."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from deabayes.systems import System
 def check_priors(
     study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
 ) -> tuple[list[str], list[str]]:
-    """Faults: priors that name no parameter of any candidate, or that cannot be used.
+    """Return faults and warnings of the priors in a study.
 
-    Warnings: numbers without a unit, of parameters that have one.
+    Faults are priors that name no parameter of any candidate, or that cannot be used. Warnings
+    are numbers without a unit for parameters that have one.
     """
     from deabayes.inference.record_noise import noise_parameters
     from deabayes.noise import REGISTRY as NOISE
@@ -56,19 +57,19 @@ def _said(study: Study, sentences: Sequence[str]) -> list[str]:
 
 DRAWS = 200
 FEWEST = 20
-"""Draws with a response that a comparison needs; with fewer, sampling hardly begins."""
+"""Fewest draws with a response that a comparison needs; with fewer, sampling hardly begins."""
 POINTS = 50
 OUTER = (0.05, 0.95)
 OPPOSITE = -0.5
-"""Correlation with the draws' median below which a record runs against it."""
+"""Correlation with the median of the draws below which a record has the opposite direction."""
 BEYOND = 10.0
-"""Factor beyond the outer draws from which units are suspected, not materials."""
+"""Factor beyond the outer draws above which a wrong unit is likelier than an unusual material."""
 
 
 def unexpected(study: Study, system: System, experiments: Iterable[Experiment]) -> list[str]:
-    """Warn of records far larger, or smaller, than a candidate's prior expects, or opposite.
+    """Warn of records that are far off a candidate's prior in size, direction or zero.
 
-    Held-out records are held against what predicts them (`predict_with`).
+    Held-out records are compared with the model that predicts them (`predict_with`).
     """
     wider = wider_systems(study, system)
     found: list[str] = []
@@ -121,7 +122,7 @@ def _opposite(system: System, middle: FloatArray, measured: FloatArray, name: st
 def _of_another_size(
     curves: FloatArray, measured: FloatArray, each: Experiment, place: str
 ) -> list[str]:
-    # A record may vary by nothing but noise, or lie far from zero: then the other one fits.
+    # One size suffices: a record may vary by noise only, or may lie far from zero.
     for size in (np.ptp, lambda values, axis=-1: np.max(np.abs(values), axis=axis)):
         low, high = np.quantile(size(curves, axis=1), OUTER)
         found = float(size(measured))
@@ -137,8 +138,8 @@ def _of_another_size(
 def _off_its_zero(
     first: FloatArray, measured: FloatArray, each: Experiment, place: str
 ) -> list[str]:
-    # A record begins where the model does: at rest, or after the part of its range that a step
-    # with no rest before it takes.
+    # A record begins where the model does: at rest, or after a share of its range if a step has
+    # no rest before it.
     low, high = np.quantile(first, OUTER)
     reach = float(np.ptp(measured))
     if each.coordinate_name == "frequency" or low - reach <= measured[0] <= high + reach:
@@ -154,14 +155,15 @@ def _off_its_zero(
 def overruled(
     study: Study, system: System, handed_on: Collection[str], theirs: Mapping[str, Settings]
 ) -> list[str]:
-    """Warn of entries that are no prior, as one is handed on, and bound it otherwise than there.
+    """Warn of `priors:` entries for parameters whose prior `prior_from` provides.
 
-    The entry that the posterior was fitted with is needed here, too: it bounds what is handed on.
+    Such an entry is no prior but still bounds the inherited one. It must therefore equal the
+    entry that the posterior was fitted with; only other entries are reported.
 
     Parameters
     ----------
-    handed_on : names of the parameters that `prior_from` hands on.
-    theirs : `priors:` of the study whose posterior that is.
+    handed_on : names of the parameters that `prior_from` provides.
+    theirs : `priors:` of the study that provides the posterior.
     """
     systems = (system, *wider_systems(study, system).values())
     parameters = tuple({p.name: p for each in systems for p in each.parameters()}.values())
@@ -183,7 +185,7 @@ def overruled(
 def _read(
     parameters: tuple[Parameter, ...], entries: Mapping[str, Settings]
 ) -> tuple[list[str], dict[str, float]] | None:
-    """Every prior in words, and minimum ratios; None where the entries mean nothing here."""
+    """Describe every prior, and return minimum ratios; None if the entries are invalid here."""
     try:
         replaced, ratios = overridden(parameters, entries, entries)
     except UserError:

@@ -1,4 +1,4 @@
-"""What a study asks for, held against its folder before anything is run."""
+"""Checks of a study against its folder before anything is run."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 def few_points(
     study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
 ) -> list[str]:
-    """Candidates with as many parameters as there are points to fit, once they are prepared."""
+    """Faults: candidates with at least as many parameters as there are prepared points to fit."""
     fitted = [each.response.size for each in experiments if each.role == "calibrate"]
-    if not fitted:  # which is a fault of its own
+    if not fitted:  # another check reports this
         return []
     return [
         fault
@@ -48,12 +48,12 @@ def few_points(
 def unused_steps(
     study: Study, protocols: Iterable[str], known: Iterable[str]
 ) -> tuple[list[str], list[str]]:
-    """Faults and warnings: preparation of protocols that no record of the study has.
+    """Return faults and warnings: preparation of protocols that no record of the study has.
 
     Parameters
     ----------
-    protocols : of the study's records.
-    known : those that the specimen's system has a model of; others are a fault.
+    protocols : protocols of the study's records.
+    known : protocols that the specimen's system has a model of; others are a fault.
     """
     protocols, known = list(protocols), list(known)
     faults = [
@@ -72,8 +72,9 @@ def unused_steps(
 
 
 def built_candidates(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
-    """The candidates that can be built; what is wrong with others, or with what they predict with,
-    is added to the faults.
+    """Return the candidates that can be built, and add the faults of others to `faults`.
+
+    Faults of the models of `predict_with` are added as well.
     """
     systems, found = {}, []
     for candidate in study.candidates:
@@ -90,7 +91,7 @@ def built_candidates(study: Study, specimen: Specimen, faults: list[str]) -> dic
 
 
 def _built(study: Study, candidate: str, specimen: Specimen) -> System:
-    """A candidate, and if it is of a user's own system, one that is as it should be."""
+    """Build a candidate, and check it if it belongs to a user's own system."""
     from deabayes.systems import build
 
     if study.model is None:
@@ -104,15 +105,15 @@ def _built(study: Study, candidate: str, specimen: Specimen) -> System:
 
 
 SAMPLES = 50
-"""Of a record that are shown to a candidate: it need only say whether it can."""
+"""Number of samples of a record with which to ask whether a candidate can predict it."""
 
 
 def without_candidate(read: StudyFolder) -> list[str]:
-    """What is missing where no candidate can predict a record: a quantity, or what was held.
+    """Faults: records that no candidate can predict, for lack of a quantity or a condition.
 
-    Each complaint is said once, of the first record that has it. Of a record with faults only the
-    quantities are asked. Nothing is said of a specimen.yaml with faults, and systems of the
-    user's own are left to their own checks.
+    Each fault is reported once, for the first record that has it. For a record with faults only
+    missing quantities are reported. Nothing is reported if specimen.yaml has faults. A user's
+    own systems have their own checks.
     """
     from deabayes.systems import OWN, REGISTRY
 
@@ -123,7 +124,7 @@ def without_candidate(read: StudyFolder) -> list[str]:
     for row in read.table:
         try:
             reasons = _reasons(read.specimen, row, _driven(read, row))
-        except UserError:  # said elsewhere
+        except UserError:  # other checks report this
             reasons = _reasons(read.specimen, row, _stand_in(row, system))
             reasons = [each for each in reasons if isinstance(each, MissingQuantity)]
         for reason in map(str, reasons):
@@ -132,7 +133,7 @@ def without_candidate(read: StudyFolder) -> list[str]:
 
 
 def _driven(read: StudyFolder, row: ExperimentRow) -> Excitation:
-    """The beginning of a record's excitation."""
+    """Return the beginning of a record's excitation."""
     from deabayes.experiment import Excitation
     from deabayes.records.preparation.working import conditions, open_record
 
@@ -149,7 +150,7 @@ def _driven(read: StudyFolder, row: ExperimentRow) -> Excitation:
 
 
 def _stand_in(row: ExperimentRow, system: str) -> Excitation:
-    """An excitation as a record with faults may have it, to ask which quantities it needs."""
+    """Return a plausible excitation for a record with faults, to find the quantities it needs."""
     from deabayes.experiment import Excitation
     from deabayes.records.columns import COMMANDS
     from deabayes.records.record_checks import POSITIVE
@@ -165,10 +166,11 @@ def _stand_in(row: ExperimentRow, system: str) -> Excitation:
 
 
 def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequence[UserError]:
-    """Why no candidate predicts a record; none if one may.
+    """Return the reasons why no candidate predicts a record; empty if one may.
 
-    All quantities that the first candidate lacks that lacks any, or else what the first one says.
-    That a candidate is not one for this response says nothing: only examples are tried.
+    These are all missing quantities of the first candidate that lacks any, else the faults of
+    the first candidate. A candidate that is not meant for this response does not count, because
+    only examples are tried.
     """
     from deabayes.systems import candidates
 
@@ -183,7 +185,7 @@ def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequ
 def _obstacles(
     specimen: Specimen, candidate: str, row: ExperimentRow, driven: Excitation
 ) -> Sequence[UserError]:
-    """Every quantity that a candidate lacks, and what else keeps it from predicting a record."""
+    """Return every quantity that a candidate lacks, and any other fault of its prediction."""
     from deabayes.experiment import Quantity
     from deabayes.systems import build
 
@@ -204,13 +206,12 @@ def _obstacles(
 
 
 def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[str]]:
-    """Faults and warnings of what a study asks for, given its folder's records.
+    """Return faults and warnings of a study, given its folder's records.
 
-    Candidates, experiment names, noise model, preparation steps and parameters with a
-    prior of their own must exist, with settings that can be used; the points to calibrate
-    on must outnumber the parameters, and records should outlast the longest time constant
-    of the prior. With `compare` the first candidate's prior is held against the records, for
-    which its model may have to be compiled.
+    Candidates, experiment names, noise model, preparation steps and parameters with a prior must
+    exist and have usable settings. There must be more points to calibrate on than parameters.
+    Records should be longer than the longest time constant of the prior. With `compare` the
+    first candidate's prior is compared with the records; its model may have to be compiled.
     """
     read, faults = scan_folder(study.specimen, study.data_root)
     faults += _unknown_names(study)
@@ -256,9 +257,10 @@ def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[st
 
 
 def check_names(study: Study) -> list[str]:
-    """Faults that show without reading a record: of the folder's tables, names in them, files.
+    """Return the faults that can be found without reading a record.
 
-    What a workflow should say before its first job, for all studies together.
+    These concern the folder's tables, the names in them, and files. A workflow reports them for
+    all studies before its first job.
     """
     try:
         read = read_folder(study.specimen, study.data_root, check_records=False)
@@ -274,7 +276,7 @@ def check_names(study: Study) -> list[str]:
 def _without_model(
     study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
 ) -> list[str]:
-    """Records that a candidate has no model of; each complaint is said once."""
+    """Faults: records that a candidate cannot model; each message appears once."""
     from deabayes.inference.default_priors import wider_systems
 
     found: dict[str, str] = {}
@@ -309,7 +311,7 @@ def _unknown_names(study: Study) -> list[str]:
 
 
 def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
-    """The rows a study uses, in the roles it gives them."""
+    """Return the rows that a study uses, in their roles in the study."""
     kept = selected(read.table, study.select)
     if not kept:
         faults += _nothing_selected(study, read)
@@ -331,7 +333,7 @@ def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[Experi
 
 
 def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
-    """Why no row has what `select` wants, column by column."""
+    """Say why no row has the values of `select`, column by column."""
     table = [told_apart_by(row) for row in read.table]
     columns = dict.fromkeys(key for values in table for key in values)
     found = []
@@ -347,7 +349,7 @@ def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
 
 
 def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
-    """Experiments to consider that name no record, or ask of one what cannot be done."""
+    """Faults of planned experiments: unknown records, or plans that are impossible for a record."""
     found = planned.faults(study.further_experiments, {row.name: row.protocol for row in rows})
     return [f"study {study.name}, further_experiments: {fault}" for fault in found]
 
@@ -355,7 +357,7 @@ def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
 def _too_short(
     study: Study, system: System, records: Sequence[tuple[ExperimentRow, RawRecord]]
 ) -> list[str]:
-    """Of times whose prior somebody wrote down: default ones follow the records."""
+    """Warn of stated time-constant priors beyond the records; default priors follow the records."""
     from deabayes.prior.joint import Prior
     from deabayes.systems import OWN
 

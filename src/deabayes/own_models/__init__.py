@@ -1,1 +1,1 @@
-"""A user's own systems: finding their files, checking their classes, trying them on records."""
+"""A user's own systems: load their files, check their classes and try them on records."""

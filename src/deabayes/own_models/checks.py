@@ -1,4 +1,4 @@
-"""What is wrong with a user's own system: its class, its candidates, its errors."""
+"""Checks of a user's own system: its class, its candidates and its errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNITS_OF = {
 
 
 def system_faults(kind: type[System]) -> list[str]:
-    """Every fault of a class: its name, the methods and the attributes it lacks, its units."""
+    """Return every fault of a class: name, protocols, missing methods and attributes, units."""
     faults = _name_faults(kind) + _protocol_faults(kind)
     if kind.__abstractmethods__:
         methods = ", ".join(sorted(kind.__abstractmethods__))
@@ -60,7 +60,7 @@ def _protocol_faults(kind: type[System]) -> list[str]:
 
 
 def unit_faults(attribute: str, units: Mapping[str, Any]) -> list[str]:
-    """Units, of what bears these names, that are unknown or not SI."""
+    """Faults: units of the named items that are unknown or not SI."""
     faults = []
     for name, unit in units.items():
         try:
@@ -73,13 +73,13 @@ def unit_faults(attribute: str, units: Mapping[str, Any]) -> list[str]:
 
 
 RESERVED = ("chain", "draw", "ensemble", "time")
-"""What draws are numbered by, in posterior files and in tables of them, and responses by."""
+"""Names of dimensions in posterior files, in tables of draws, and of responses."""
 
 
 def candidate_faults(system: System, candidate: str) -> list[str]:
-    """Every fault of the system that was built for a candidate, before it is asked for responses.
+    """Return every fault of a candidate's system, before any response is computed.
 
-    What its methods raise is raised as it comes.
+    Errors that its methods raise are passed on.
     """
     faults = _attribute_faults(system, candidate)
     found, where = system.parameters(), f"parameters() of {candidate}"
@@ -99,7 +99,7 @@ def candidate_faults(system: System, candidate: str) -> list[str]:
 
 
 def name_faults(kind: str, names: Sequence[object], taken: Iterable[str] = ()) -> list[str]:
-    """Names that files of results cannot have, that something else has, or that come twice."""
+    """Faults: names that are invalid in result files, already taken, or repeated."""
     known = {*RESERVED, *taken}
     faults = []
     for name in dict.fromkeys(names):
@@ -116,7 +116,7 @@ def name_faults(kind: str, names: Sequence[object], taken: Iterable[str] = ()) -
 
 
 def _attribute_faults(system: System, candidate: str) -> list[str]:
-    """What `__init__` has to set, and did not, or to something else."""
+    """Faults: attributes that `__init__` did not set, or set to a wrong value."""
     order, specimen = getattr(system, "order", None), getattr(system, "specimen", None)
     faults = []
     if getattr(system, "candidate", None) != candidate:
@@ -137,14 +137,15 @@ def _found(system: System, attribute: str) -> str:
 
 PACKAGE = str(Path(__file__).parents[1])
 OURS = (RuntimeError, OSError, ImportError, MemoryError, SystemError)
-"""What arguments do not cause: raised in what a model calls, these are no mistake of the model."""
+"""Errors that wrong arguments do not cause. Raised in code that a model calls, they are not the
+model's fault."""
 
 
 def fault_of(error: BaseException, path: Path) -> str | None:
-    """Where in a model's file an error arose, and which; None if it is not the model's.
+    """Say where in a model's file an error arose; None if the model is not at fault.
 
-    It is the model's where, of its code and this package's, its own was last to run. What the
-    package could not do with what the model called it with is said as that.
+    Of the model's code and this package's code, the code that ran last decides. If the model
+    called the package with wrong arguments, the message says so.
     """
     file = str(path.resolve())
     frames = [
@@ -166,6 +167,6 @@ def fault_of(error: BaseException, path: Path) -> str | None:
 
 
 def said(error: BaseException) -> str:
-    """The kind of an error and its words, in one line."""
+    """Return the type and message of an error in one line."""
     words = error.msg if isinstance(error, SyntaxError) else str(error)
     return f"{type(error).__name__}: {words}".replace("\n", " ").rstrip(": ")

@@ -1,4 +1,4 @@
-"""A user's own systems: which files define them, and loading them."""
+"""Find and load the files that define a user's own systems."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REMEDY = "docs/how-to/own-model.md has one to start from"
 
 @dataclass(frozen=True)
 class ModelFile:
-    """A file as it was when its systems were loaded."""
+    """A model file with its hash at the time of loading."""
 
     path: Path
     sha256: str
@@ -34,14 +34,14 @@ _FILES: dict[str, ModelFile] = {}
 
 
 def load_models(*files: str | Path) -> dict[str, Path]:
-    """Make the systems that Python files define known by their names.
+    """Register the systems that Python files define, by their names.
 
-    A file stands alone: it may import installed packages, but no file beside it. Loaded
-    again after an edit, it replaces what it defined before.
+    A file must be self-contained: it may import installed packages, but no file beside it.
+    Loading a file again after an edit replaces its earlier systems.
 
     Parameters
     ----------
-    *files : relative to the working directory.
+    *files : paths relative to the working directory.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def load_models(*files: str | Path) -> dict[str, Path]:
     ------
     Faults
         Every file that is missing, cannot be run or defines no usable `System`, and
-        every name that two systems have.
+        every name that two systems share.
     """
     found: dict[str, type[System]] = {}
     read: dict[str, ModelFile] = {}
@@ -80,18 +80,18 @@ def load_models(*files: str | Path) -> dict[str, Path]:
 
 
 def recorded(system: str) -> dict[str, str]:
-    """What a posterior says of its system's file; nothing for a shipped system."""
+    """Return the attributes that a posterior stores about its model file; empty if shipped."""
     file = _FILES.get(system)
     return {} if file is None else {"model_file": str(file.path), "model_sha256": file.sha256}
 
 
 def restore(attributes: Mapping[str, str]) -> None:
-    """Load the file that a posterior with these attributes was fitted with, if it was with one.
+    """Load the model file that a posterior was fitted with, if it has one.
 
     Raises
     ------
     UserError
-        If the file is not there, or not as it was then, and no copy that is has been loaded.
+        The file is missing or has changed, and no unchanged copy has been loaded.
     """
     system, wanted = attributes["system"], attributes.get("model_sha256")
     if wanted is None or _is_loaded(system, wanted):
@@ -113,7 +113,7 @@ def restore(attributes: Mapping[str, str]) -> None:
 
 @contextmanager
 def said_of_the_model() -> Iterator[None]:
-    """What fails within in a loaded model's file is raised as the user's mistake that it is."""
+    """Turn errors that arise in a loaded model's file into `UserError`."""
     try:
         yield
     except UserError:
@@ -126,7 +126,7 @@ def said_of_the_model() -> Iterator[None]:
 
 
 def fault_in_a_model(error: BaseException) -> str | None:
-    """Where in a loaded model's file an error arose, and which; None if it arose elsewhere."""
+    """Say where in a loaded model's file an error arose; None if it arose elsewhere."""
     faults = (fault_of(error, path) for path in {file.path for file in _FILES.values()})
     return next((fault for fault in faults if fault is not None), None)
 
@@ -147,7 +147,7 @@ def _text_of(path: Path) -> bytes:
 
 @lru_cache(maxsize=64)
 def _systems_in(path: Path, source: bytes) -> tuple[type[System], ...]:
-    """The systems that a file with this text defines, each whole."""
+    """Return the systems that a file with this text defines, after checking them."""
     module = _run(path, source)
     classes = dict.fromkeys(each for each in vars(module).values() if isinstance(each, type))
     mine = [c for c in classes if issubclass(c, System) and c.__module__ == module.__name__]
@@ -167,11 +167,11 @@ def _systems_in(path: Path, source: bytes) -> tuple[type[System], ...]:
 
 
 def _run(path: Path, source: bytes) -> ModuleType:
-    """The module that a file is, run from its text: Python's own cache may hold an older one."""
+    """Run a file from its text and return the module; Python's own cache may be outdated."""
     digest = hashlib.sha256(str(path.resolve()).encode() + source).hexdigest()
     module = ModuleType(f"deabayes_own_model_{digest[:16]}")
     module.__file__ = str(path.resolve())
-    sys.modules[module.__name__] = module  # where dataclasses look their annotations up
+    sys.modules[module.__name__] = module  # dataclasses look up their annotations there
     try:
         exec(_compiled(path, source, module.__file__), vars(module))
     except (Exception, SystemExit) as error:
@@ -196,14 +196,14 @@ def load_named(content: Mapping[str, Any], bases: Sequence[Path], where: str) ->
 
     Parameters
     ----------
-    content : what the config holds, as its schema has it.
+    content : content of the config, valid by its schema.
     bases : folders that its paths may be relative to.
     where : the config, for messages.
 
     Returns
     -------
     dict
-        System -> its file, seen from the working directory.
+        System -> its file, relative to the working directory.
 
     Raises
     ------
@@ -220,13 +220,14 @@ def load_named(content: Mapping[str, Any], bases: Sequence[Path], where: str) ->
 
 
 def load_for(system: str, config: Path) -> None:
-    """Load the files under `models` of a config, if there is one and the system does not ship.
+    """Load the files under `models` of a config, unless the system is a shipped one.
 
-    Nothing else of the config is looked at: the studies may be still to come.
+    Without a config file, nothing is loaded. Other parts of the config are not checked, because
+    its studies may not exist yet.
 
     Raises
     ------
-    Faults : as `load_named`, and a key `models` that is no list of files.
+    Faults : as in `load_named`, or `models` is no list of files.
     """
     if not system or system in REGISTRY or not Path(config).is_file():
         return
@@ -239,11 +240,11 @@ def load_for(system: str, config: Path) -> None:
 
 
 def model_of(specimen: Path, own: Mapping[str, Path]) -> Path | None:
-    """The file among these that defines the system of a study folder; None if it ships."""
+    """Return the file that defines the system of a study folder; None if the system is shipped."""
     return own.get(system_named(specimen)) if own else None
 
 
 def seen(file: Path, bases: Sequence[Path]) -> Path:
-    """A config's file, seen from the working directory."""
+    """Return the path of a config's file, relative to the working directory."""
     base = next((base for base in bases if (base / file).is_file()), bases[0])
     return Path(os.path.normpath(base / file))

@@ -1,4 +1,4 @@
-"""A user's own model, tried on the records it is to be fitted to before anything is sampled."""
+"""Try a user's own model on the records to be fitted, before any sampling."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from deabayes.systems import Derived, Draws, Simulator, System
 
 TRIAL_DRAWS = 3
 SAME = 1e-3
-"""Of a response's largest value: what two answers to one draw may differ by. Models that integrate
-all draws with common steps differ by their tolerance."""
+"""Largest difference between two responses to one draw, as a share of the largest value. Models
+that integrate all draws with common steps differ by their tolerance."""
 
 
 def try_models(
@@ -24,12 +24,12 @@ def try_models(
     priors: Mapping[str, object],
     where: str,
 ) -> tuple[list[str], list[str]]:
-    """Faults and warnings of candidates' responses to a few draws of their priors.
+    """Return faults and warnings of candidates' responses to a few draws of their priors.
 
-    A response must be an array of real numbers with a row per draw and a column per point,
-    the same whenever it is asked for and whichever draws are asked for beside it. One that is
-    not finite at the median of the priors, the first draw, may be elsewhere, and is a warning.
-    What cannot be computed at all is raised as it comes.
+    A response must be an array of real numbers with one row per draw and one column per point.
+    It must not depend on when it is computed, nor on the other draws computed with it. A
+    response that is not finite at the median of the priors, the first draw, may be finite
+    elsewhere and is only a warning. Errors of the model are passed on.
     """
     faults: dict[str, str] = {}
     warnings = []
@@ -51,7 +51,7 @@ def try_models(
 
 
 def _trial_draws(system: System, priors: Mapping[str, object]) -> Draws:
-    """Every parameter at its prior's median, then at draws of it, (TRIAL_DRAWS,)."""
+    """Draws (TRIAL_DRAWS,) of every parameter; the first is the median of its prior."""
     prior = Prior.from_parameters(system.parameters(), priors, priors)
     z = np.random.default_rng(0).standard_normal((TRIAL_DRAWS, len(prior.names)))
     z[0] = 0.0
@@ -60,7 +60,7 @@ def _trial_draws(system: System, priors: Mapping[str, object]) -> Draws:
 
 
 def _try_on(system: System, experiment: Experiment, draws: Draws) -> tuple[str, FloatArray]:
-    """What is wrong with the response to a record, empty if nothing; that to the first draw."""
+    """Return the response's fault (empty if none), and the response to the first draw."""
     simulate = system.simulator(
         experiment.excitation, experiment.coordinate, experiment.response_name
     )
@@ -73,7 +73,7 @@ def _try_on(system: System, experiment: Experiment, draws: Draws) -> tuple[str, 
 
 
 def _kind_fault(found: Any, points: int) -> str:
-    """That a response is no array of real numbers, or of another shape."""
+    """Fault if a response is no array of real numbers of the right shape."""
     if not isinstance(found, np.ndarray):
         return f"the model answers with a {type(found).__name__}; return a numpy array"
     if found.dtype.kind not in "fiu":
@@ -93,7 +93,7 @@ def _changed(given: Draws, draws: Draws) -> str:
 
 
 def _repeat_fault(simulate: Simulator, draws: Draws, found: FloatArray) -> str:
-    """That the same draws have another response when asked for again, or one by one."""
+    """Fault if the same draws give another response when repeated, or one by one."""
     kept = found.copy()
     again = simulate({name: values.copy() for name, values in draws.items()})
     if not _same(again, kept):
@@ -116,7 +116,7 @@ def _same(first: FloatArray, second: FloatArray) -> bool:
 
 
 def _derived_faults(system: System, draws: Draws) -> list[str]:
-    """What is wrong with the quantities that the system derives from draws."""
+    """Faults of the quantities that the system derives from draws."""
     with np.errstate(all="ignore"):
         found: Any = system.derived(draws)
     if not isinstance(found, Mapping):

@@ -1,1 +1,1 @@
-"""What a user brings: study folders, records in many formats, and their preparation."""
+"""Study folders, records in many formats, and the preparation of records."""

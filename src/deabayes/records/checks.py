@@ -1,4 +1,4 @@
-"""Checks of one record. Each returns sentences: none if all is well."""
+"""Checks of one record. Each function returns sentences, or an empty list if all is well."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SMALLEST_RECORD = 4
 
 
 def missing_columns(columns: Collection[str], needed: Iterable[str], where: str) -> list[str]:
-    """Columns that the experiment names and the record lacks."""
+    """Columns that the experiment needs and the record lacks."""
     if not columns:
         return [
             f"{where}: no column has a unit; write 'time [s]' and so on in the header, or give "
@@ -38,7 +38,7 @@ def missing_columns(columns: Collection[str], needed: Iterable[str], where: str)
 def not_finite(
     values: FloatArray, channel: str, where: str, otherwise: str = f", {REMEDY}"
 ) -> list[str]:
-    """NaN, infinite or missing values; `otherwise` is what else can be done than to mend them."""
+    """Missing, NaN or infinite values; `otherwise` names an alternative to repairing them."""
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size == 0:
         return []
@@ -65,7 +65,7 @@ def time_goes_back(time: FloatArray, where: str) -> list[str]:
 
 
 def time_repeats(time: FloatArray, where: str, otherwise: str = f", {REMEDY}") -> list[str]:
-    """Time stamps given twice; `otherwise` as for `not_finite`."""
+    """Repeated time stamps; `otherwise` as for `not_finite`."""
     same = np.flatnonzero(np.diff(time) == 0.0)
     if same.size == 0:
         return []
@@ -78,7 +78,7 @@ def time_repeats(time: FloatArray, where: str, otherwise: str = f", {REMEDY}") -
 
 
 def constant_channel(values: FloatArray, channel: str, where: str) -> list[str]:
-    """A channel that never changes: a dead sensor or the wrong column."""
+    """A constant channel: a dead sensor or the wrong column."""
     if np.ptp(values) > 1e-12 * np.max(np.abs(values)):
         return []
     return [
@@ -88,7 +88,7 @@ def constant_channel(values: FloatArray, channel: str, where: str) -> list[str]:
 
 
 def too_few_points(points: int, parameters: int, where: str) -> list[str]:
-    """Fewer points than parameters, or hardly any."""
+    """No more points than parameters."""
     if points > parameters:
         return []
     return [
@@ -98,7 +98,7 @@ def too_few_points(points: int, parameters: int, where: str) -> list[str]:
 
 
 def too_short(points: int, where: str) -> list[str]:
-    """A record of hardly any rows."""
+    """A record with too few rows."""
     if points >= SMALLEST_RECORD:
         return []
     return [
@@ -110,7 +110,7 @@ def too_short(points: int, where: str) -> list[str]:
 def outside_range(
     values: FloatArray, limit: float, channel: str, unit: str, where: str, allowed: float = 1e-9
 ) -> list[str]:
-    """Values further beyond what the channel's instrument can do than the share `allowed`."""
+    """Values outside the instrument's range by more than the share `allowed`."""
     beyond = np.flatnonzero(np.abs(values) > limit * (1.0 + allowed))
     if beyond.size == 0:
         return []
@@ -125,9 +125,9 @@ def outside_range(
 def less_than_noise(
     values: FloatArray, noise: float, channel: str, unit: str, where: str
 ) -> list[str]:
-    """A response that varies by less than the sd of its sensor's noise, which no noise does."""
+    """A response that varies by less than the standard deviation of its sensor's noise."""
     if np.ptp(values) >= noise or constant_channel(values, channel, where):
-        return []  # a constant one is said to be so, whatever its unit
+        return []  # `constant_channel` reports a constant response
     return [
         f"{where}, column {channel}: varies by {np.ptp(values):.4g} {unit}, less than the noise of "
         f"{noise:.4g} {unit} in specimen.yaml; correct the unit of one of them"
@@ -168,7 +168,7 @@ def sampling_jitter(time: FloatArray, where: str) -> list[str]:
 
 
 def shorter_than_time_constant(duration: float, longest: float, where: str) -> list[str]:
-    """A record shorter than the longest time constant that its prior allows."""
+    """A record shorter than the longest time constant expected by its prior."""
     if duration >= longest:
         return []
     return [f"{where}: lasts {duration:.3g} s, less than the longest time constant of the prior "
@@ -178,7 +178,7 @@ def shorter_than_time_constant(duration: float, longest: float, where: str) -> l
 def too_short_for(
     parameters: Iterable[Parameter], durations: Sequence[float], where: str
 ) -> list[str]:
-    """No record outlasts the longest of the ordered time constants that the priors expect."""
+    """Records all shorter than the longest time constant expected by the priors."""
     constants = [p for p in parameters if p.is_time_constant]
     if not constants or not durations:
         return []
@@ -189,17 +189,17 @@ def too_short_for(
 
 Flags = NDArray[np.bool_]
 MOSTLY = 0.5
-"""Share of a record at its sensor's limit from which it says nothing of the rest."""
+"""Share of a record at its sensor's limit above which the record is unusable."""
 QUANTISED = 0.5
-"""Share of neighbours that are equal, from which a record is quantised more coarsely than noisy."""
+"""Share of equal neighbours above which the steps of a record are coarser than its noise."""
 HELD_ALIKE = 0.8
-"""Share of a channel's readings that are held equally long where a slower clock reads it."""
+"""Share of readings held for the same number of samples above which a slower clock is assumed."""
 FEWEST_HELD = 5
-"""Samples in a row at an extreme that no noise leaves alike."""
+"""Number of successive equal samples at an extreme that noise cannot explain."""
 
 
 def current_at_limit(current: FloatArray, limit: float, protocol: str, where: str) -> list[str]:
-    """An amplifier that runs into its current limit."""
+    """An amplifier that reaches its current limit."""
     share = float(np.mean(np.abs(current) >= 0.98 * limit))
     if share == 0.0:
         return []
@@ -241,27 +241,27 @@ def mostly_clipped(
 
 
 def _held_ends(values: FloatArray) -> Iterator[tuple[str, float, int]]:
-    """Extremes at which the values stay, and how many in a row; none where they stay elsewhere."""
+    """Yield extremes at which noisy values stay constant, with the longest run of each."""
     for name, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         held = values == end
         if _equal_neighbours(values, held) > QUANTISED:
-            continue  # quantised so coarsely that plateaus say nothing
+            continue  # coarse steps make plateaus by themselves
         run = longest_run(_without_start_at_rest(values, held))
         if run >= FEWEST_HELD:
             yield name, float(end), run
 
 
 def _equal_neighbours(values: FloatArray, left_out: Flags) -> float:
-    """Share of neighbouring samples that are equal, but for those both `left_out` (M,)."""
+    """Share of equal neighbouring samples, without pairs that are both `left_out` (M,)."""
     equal = np.diff(values)[~(left_out[1:] & left_out[:-1])] == 0.0
     return float(np.mean(equal)) if equal.size else 0.0
 
 
 def _without_start_at_rest(values: FloatArray, held: Flags) -> Flags:
-    """`held` (M,) without the run that begins a noise-free record: at rest, nothing moves yet.
+    """Remove from `held` (M,) the run at rest that begins a noise-free record.
 
-    Where there is noise, differences of neighbours change their sign in two of three
-    places, and a sensor at rest does not stand still.
+    With noise, differences between neighbours change sign in two of three places, and a sensor
+    at rest does not stand still.
     """
     moved = np.cumsum(~held) > 0
     steps = np.diff(values[moved])
@@ -278,9 +278,9 @@ def coarse_quantisation(
     unit: str,
     where: str,
 ) -> list[str]:
-    """Quantisation coarser than the noise: stated, or seen as equal neighbours.
+    """Quantisation coarser than the noise: as stated, or seen in equal neighbours.
 
-    Those at an end where the sensor may be clipped say nothing of its steps.
+    Equal neighbours at an extreme where the sensor may be clipped do not count.
     """
     if resolution is not None and noise is not None and resolution > noise:
         return [f"{where}, column {channel}: the resolution "
@@ -301,7 +301,7 @@ def coarse_quantisation(
 
 
 def samples_held(values: FloatArray) -> int:
-    """For how many samples each reading is held; 0 where readings are not held alike."""
+    """Number of samples for which each reading is held; 0 if readings are not held equally long."""
     changes = np.flatnonzero(np.diff(values) != 0.0)
     if changes.size < FEWEST_HELD:
         return 0
@@ -319,11 +319,11 @@ def longest_run(flags: Flags) -> int:
 
 STATED = ("voltage_kV", "amplitude_kV", "bias_kV")
 UNIT_FACTOR = 30.0
-"""Voltages apart by more than this are in different units; kV and V are 1000 apart."""
+"""Two voltages with a larger ratio have different units; kV and V differ by 1000."""
 
 
 def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: str) -> list[str]:
-    """A pull on an actuator that does not say at which voltage."""
+    """A pull on an actuator without a stated voltage."""
     if "voltage" in columns or "voltage_kV" in metadata:
         return []
     return [
@@ -333,7 +333,7 @@ def unknown_voltage(columns: Collection[str], metadata: Collection[str], where: 
 
 
 def voltage_not_held(voltage: FloatArray, where: str) -> list[str]:
-    """A voltage [V] that varies during a pull by more than 1 % of it or a monitor's noise."""
+    """A voltage [V] that varies during a pull by more than 1 % or a monitor's noise."""
     faults = not_finite(voltage, "voltage", where)
     if faults or is_held(voltage):
         return faults
@@ -344,7 +344,7 @@ def voltage_not_held(voltage: FloatArray, where: str) -> list[str]:
 
 
 def voltage_no_number(stated: float | str, where: str) -> list[str]:
-    """A voltage in experiments.csv that is none."""
+    """A voltage in experiments.csv that is not a number."""
     if not isinstance(stated, str) and np.isfinite(stated):
         return []
     return [
@@ -356,7 +356,7 @@ def voltage_no_number(stated: float | str, where: str) -> list[str]:
 def voltage_in_another_unit(
     size: float, column: str, stated: float | str | None, where: str
 ) -> list[str]:
-    """The `size` [V] of a record's voltage against what `column` of experiments.csv says [kV]."""
+    """A record's voltage, `size` [V], that contradicts `column` of experiments.csv [kV]."""
     if not isinstance(stated, float) or not stated > 0.0 or np.isnan(size):
         return []
     if 1.0 / UNIT_FACTOR <= size / (1000.0 * stated) <= UNIT_FACTOR:
@@ -368,7 +368,7 @@ def voltage_in_another_unit(
 
 
 def stated_beyond_range(metadata: Mapping[str, float | str], limit: float, where: str) -> list[str]:
-    """Voltages in experiments.csv [kV] beyond what the amplifier can give, `limit` [V]."""
+    """Voltages in experiments.csv [kV] beyond the amplifier's range `limit` [V]."""
     stated = {name: metadata.get(name) for name in STATED}
     return [
         f"{where}: {name} is {value:g} in experiments.csv, beyond the voltage's range of "

@@ -1,4 +1,4 @@
-"""Columns of a record: names, units, conversion to SI, and records as they were read."""
+"""Columns of a record: names, units and conversion to SI."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from deabayes.units import same_dimension, si_unit, to_si
 
 @dataclass(frozen=True)
 class ExperimentRow:
-    """One row of experiments.csv; further columns are `metadata`."""
+    """One row of experiments.csv; additional columns are in `metadata`."""
 
     name: str
     protocol: str
@@ -30,9 +30,9 @@ class ExperimentRow:
 
 @dataclass(frozen=True)
 class RawRecord:
-    """One record as it is in its file, columns converted to SI, nothing else changed.
+    """One record as in its file, with columns converted to SI and no other change.
 
-    `left_out` rows are missing where the specimen asks for that (`incomplete_rows`).
+    `left_out` counts the rows removed because specimen.yaml says so (`incomplete_rows`).
     """
 
     columns: Mapping[str, FloatArray]
@@ -56,19 +56,20 @@ CHANNELS: Mapping[str, str] = {
     "gain": "1/V",
     "phase": "rad",
 }
-"""Record columns with a meaning (data.md) and their SI units."""
+"""Record columns with a defined meaning (data.md) -> SI unit."""
 COMMANDS: Mapping[str, str] = {"control_voltage": "voltage"}
-"""Columns that say what was asked of an instrument -> the excitation that they stand for."""
+"""Columns that hold a command to an instrument -> the excitation that it asks for."""
 
 HEADER_CELL = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 UNIT_IN_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$")
 OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
-"""A number that is no number with the other decimal sign."""
+"""A text that would be a number with the other decimal sign."""
 SWAPPED = str.maketrans(",.", ".,")
 CLOCK = re.compile(r"(\d{1,4}([-./])\d{1,2}\2\d{1,4}(?!\d)|\d+:[0-5]\d(?!\d)|\d+ days?\b)")
-"""How a date, a time of day or a span of time begins, as loggers and Excel write them."""
+"""Beginning of a date, a time of day or a time span, as loggers and Excel write them."""
 COMMENT = re.compile(r"#(?!(?:N/[AD]|NV|IND|QNAN|SNAN|INF|[A-Z/0]+[!?])(?:[\s,;\"]|$))")
-"""What begins a comment: a `#` of neither an error of Excel (`#N/A`, `#WERT!`) nor `1.#QNAN`."""
+"""A `#` begins a comment, unless it is part of an Excel error (`#N/A`, `#WERT!`) or of
+`1.#QNAN`."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,9 @@ class Column:
     Attributes
     ----------
     name : channel name; None or ``-`` for a column to be ignored.
-    unit : as written; None where none was given.
-    offset : added after conversion to SI (a strain becomes a stretch with 1).
-    source : the variable or channel in the file, where it is not `name`.
+    unit : as written; None if not given.
+    offset : added after conversion to SI (1 turns a strain into a stretch).
+    source : the variable or channel in the file, if it differs from `name`.
     """
 
     name: str | None
@@ -91,9 +92,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds, before conversion: one array per column.
+    """Content of a file before conversion: one array per column.
 
-    `decimal` is the sign in numbers of columns that were left as texts.
+    `decimal` is the decimal sign of numbers in text columns.
     """
 
     columns: Sequence[Column]
@@ -103,7 +104,7 @@ class Table:
 
 
 def from_header(cells: Iterable[object]) -> list[Column]:
-    """Columns from header cells such as ``time [s]``, which may hold line breaks."""
+    """Make columns from header cells such as ``time [s]``, which may contain line breaks."""
     columns = []
     for cell in cells:
         match = HEADER_CELL.match(" ".join(str(cell if cell is not None else "").split()))
@@ -113,7 +114,7 @@ def from_header(cells: Iterable[object]) -> list[Column]:
 
 
 def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
-    """Columns that `record_format` lists, or None where it lists none."""
+    """Return the columns that `record_format` lists, or None if it lists none."""
     settings = (record_format or {}).get("columns")
     if settings is None:
         return None
@@ -124,9 +125,9 @@ def from_format(record_format: Mapping[str, Any] | None) -> list[Column] | None:
 
 
 def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -> list[Column]:
-    """Columns of a file with the names, and units if any, that experiments.csv gives to some.
+    """Give columns of a file the names, and any units, that experiments.csv states.
 
-    All are looked up by the names in the file, so that two can change places.
+    All columns are looked up by their names in the file, so that two can be swapped.
     """
     found = list(columns)
     for given in named or ():
@@ -145,7 +146,7 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
 
 
 def from_text(text: str) -> list[Column]:
-    """Columns from a cell of experiments.csv: ``t = time [s]; voltage [kV]``."""
+    """Make columns from a cell of experiments.csv: ``t = time [s]; voltage [kV]``."""
     columns = []
     for part in filter(None, (part.strip() for part in text.split(";"))):
         source, equals, cell = part.partition("=")
@@ -157,8 +158,8 @@ def from_text(text: str) -> list[Column]:
 def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str) -> RawRecord:
     """Convert a table to SI.
 
-    A column without a unit, or with one that is none, is a fault when its name is a known
-    channel and is left out otherwise; a column with a unit must hold numbers.
+    A known channel without a unit is a fault. Other columns without a valid unit are left out. A
+    column with a unit must hold numbers.
 
     Raises
     ------
@@ -194,7 +195,7 @@ def _is_unit(unit: str | None) -> bool:
 
 
 def _unit_mistaken(name: str | None, channels: Collection[str]) -> str | None:
-    """What is wrong with how the unit of one of `channels` is written, None if nothing is."""
+    """Say what is wrong with how the unit of one of `channels` is written, None if nothing."""
     before, bracket, after = (name or "").partition("[")
     if bracket and before.strip() in channels:
         unit, end, _ = after.partition("]")
@@ -219,9 +220,9 @@ def _convert(
 
 
 def numbers(array: NDArray[Any], where: str, decimal: str = ".") -> FloatArray:
-    """The array as floats; a text that is no number is named with its row.
+    """Return the array as floats; a text that is no number is reported with its row.
 
-    With a decimal comma, a text with a point (2.500, or 2500?) is none.
+    With a decimal comma, a text with a point (2.500, or 2500?) is no number.
     """
     if array.dtype.kind in "fiub":
         return np.asarray(array, dtype=float).ravel()
@@ -233,7 +234,7 @@ def numbers(array: NDArray[Any], where: str, decimal: str = ".") -> FloatArray:
     try:
         written = series if decimal == "." else series.map(_signs_swapped)
         converted = pd.to_numeric(written, errors="coerce")
-    except TypeError:  # of pandas, for structures in a cell array
+    except TypeError:  # pandas raises it for structures in a cell array
         raise UserError(f"{where}: holds structures; save their fields as variables") from None
     bad = np.flatnonzero(converted.isna() & series.notna())
     if bad.size:
@@ -247,7 +248,7 @@ def _signs_swapped(cell: object) -> object:
 
 
 def _no_number(found: str, rows: str) -> str:
-    """What a text is that should be a number, and what to do."""
+    """Describe a text that should be a number, and say what to do."""
     if found.startswith("="):
         return (
             f"{found!r} is a formula without a stored value {rows}; open the file in a "
@@ -265,7 +266,7 @@ def _no_number(found: str, rows: str) -> str:
 
 
 def unit_hint(header: Iterable[str]) -> str:
-    """How to write the first header cell that carries its unit in parentheses."""
+    """Say how to write the first header cell that has its unit in parentheses."""
     for cell in header:
         match = UNIT_IN_PARENTHESES.match(cell.strip())
         if match:

@@ -1,4 +1,4 @@
-"""Public data that are not in the repository: where they are, and fetching them."""
+"""Find and download public data that are not in the repository."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class PublicRecord(NamedTuple):
 
 
 def roots(download: Mapping[str, str], data_root: Path | None = None) -> list[Path]:
-    """Folders that may hold a data set, best first: $DEABAYES_DATA, `data_root`, pooch's cache."""
+    """Folders that may hold a data set, in order: $DEABAYES_DATA, `data_root`, pooch's cache."""
     stated = [os.environ.get(VARIABLE), data_root]
     local = [Path(root) / download["folder"] for root in stated if root]
     return [*local, cache_folder() / download["folder"]]
 
 
 def cache_folder() -> Path:
-    """Where fetched data are kept on this machine."""
+    """Folder for downloaded data on this machine."""
     import pooch
 
     return Path(pooch.os_cache("deabayes"))
@@ -44,17 +44,19 @@ def locate(
     download: Mapping[str, str] | None = None,
     data_root: Path | None = None,
 ) -> Path | None:
-    """The record's file: in the study folder, then where `roots` says; None if nowhere."""
+    """Return the record's file, in the study folder or one of the `roots`; None if not found."""
     places = [Path(folder), *(roots(download, data_root) if download else [])]
     return next((place / record for place in places if (place / record).is_file()), None)
 
 
 def read_registry(path: Path) -> dict[str, PublicRecord]:
-    """Records by path, from lines ``path sha256 [path at the source]``; paths may hold spaces.
+    """Read records by path from lines ``path sha256 [path at the source]``.
+
+    Paths may contain spaces.
 
     Raises
     ------
-    UserError : missing file, or a line of another form.
+    UserError : the file is missing, or a line has another form.
     """
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; correct download.registry in {FILE}")
@@ -74,7 +76,7 @@ def read_registry(path: Path) -> dict[str, PublicRecord]:
 
 
 def missing_data(folder: Path, data_root: Path | None = None) -> str | None:
-    """One sentence saying that a study's public data are not here, and what to do; else None."""
+    """Say that a study's public data are missing, and what to do; None if they are here."""
     download = _download(folder)
     if download is None:
         return None
@@ -86,7 +88,7 @@ def missing_data(folder: Path, data_root: Path | None = None) -> str | None:
 def missing_sentence(
     folder: Path, download: Mapping[str, str], missing: Iterable[str], total: int
 ) -> str:
-    """What `missing_data` says about these records."""
+    """The sentence of `missing_data` for the `missing` records."""
     missing = list(missing)
     stated = os.environ.get(VARIABLE)
     wrong = stated and not (Path(stated) / download["folder"]).is_dir()
@@ -99,10 +101,10 @@ def missing_sentence(
 
 
 def fetch(folder: Path, data_root: Path | None = None, progress: bool = False) -> Path:
-    """Make a study's public records available and say where they are.
+    """Make a study's public records available and return their folder.
 
-    Records in a local copy ($DEABAYES_DATA or `data_root`) are used as they are;
-    otherwise they are downloaded into pooch's cache and checked against the registry.
+    Records in a local copy ($DEABAYES_DATA or `data_root`) are used unchanged. Otherwise they
+    are downloaded into pooch's cache and checked against the registry.
 
     Raises
     ------
@@ -149,7 +151,7 @@ def _fetch_into(
 
 
 def _download(folder: Path) -> Mapping[str, str] | None:
-    """The `download` block of specimen.yaml, whatever else may be wrong there."""
+    """Return the `download` block of specimen.yaml, even if other parts have faults."""
     download = read_yaml(Path(folder) / FILE).get("download")
     if not isinstance(download, Mapping):
         return None

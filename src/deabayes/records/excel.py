@@ -1,4 +1,4 @@
-"""Records in Excel files."""
+"""Read records from Excel files."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def read_xlsx(
     record_format: Mapping[str, Any] | None = None,
     named: Sequence[Column] | None = None,
 ) -> Table:
-    """Read the first sheet; the first row, or the first below `header_lines`, is the header.
+    """Read the first sheet; its first row, or the first below `header_lines`, is the header.
 
-    Rows that are empty or comments do not count. `named` are names and units that
-    experiments.csv gives to columns of the header.
+    Empty rows and comments do not count. `named` holds names and units that experiments.csv
+    gives to columns of the header.
     """
     rows = opened(_first_sheet, path, "an Excel file")
     header_lines = int((record_format or {}).get("header_lines", 0))
@@ -55,7 +55,7 @@ def read_xlsx(
 
 
 def _first_sheet(path: Path) -> list[tuple[object, ...]]:
-    """Rows that are neither empty nor comments; a formula never calculated is its own text."""
+    """Return rows with content; a formula without a stored value appears as its own text."""
     rows = _rows(path, calculated=True)
     if any(None in row for row in rows):
         written = _rows(path, calculated=False)
@@ -68,14 +68,14 @@ def _first_sheet(path: Path) -> list[tuple[object, ...]]:
 
 
 def _rows(path: Path, calculated: bool) -> list[tuple[object, ...]]:
-    """All rows, with the values of formulas or with what these say."""
+    """Return all rows, with the values of formulas or with their text."""
     from openpyxl import load_workbook
 
     workbook = load_workbook(path, read_only=True, data_only=calculated)
     try:
         sheet = workbook.worksheets[0]
         stated = sheet.max_column or 0
-        sheet.reset_dimensions()  # which some programs state too small: rows would be lost
+        sheet.reset_dimensions()  # some programs state it too small, which would lose rows
         rows = [tuple(map(_content, row)) for row in sheet.iter_rows()]
         return [row + (None,) * (stated - len(row)) for row in rows]
     finally:
@@ -83,14 +83,14 @@ def _rows(path: Path, calculated: bool) -> list[tuple[object, ...]]:
 
 
 def _content(cell: Any) -> object:
-    """A formula that comes to no text has a value, of type `str`, which openpyxl leaves out."""
+    """Return a cell's content; openpyxl leaves out the value of a formula with an empty text."""
     if cell.value is None and cell.data_type == "str":
         return ""
-    return getattr(cell.value, "text", cell.value)  # an array's formula is an object
+    return getattr(cell.value, "text", cell.value)  # an array formula is an object
 
 
 def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) -> None:
-    """A UserError for more columns than the `count` that are named, which may be other ones."""
+    """Raise a UserError if the sheet has more than `count` columns, as the names may not match."""
     width = max((len(_filled(row)) for row in rows), default=0)
     if width > count:
         raise UserError(
@@ -100,7 +100,7 @@ def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) ->
 
 
 def _filled(row: Sequence[object]) -> list[str]:
-    """Cells up to the last that holds something."""
+    """Return the cells up to the last filled one."""
     last = max((i for i, cell in enumerate(row) if cell is not None), default=-1)
     return [str(cell) for cell in row[: last + 1]]
 
@@ -122,7 +122,7 @@ def _holds(row: Sequence[object]) -> bool:
 
 
 def _cells(values: Sequence[object]) -> NDArray[Any]:
-    """Cells as floats where they all are numbers, else as they are."""
+    """Return cells as floats if all are numbers, else unchanged."""
     if all(value is None or isinstance(value, int | float) for value in values):
         return np.asarray([np.nan if value is None else value for value in values], dtype=float)
     return np.asarray(values, dtype=object)

@@ -1,4 +1,4 @@
-"""What is known of an excitation: held, from rest, and as experiments.csv says."""
+"""Properties of an excitation: steps, prehistory, and values stated in experiments.csv."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from deabayes.systems import system_class
 STEPS = ("creep", "step")
 HELD_CONSTANT = 0.01
 MONITOR_NOISE = 10.0
-"""Range of a voltage at rest [V]; the electrostatic force at 10 V is 1e-5 of that at 3 kV."""
+"""Range of a monitored voltage at rest [V]; the force at 10 V is 1e-5 of the force at 3 kV."""
 WIDEST_NOISE = 12.0
-"""Range of white noise over its standard deviation; that of 10^5 normal numbers is 9."""
+"""Largest range of white noise over its standard deviation; for 10^5 normal numbers it is 9."""
 
 
 def is_held(voltage: FloatArray) -> bool:
-    """Whether a voltage [V] is constant but for 1 % of it or a monitor's noise."""
+    """Whether a voltage [V] varies by at most 1 % or a monitor's noise."""
     allowed = max(HELD_CONSTANT * abs(float(np.mean(voltage))), MONITOR_NOISE)
     return float(np.ptp(voltage)) <= allowed
 
 
 def is_step_from_the_start(protocol: str, excitation: FloatArray, unit: str) -> bool:
-    """Whether a creep's or step's excitation is there from its first sample on, and constant.
+    """Whether the excitation of a creep or step is on and constant from its first sample.
 
-    A voltage is so with its monitor's noise, which changes from sample to sample: a small step on
-    a bias, or a drift, is none.
+    A voltage may have a monitor's noise, which changes from sample to sample. A small step on a
+    bias, or a drift, does not count as constant.
     """
     spread, size = float(np.ptp(excitation)), abs(float(np.mean(excitation)))
     noise = float(np.std(np.diff(excitation))) / np.sqrt(2.0) if unit == "V" else 0.0
@@ -40,29 +40,29 @@ def is_step_from_the_start(protocol: str, excitation: FloatArray, unit: str) -> 
 
 
 def excitation_range(protocol: str, excitation: FloatArray, unit: str) -> float:
-    """Largest change of an excitation, that to its first sample where it is a step there."""
+    """Largest change of an excitation; for a step at its first sample, its largest size."""
     if is_step_from_the_start(protocol, excitation, unit):
         return float(np.max(np.abs(excitation)))
     return float(np.ptp(excitation))
 
 
 NEAR = 0.02
-"""Of the largest excitation: less is a monitor's offset, no jump at the first sample."""
+"""Share of the largest excitation; a smaller first value is an offset, not a jump."""
 
 
 def knows_prehistory(system: str, excitation: str) -> bool:
-    """Whether experiments.csv can say that a system had settled under the first excitation."""
+    """Whether experiments.csv can state that a system had settled under the first excitation."""
     try:
         conditions = system_class(system).conditions or {}
-    except UserError:  # the system's name is at fault, which is said elsewhere
+    except UserError:  # other checks report a wrong system name
         return False
     return "prehistory" in conditions.get(COMMANDS.get(excitation, excitation), {})
 
 
 def value_before(row: ExperimentRow, system: str) -> float | None:
-    """0 of a voltage, which was off; None where the excitation was as in its first sample.
+    """Excitation before the first sample: 0 for a voltage; None if as in the first sample.
 
-    That is so of a stretch, and of a voltage where the row says so.
+    None applies to a stretch, and to a voltage if the row states equilibrium.
     """
     if COMMANDS.get(row.excitation, row.excitation) != "voltage":
         return None
@@ -71,23 +71,23 @@ def value_before(row: ExperimentRow, system: str) -> float | None:
 
 
 def is_near(first: float, before: float, excitation: FloatArray) -> bool:
-    """Whether a first sample is hardly off the value before it, as the whole excitation goes."""
+    """Whether the first sample is close to the value before it, compared with the excitation."""
     return abs(first - before) <= NEAR * float(np.max(np.abs(excitation - before)))
 
 
 WITHIN = 0.25
-"""By which a stated value may be off: what was asked for and what was done differ."""
+"""Largest relative error of a stated value; the requested and the real value may differ."""
 FEWEST_PASSES = 3
 PER_PERIOD = 4.0
-"""Samples that a period needs: with two a sine looks like another one."""
+"""Fewest samples per period; with only two, a sine can look like another one."""
 RAMPED, FEWEST_SAMPLES = ("relaxation", "load_unload"), 3
-"""Protocols whose excitation begins with one ramp, and its samples by which its rate is known."""
+"""Protocols whose excitation begins with one ramp, and the fewest samples for its rate."""
 
 
 def contradictions(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
-    """Faults: stated frequency, rate, amplitude or duration that the record does not have.
+    """Faults: stated frequency, rate, amplitude or duration that contradicts the record.
 
-    A time in milliseconds, a sine that was sampled too seldom, a value in another unit show so.
+    Typical causes are a time in milliseconds, a sine sampled too slowly, or another unit.
     """
     if "time" not in raw.columns or row.excitation not in raw.columns:
         return []
@@ -132,7 +132,7 @@ def _frequency(
 
 
 def _rate(row: ExperimentRow, time: FloatArray, driven: FloatArray, of: Specimen) -> float | None:
-    """Of stretch: of the first way from a tenth to nine tenths of the largest departure."""
+    """Stretch rate between a tenth and nine tenths of the largest departure."""
     gauge = of.quantities.get("gauge_length")
     if row.protocol not in RAMPED or row.excitation not in ("stretch", "displacement"):
         return None
@@ -164,4 +164,4 @@ _VALUES: Mapping[str, tuple[str, Value]] = {
     "amplitude_kV": ("kV", _amplitude),
     "duration_s": ("s", _duration),
 }
-"""Column of experiments.csv -> its unit, and its value in the record."""
+"""Column of experiments.csv -> its unit, and a function for its value in the record."""

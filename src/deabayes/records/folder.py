@@ -1,4 +1,4 @@
-"""A study folder: specimen.yaml, experiments.csv and the records, checked together."""
+"""Read and check a study folder: specimen.yaml, experiments.csv and the records."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from deabayes.records.table import FILE, channels_of, measured_rows, scan_table
 
 
 def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Records with the values of another one, unless neither is fitted; a fault per row.
+    """Faults: rows with the values of another record, unless neither is fitted.
 
-    The phase that a gain brings with it is a record, too.
+    The phase that belongs to a gain counts as a record, too.
     """
     every = [
         (row, each, raw.columns[each.response])
@@ -36,7 +36,7 @@ def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: 
     for row, each, values in every:
         gain, first = seen.setdefault(_digest(values), (row, each))
         fitted = "calibrate" in (first.role, each.role)
-        if first.name != each.name and fitted:  # a row given twice is said elsewhere
+        if first.name != each.name and fitted:  # `_repeated` of table.py reports repeated names
             brought = first is not gain and each is row
             said = _brought(each, first, gain) if brought else _same(each, first)
             faults[row.name] = f"{where}: {said}"
@@ -44,7 +44,7 @@ def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: 
 
 
 def taken_names(records: Sequence[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Rows named as the phase that a gain brings with it."""
+    """Faults: rows named like the phase that belongs to a gain."""
     own = {row.name.lower(): row.name for row, _ in records}
     return [
         f"{where}: row {own[phase.name.lower()]!r} has the name of the phase that row {row.name!r} "
@@ -75,14 +75,14 @@ def _brought(row: ExperimentRow, phase: ExperimentRow, gain: ExperimentRow) -> s
 
 
 KEPT_BYTES = 200e6
-"""Records stay in memory up to this much, so that checking and preparing read them once."""
+"""Records stay in memory up to this size, so that checking and preparing read them only once."""
 
 
 @dataclass(frozen=True)
 class StudyFolder:
-    """What a user brought: the specimen, the rows of experiments.csv, and their records.
+    """A user's study folder: the specimen, the rows of experiments.csv, and their records.
 
-    `specimen` and `table` are checked; records are read, and checked, by `record`.
+    `specimen` and `table` are already checked; `record` reads and checks a record.
     """
 
     path: Path
@@ -93,15 +93,15 @@ class StudyFolder:
 
     @property
     def specimen(self) -> Specimen:
-        """What was tested."""
+        """The tested specimen."""
         return self.file.specimen
 
     def locate(self, row: ExperimentRow) -> Path | None:
-        """The record's file: study folder, $DEABAYES_DATA, `data_root`, cache; else None."""
+        """The record's file in study folder, $DEABAYES_DATA, `data_root` or cache; else None."""
         return locate(row.record, self.path, self.file.download, self.data_root)
 
     def record(self, row: ExperimentRow) -> RawRecord:
-        """The row's record in SI units.
+        """Return the row's record in SI units.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class StudyFolder:
         return raw
 
     def read(self, row: ExperimentRow) -> RawRecord:
-        """The row's record, its values unchecked."""
+        """Return the row's record with unchecked values."""
         path = self.locate(row)
         if path is None:
             raise UserError(self._missing_file(row))
@@ -136,7 +136,7 @@ class StudyFolder:
         return without_incomplete(raw, needed)
 
     def warnings(self, row: ExperimentRow) -> list[str]:
-        """What to know before trusting a row's record."""
+        """Warnings that a user must know before trusting a row's record."""
         raw = self.record(row)
         found = record_warnings(row, raw, self.specimen, self._where(row))
         published = self._published().get(row.record)
@@ -145,7 +145,7 @@ class StudyFolder:
         return found
 
     def faults(self, rows: Sequence[ExperimentRow] | None = None) -> list[str]:
-        """Every fault of these rows' records, and of the rows together."""
+        """Every fault of the rows' records, and of the rows together."""
         rows = self.table if rows is None else rows
         found = self.missing(rows)
         sound = []
@@ -162,7 +162,7 @@ class StudyFolder:
         return found + repeated_records(sound, table) + taken_names(sound, table)
 
     def missing(self, rows: Sequence[ExperimentRow]) -> list[str]:
-        """What is to be said of those of these rows whose record is not there."""
+        """Messages about rows whose record's file is missing."""
         lost = [row for row in rows if self.locate(row) is None]
         if lost and self.file.download is not None:
             names = [row.record for row in lost]
@@ -172,7 +172,7 @@ class StudyFolder:
     def _channels(self, row: ExperimentRow) -> Mapping[str, str]:
         try:
             excitations, responses = channels_of(self.specimen.system, row.protocol)
-        except UserError:  # the system's name is at fault, which is said elsewhere
+        except UserError:  # other checks report a wrong system name
             return CHANNELS
         return {**CHANNELS, **excitations, **responses}
 
@@ -184,11 +184,15 @@ class StudyFolder:
         return {} if download is None else read_registry(self.path / download["registry"])
 
     def _missing_file(self, row: ExperimentRow) -> str:
-        """Names are compared without their endings, which would make any two alike."""
+        """Message about a missing file, with a similar name as a hint.
+
+        Names are compared without their endings, because equal endings make any two names
+        similar.
+        """
         place = f"{self.path / row.record} ({row.name})"
         if (self.path / row.record).is_dir():
             return f"{place}: is a folder, not a record; correct {FILE}"
-        path = self.path / row.record.replace("\\", "/")  # as Windows writes it
+        path = self.path / row.record.replace("\\", "/")  # as written on Windows
         files = path.parent.iterdir() if path.parent.is_dir() else ()
         names = {p.stem: p.name for p in sorted(files, key=lambda p: p.suffix == path.suffix)}
         meant = closest(path.stem, names)
@@ -205,8 +209,8 @@ def read_folder(
     Parameters
     ----------
     folder : holds specimen.yaml and experiments.csv.
-    data_root : local copy of the public data sets; $DEABAYES_DATA comes first.
-    check_records : read every record too; False leaves that to `StudyFolder.record`.
+    data_root : local copy of the public data sets; $DEABAYES_DATA has priority.
+    check_records : whether to read and check every record; else `StudyFolder.record` does.
 
     Raises
     ------
@@ -221,7 +225,7 @@ def read_folder(
 def scan_folder(
     folder: Path, data_root: Path | None = None, check_records: bool = True
 ) -> tuple[StudyFolder | None, list[str]]:
-    """As much of a study folder as can be read, and every fault of it."""
+    """Read as much of a study folder as possible, and return it with every fault."""
     folder = Path(folder)
     if folder.is_file():
         return None, [f"{folder}: is a file; name its folder {_study_of(folder)}"]
@@ -239,13 +243,13 @@ def scan_folder(
 
 
 def _study_of(file: Path) -> Path:
-    """The study folder that a file is in, at any depth; else the folder that it is in."""
+    """Return the study folder above a file at any depth; else the file's own folder."""
     above = (each for each in file.parents if (each / "specimen.yaml").is_file())
     return next(above, file.parent)
 
 
 def _specimen_file(folder: Path, faults: list[str]) -> SpecimenFile | None:
-    """specimen.yaml; if faulty, what is needed to go on and look for faults in records."""
+    """Read specimen.yaml; if faulty, return only what checks of the records need."""
     try:
         return read_specimen_file(folder)
     except UserError as error:

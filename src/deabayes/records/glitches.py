@@ -1,4 +1,4 @@
-"""Single samples that stand out, and jumps that only one channel of a record has."""
+"""Single outlying samples, and jumps that only one channel of a record has."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
 
 SWING = 0.02
-"""Of the response's range: less is no swing."""
+"""Share of the response's range; smaller changes are no swing."""
 OVER_NOISE = 10.0
 STEADY = 0.02
-"""Of the excitation's range: more is a change that a response follows."""
+"""Share of the excitation's range; the response may follow a larger change."""
 LEVEL = 0.25
-"""Of a sample's height over its neighbours: what differs more behind it may oscillate."""
+"""Share of a sample's height over its neighbours. If the samples behind it differ by more, the
+response may oscillate."""
 BEHIND = 3
 JUMPS = 10
-"""As large as single samples of an excitation, for each of them: more are its own."""
+"""Most jumps per outlying sample of an excitation; more are part of the excitation."""
 
 
 def least_swing(response: FloatArray) -> float:
-    """What is clearly more than noise: 2 % of a response's range, and ten times its noise."""
+    """Return a change clearly above noise: 2 % of the range or, if more, ten times the noise."""
     return max(SWING * float(np.ptp(response)), OVER_NOISE * _noise(response))
 
 
 def single_samples(response: FloatArray, swing: float) -> NDArray[np.intp]:
-    """Indices of samples further than `swing` beyond both neighbours, with level ones behind.
+    """Indices of samples more than `swing` beyond both neighbours, with level samples behind.
 
-    What oscillates is not level behind a peak.
+    An oscillation is not level behind a peak.
     """
     padded = np.pad(response, (1, BEHIND), mode="edge")
     before = padded[: response.size]
@@ -43,7 +44,7 @@ def single_samples(response: FloatArray, swing: float) -> NDArray[np.intp]:
 
 
 def without_single_samples(response: FloatArray, swing: float) -> FloatArray:
-    """The response with each of its `single_samples` at the mean of its neighbours."""
+    """Replace each of the `single_samples` by the mean of its neighbours."""
     found = single_samples(response, swing)
     mended = response.copy()
     mended[found] = 0.5 * (response[found - 1] + response[found + 1])
@@ -53,7 +54,7 @@ def without_single_samples(response: FloatArray, swing: float) -> FloatArray:
 def standing_out(
     excitation: FloatArray, excitation_range: float, response: FloatArray
 ) -> NDArray[np.intp]:
-    """Single samples of a response while the excitation stays as it is."""
+    """Single outlying samples of a response while the excitation is steady."""
     found = single_samples(response, least_swing(response))
     change = np.abs(np.diff(np.pad(excitation, (1, BEHIND), mode="edge")))
     moved = np.max([change[k : k + response.size] for k in range(BEHIND + 1)], axis=0)
@@ -61,9 +62,10 @@ def standing_out(
 
 
 def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
-    """Single samples of an excitation that is as before behind them, which no response follows.
+    """Single outlying samples of an excitation that the response does not follow.
 
-    None where the excitation jumps as far time and again, as random levels do.
+    The excitation has its previous level again after each. None are reported if the excitation
+    often jumps as far, as random levels do.
     """
     found = single_samples(excitation, least_swing(excitation))
     before, behind = excitation[found - 1], excitation[found + 1]
@@ -83,7 +85,7 @@ def named(
     unit: str,
     remedy: str,
 ) -> str:
-    """A sentence on samples that were found, the first of them with its time and value."""
+    """Sentence on outlying samples, with time and value of the first."""
     at = int(found[0])
     value, beside = (with_unit(float(values[i]), unit, channel) for i in (at, at + 1))
     others = f" (and {found.size - 1} more)" if found.size > 1 else ""
@@ -94,36 +96,38 @@ def named(
 
 
 def _off_neighbours(values: FloatArray) -> FloatArray:
-    """How far each sample is off the mean of its neighbours."""
+    """Distance of each sample from the mean of its neighbours."""
     return np.abs(np.pad(0.5 * np.diff(values, 2), 1))
 
 
 def _noise(values: FloatArray) -> float:
-    """Standard deviation of what differs from one sample to the next."""
+    """Standard deviation of white noise, from second differences."""
     steps = np.abs(np.diff(values, 2))
     return float(1.4826 * np.median(steps) / np.sqrt(6.0)) if steps.size else 0.0
 
 
 SETTLED, SAME_RATE = 20, 0.2
-"""Samples on each side of a response's jump in which the excitation must be steady; and of its
-largest change over as many, by which those before and behind may differ."""
+"""Number of samples on each side of a response's jump in which the excitation must be steady.
+Second, the largest difference between the changes before and behind, as a share of its
+largest change over as many samples."""
 AROUND, USUAL = 8, 8.0
-"""Neighbours on each side of a jump, and how many times their median change it must be."""
+"""Neighbours on each side of a jump, and the smallest ratio of the jump to their median change."""
 OF_RESOLUTION = 1.5
-"""Times the smallest change there is, below which a jump is a step of the display."""
+"""Multiple of the smallest change; a smaller jump is a step of the display."""
 BACK = 0.1
-"""Of a dropout's height: how far the excitation may be from where it was, behind it."""
+"""Largest distance of the excitation from its old level after a dropout, as a share of its
+height."""
 LONGEST = 8
-"""Samples of a dropout; what lasts longer is a pulse."""
+"""Most samples of a dropout; a longer one is a pulse."""
 
 
 def response_jumps(
     excitation: FloatArray, excitation_range: float, response: FloatArray
 ) -> NDArray[np.intp]:
-    """Samples at which a response has jumped, though the excitation was steady around it.
+    """Samples at which a response has jumped while the excitation was steady.
 
-    A jump is beyond `least_swing` and `USUAL` times what the response usually changes by
-    there. Single samples that stand out are not among them, nor steps of a coarse display.
+    A jump exceeds `least_swing` and `USUAL` times the usual change of the response there. Single
+    outlying samples and steps of a coarse display do not count.
     """
     change = np.abs(np.diff(response))
     if change.size < 2 * AROUND + 1 or not change.any():
@@ -139,7 +143,7 @@ def response_jumps(
 
 
 def _driven(excitation: FloatArray, excitation_range: float) -> NDArray[np.bool_]:
-    """Between which samples an excitation jumps nearby, begins, stops or turns round."""
+    """Whether an excitation jumps, begins, stops or turns near each pair of samples."""
     moved = np.abs(np.diff(excitation)) > STEADY * excitation_range
     jumps = sliding_window_view(np.pad(moved, SETTLED), 2 * SETTLED + 1).any(axis=1)
     padded = np.pad(excitation, SETTLED, mode="edge")
@@ -150,9 +154,9 @@ def _driven(excitation: FloatArray, excitation_range: float) -> NDArray[np.bool_
 
 
 def dropouts(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
-    """First samples of short departures of a held excitation that the response does not follow.
+    """First samples of short dropouts of a held excitation that the response does not follow.
 
-    One of a single sample is a `glitch`.
+    `glitches` finds dropouts of a single sample.
     """
     swing, follows = least_swing(excitation), least_swing(response)
     jumped = np.flatnonzero(np.abs(np.diff(excitation)) > swing)
@@ -170,7 +174,7 @@ def dropouts(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
 def jump_named(
     found: NDArray[np.intp], time: FloatArray, channel: str, size: float, unit: str, remedy: str
 ) -> str:
-    """A sentence on jumps that were found; `size` is that of the first."""
+    """Sentence on jumps; `size` is the size of the first."""
     others = f" (and {found.size - 1} more)" if found.size > 1 else ""
     return (
         f"column {channel}: jumps by {with_unit(size, unit, channel, digits=3)} at "

@@ -1,4 +1,4 @@
-"""The lines and cells of a text file, whatever its encoding, line ends and separators."""
+"""Lines and cells of a text file, for any encoding, line end and separator."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BEGINNINGS = {
     b"%PDF": ("a PDF", ""),
     b"\x1f\x8b": ("a compressed file", "unpack it, or "),
 }
-"""How a file begins -> what it looks like, and what to do before it is exported as CSV."""
+"""First bytes of a file -> its likely kind, and what to do before exporting it as CSV."""
 MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -30,17 +30,17 @@ MARKS = {
     codecs.BOM_UTF16_LE: "utf-16",
     codecs.BOM_UTF16_BE: "utf-16",
 }
-"""Byte order marks; those of UTF-32 first, as one of them begins with one of UTF-16."""
+"""Byte order marks. UTF-32 comes first, because one of its marks begins with a mark of UTF-16."""
 LOOKED_AT = 4096
 
 
 def marked_encoding(content: bytes) -> str | None:
-    """The encoding that a byte order mark tells, None without one."""
+    """Return the encoding that a byte order mark states, None without a mark."""
     return next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
 
 
 def refuse_binary(content: bytes, path: Path) -> None:
-    """A UserError for a file that begins as one of another kind does."""
+    """Raise a UserError if a file begins like a binary format."""
     for start, (kind, remedy) in BEGINNINGS.items():
         if content.startswith(start):
             raise UserError(
@@ -49,7 +49,7 @@ def refuse_binary(content: bytes, path: Path) -> None:
 
 
 def refuse_encoding(content: bytes, encoding: str, path: Path) -> None:
-    """A UserError for a text that is not in the wide encoding stated for it."""
+    """Raise a UserError if a text is not in the wide encoding stated for it."""
     if b"\0" in "a".encode(encoding) and b"\0" not in content[:LOOKED_AT]:
         raise UserError(
             f"{path}: is not {encoding}, which specimen.yaml states (record_format.encoding); save "
@@ -59,7 +59,7 @@ def refuse_encoding(content: bytes, encoding: str, path: Path) -> None:
 
 
 def refuse_null_bytes(text: bytes, path: Path) -> None:
-    """A UserError for bytes that no text has, once it is decoded."""
+    """Raise a UserError if the decoded text contains null bytes."""
     start = text[:LOOKED_AT]
     first, second = (start[i::2].count(b"\0") > 0.4 * len(start) for i in (0, 1))
     if first != second:
@@ -75,7 +75,7 @@ def refuse_null_bytes(text: bytes, path: Path) -> None:
 
 LONGEST_LINE = 8192
 COMMENT_AT_START = re.compile(COMMENT.pattern.encode() + rb"|sep=.?$")
-"""Or the line in which Excel is told the delimiter."""
+"""A comment, or the line that tells Excel the delimiter."""
 QUOTED_OR_COMMENT = re.compile(
     rb'("[^"\r\n]*")|' + COMMENT.pattern.encode() + rb"[^\r\n]*", re.MULTILINE
 )
@@ -83,7 +83,10 @@ UTF_8 = codecs.lookup("utf-8")
 
 
 def open_text(path: Path, settings: Mapping[str, Any]) -> io.BytesIO:
-    r"""The file as UTF-8 with ``\n`` line ends; its byte order mark says more than `settings`."""
+    r"""Return the file as UTF-8 with ``\n`` line ends.
+
+    A byte order mark has priority over the encoding in `settings`.
+    """
     content = path.read_bytes()
     if not content:
         raise UserError(f"{path}: the file is empty; copy the record again")
@@ -99,7 +102,7 @@ def open_text(path: Path, settings: Mapping[str, Any]) -> io.BytesIO:
 
 
 def encoding_fault(encoding: str) -> str | None:
-    """What is wrong with the name of an encoding, None if nothing is."""
+    """Return what is wrong with the name of an encoding, None if nothing."""
     try:
         b"a".decode(encoding, errors="replace")
     except (LookupError, UnicodeError):
@@ -108,7 +111,7 @@ def encoding_fault(encoding: str) -> str | None:
 
 
 def lines(stream: io.BytesIO) -> Iterator[tuple[int, bytes]]:
-    """Numbered lines that are neither empty nor comments."""
+    """Yield numbered lines that are neither empty nor comments."""
     for number, line in enumerate(iter(stream.readline, b""), start=1):
         bare = line.removeprefix(codecs.BOM_UTF8).strip()
         if bare and not COMMENT_AT_START.match(bare):
@@ -116,7 +119,7 @@ def lines(stream: io.BytesIO) -> Iterator[tuple[int, bytes]]:
 
 
 def peek(stream: io.BytesIO, count: int) -> list[str]:
-    """The next lines with data, without moving on."""
+    """Return the next lines with data, without moving the stream."""
     position = stream.tell()
     found = []
     for _, line in lines(stream):
@@ -128,7 +131,7 @@ def peek(stream: io.BytesIO, count: int) -> list[str]:
 
 
 def last_line(stream: io.BytesIO) -> str:
-    """The last line with data, from the end of the file; there must be one."""
+    """Return the last line with data, read from the end of the file; there must be one."""
     position, end = stream.tell(), stream.getbuffer().nbytes
     size = LONGEST_LINE
     found: list[bytes] = []
@@ -141,7 +144,7 @@ def last_line(stream: io.BytesIO) -> str:
 
 
 def skip_lines(stream: io.BytesIO, count: int, path: Path) -> str:
-    """Skip `count` lines that are not empty, whatever they hold; the last one skipped."""
+    """Skip `count` non-empty lines of any content, and return the last of them."""
     last = b""
     skipped = 0
     while skipped < count:
@@ -157,7 +160,7 @@ def skip_lines(stream: io.BytesIO, count: int, path: Path) -> str:
 
 
 def without_comments(stream: io.BytesIO) -> io.BytesIO:
-    """The rest of the stream; pandas would take Excel's errors for comments."""
+    """Return the rest of the stream without comments; pandas misreads Excel errors as comments."""
     content = stream.read()
     if b"#" in content:
         content = QUOTED_OR_COMMENT.sub(rb"\1", content)
@@ -166,11 +169,11 @@ def without_comments(stream: io.BytesIO) -> io.BytesIO:
 
 DELIMITERS = ("\t", ";", ",")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-"""A number whose comma may be a decimal one or separate thousands."""
+"""A number whose comma may be a decimal comma or separate thousands."""
 
 
 def split(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, unquoted."""
+    """Return the cells of one line, without quotation marks."""
     if delimiter == r"\s+":
         return line.split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
@@ -186,7 +189,7 @@ def is_number(cell: str) -> bool:
 
 
 def refuse_skipped_data(cells: Sequence[str], count: int, path: Path) -> None:
-    """A UserError for a last header line that is a row of `count` numbers."""
+    """Raise a UserError if the last header line is a row of `count` numbers."""
     if len(cells) == count and all(map(is_number, cells)):
         raise UserError(
             f"{path}: the last header line is {', '.join(cells)[:40]!r}, which is data; "
@@ -195,7 +198,7 @@ def refuse_skipped_data(cells: Sequence[str], count: int, path: Path) -> None:
 
 
 def sniff_delimiter(header: str) -> str:
-    """Tab, semicolon or comma: the one that splits a header into the most ``name [unit]`` cells."""
+    """Return the tab, semicolon or comma that gives the most ``name [unit]`` cells."""
 
     def cells(mark: str) -> tuple[int, int]:
         found = split(header, mark)
@@ -205,11 +208,11 @@ def sniff_delimiter(header: str) -> str:
 
 
 def sniff_decimal(lines: Sequence[str], delimiter: str, path: Path) -> str:
-    """Decimal comma when numbers hold a comma and none holds a point.
+    """Return a comma if numbers contain commas and no points, else a point.
 
     Raises
     ------
-    UserError : every comma may separate thousands.
+    UserError : all commas could separate thousands.
     """
     cells = [cell for line in lines for cell in split(line, delimiter) if is_number(cell)]
     commas = [cell for cell in cells if "," in cell]

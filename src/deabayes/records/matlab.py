@@ -1,4 +1,4 @@
-"""Records in MATLAB files, and what all binary files have in common."""
+"""Read records from MATLAB files, with helpers for all binary files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from deabayes.faults import UserError, nearest
 from deabayes.records.columns import Column, Table
 
 COMPLEX = ("real", "imag")
-"""What a complex number of version 7.3 consists of; other arrays with fields are structures."""
+"""Fields of a complex number in version 7.3; arrays with other fields are structures."""
 
 
 def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
-    """Read variables of a MATLAB file, which knows no units, as the given columns."""
+    """Read the given columns from a MATLAB file, which stores no units."""
     variables, structures = _mat_variables(path)
     if not variables:
         found = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
@@ -45,7 +45,7 @@ def _fields_wanted(structures: Sequence[str]) -> str:
 def pick(
     path: Path, columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str
 ) -> Table:
-    """The arrays that `columns` name; `kind` is what the file calls one."""
+    """Select the arrays that `columns` name; `kind` is the file format's word for an array."""
     faults, picked, values = [], [], []
     for column in columns:
         name = column.source or column.name
@@ -66,11 +66,11 @@ def pick(
 
 
 def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Arrays by name, and the names of structures that hold none themselves."""
+    """Return arrays by name, and the names of structures."""
     import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
     import scipy.io
 
-    if h5py.is_hdf5(path):  # as version 7.3 is
+    if h5py.is_hdf5(path):  # version 7.3
         with opened(h5py.File, path, "a MATLAB file") as file:
             found = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
             names = [k for k in file if not k.startswith("#")]
@@ -83,7 +83,7 @@ def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
 
 def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:
-    """`opener(path)`; these libraries raise many types for one fact, a damaged file."""
+    """Call `opener(path)` and turn any error into a `UserError` about a damaged file."""
     if path.stat().st_size == 0:
         raise UserError(f"{path}: the file is empty; copy the record again")
     try:

@@ -1,4 +1,4 @@
-"""One record, whatever file it comes in, as columns in SI units."""
+"""Read one record from any supported file into columns in SI units."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def read_record(
     path : .csv (or other text), .xlsx, .mat or .tdms.
     record_format : `record_format` of specimen.yaml, for files without a ``name [unit]`` header.
     channels : known channels and their SI units; default `CHANNELS`.
-    columns : names and units that experiments.csv gives to columns of this record; of a .mat or
-        .tdms file those to read, before those of `record_format`.
+    columns : names and units that experiments.csv gives to columns of this record. For a .mat or
+        .tdms file they are the columns to read, with priority over `record_format`.
 
     Raises
     ------
-    Faults, UserError : whatever keeps the file from being read, naming file and column.
+    Faults, UserError : the file cannot be read; the message names file and column.
     """
     path = Path(path)
     if path.is_dir():
@@ -64,7 +64,7 @@ def read_record(
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of the raw file, as hexadecimal digits."""
+    """SHA-256 of a file, as hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -88,16 +88,16 @@ def _read_table(
 
 REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
 MISSED = 0.01
-"""Of an excitation's range: rows left out must not hide more of it."""
+"""Largest deviation that left-out rows may hide, as a share of the excitation's range."""
 OVER_NOISE = 8.0
-"""Standard deviations of a monitor's noise that may lie between a row and the line over it."""
+"""Largest distance of a left-out row from the line over it, in standard deviations of noise."""
 
 
 def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
-    """The record without rows that lack a value in a needed column, or repeat the time before.
+    """Remove rows that lack a needed value or repeat the time of the row before.
 
-    Of rows with one time stamp the first complete one stays. How many rows are gone is kept in
-    `left_out`; a record without a needed column, or without any value in one, is returned as it is.
+    The first complete row of each time stamp stays. `left_out` counts the removed rows. A record
+    without a needed column, or with an empty one, is returned unchanged.
     """
     kept = _complete(raw, needed)
     if kept.all():
@@ -109,15 +109,15 @@ def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
 def hidden_excitation(
     row: ExperimentRow, raw: RawRecord, needed: Sequence[str], before: float | None, where: str
 ) -> list[str]:
-    """What was measured of the excitation in rows to be left out and is not on the line over them.
+    """Faults if rows to be left out hold excitation that the line over them misses.
 
-    Rows behind the last complete one drive no response that is kept.
+    Rows after the last complete row do not matter: they drive no response that is kept.
 
     Parameters
     ----------
     row, raw : a record with all its rows.
-    needed : columns that a complete row has a value in.
-    before : what the excitation is taken for before the first complete row; None: as there.
+    needed : columns in which a complete row has a value.
+    before : excitation assumed before the first complete row; None takes its value there.
     where : the file and the experiment.
     """
     kept = _complete(raw, needed)
@@ -142,10 +142,10 @@ def hidden_excitation(
 def _off_the_line(
     row: ExperimentRow, raw: RawRecord, kept: NDArray[np.bool_], before: float | None
 ) -> tuple[FloatArray, float]:
-    """How far a measured excitation is off the line over the rows kept, and how far it may be."""
+    """Distance of the measured excitation from the line over the kept rows, and its limit."""
     time, excitation = raw.columns["time"], raw.columns[row.excitation]
     if not kept.any() or np.any(np.diff(time[kept]) < 0.0):
-        return np.zeros(kept.size), 0.0  # said by the checks of what is kept
+        return np.zeros(kept.size), 0.0  # the checks of the kept rows report this
     measured = np.isfinite(time) & np.isfinite(excitation)
     between = measured & (time < time[kept][-1]) & ~np.isin(time, time[kept])
     line = np.interp(time, time[kept], excitation[kept], left=before)
@@ -156,7 +156,7 @@ def _off_the_line(
 
 
 def _run(kept: NDArray[np.bool_], at: int) -> tuple[int, int]:
-    """First and last of the successive rows, among them `at`, that are left out."""
+    """First and last index of the run of left-out rows that contains `at`."""
     places = np.flatnonzero(kept)
     behind = int(np.searchsorted(places, at))
     first = int(places[behind - 1]) + 1 if behind else 0
@@ -164,7 +164,7 @@ def _run(kept: NDArray[np.bool_], at: int) -> tuple[int, int]:
 
 
 def _complete(raw: RawRecord, needed: Sequence[str]) -> NDArray[np.bool_]:
-    """Which rows stay: all of them where a column is missing, or holds no value."""
+    """Flag the rows that stay: all of them if a needed column is missing or empty."""
     every = np.ones(next((v.size for v in raw.columns.values()), 0), dtype=bool)
     if not set(needed) <= set(raw.columns):
         return every

@@ -1,4 +1,4 @@
-"""Which checks a record goes through: its protocol and instruments decide."""
+"""Run the checks of a record that fit its protocol and instruments."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from deabayes.systems.specimen_quantities import instrument
 
 POSITIVE = ("stretch", "area", "frequency", "gain")
 FEWEST_SWINGS, PULSES = 4, 0.7
-"""Of an excitation at even distances, that is no step; and the share of a record near the ends of
-its range above which it is pulses. Of a sine it is 0.41."""
+"""Fewest evenly spaced swings that are no step. Second, the share of a record near the ends of
+its range above which it is pulses; for a sine the share is 0.41."""
 HELD = 0.02
-"""Of an excitation's distance from none: what it changes by in a hold."""
+"""Largest change of the excitation in a hold, as a share of its distance from rest."""
 BEYOND_SENSOR = 0.05
-"""How far beyond its stated range a clipped sensor may read; more is another unit."""
+"""Share by which a clipped sensor may exceed its stated range; more suggests another unit."""
 
 
 def needed_columns(row: ExperimentRow) -> tuple[str, ...]:
-    """Columns the experiment cannot do without."""
+    """Columns that the experiment cannot do without."""
     time = () if row.protocol in WITHOUT_TIME else ("time",)
     return tuple(dict.fromkeys((*time, row.excitation, row.response)))
 
 
 def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
-    """Every fault of one record; later checks are left out where earlier ones void them."""
+    """Every fault of one record; checks that earlier faults make meaningless are left out."""
     needed = needed_columns(row)
     faults = checks.missing_columns(raw.columns, needed, where)
     if faults:
@@ -89,7 +89,7 @@ def record_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
 def record_warnings(
     row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str
 ) -> list[str]:
-    """What a user must know before trusting a record that has no faults."""
+    """Warnings that a user must know before trusting a record without faults."""
     response, unit = raw.columns[row.response], raw.units[row.response]
     limits = {
         name: None if found is None else found.value
@@ -121,7 +121,7 @@ def record_warnings(
 
 
 def _beginning_warnings(row: ExperimentRow, raw: RawRecord, system: str, where: str) -> list[str]:
-    """When a step, or another jump, is taken to happen that the record does not show."""
+    """Warn if a jump is assumed at the first sample because the record does not show it."""
     name, values, unit = row.excitation, raw.columns[row.excitation], raw.units[row.excitation]
     if _is_step_from_the_start(row, raw, name):
         spread = float(np.ptp(values))
@@ -140,7 +140,7 @@ def _beginning_warnings(row: ExperimentRow, raw: RawRecord, system: str, where: 
 
 
 def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """Glitches: of a response to a step, which is smooth otherwise, and of any excitation."""
+    """Single outlying samples of a step response, and of any excitation."""
     excitation, response = raw.columns[row.excitation], raw.columns[row.response]
     units, time = raw.units, raw.columns["time"]
     found = []
@@ -158,7 +158,7 @@ def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> l
 
 
 def _jump_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """Jumps that only the response has, or, of a step or creep, only the excitation."""
+    """Jumps of the response alone or, in a step or creep, of the excitation alone."""
     time, (driven, moved) = raw.columns["time"], (row.excitation, row.response)
     excitation, response = raw.columns[driven], raw.columns[moved]
     size = excitation_range(row.protocol, excitation, raw.units[driven])
@@ -188,7 +188,7 @@ def _jump_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
 
 
 def _sine_called_a_step(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """A creep or step whose excitation swings as a sine does; pulses stay at their ends."""
+    """A creep or step whose excitation swings like a sine; pulses stay at their extremes."""
     if row.protocol not in STEPS or row.excitation not in raw.columns:
         return []
     driven = raw.columns[row.excitation]
@@ -204,7 +204,7 @@ def _sine_called_a_step(row: ExperimentRow, raw: RawRecord, where: str) -> list[
 
 
 def _hold_without_its_ramp(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """A relaxation from the end of its ramp on: the model would take the strip for relaxed."""
+    """A relaxation that begins after its ramp: the model would take the strip for relaxed."""
     if row.protocol != "relaxation" or row.excitation not in ("stretch", "displacement"):
         return []
     values = raw.columns[row.excitation]
@@ -218,19 +218,19 @@ def _hold_without_its_ramp(row: ExperimentRow, raw: RawRecord, where: str) -> li
 
 
 def _is_pull_on_an_actuator(row: ExperimentRow, specimen: Specimen) -> bool:
-    """A quasi-static record of a system that voltage drives, excited by something else."""
+    """Whether a voltage-driven system is pulled quasi-statically, not driven by voltage."""
     if row.protocol != "quasi_static" or row.excitation == "voltage" or not specimen.system:
         return False
     return "voltage" in channels_of(specimen.system, row.protocol)[0]
 
 
 def _is_under_held_voltage(row: ExperimentRow) -> bool:
-    """A quasi-static record that something else than a voltage excites."""
+    """Whether a quasi-static record is excited by something other than a voltage."""
     return row.protocol == "quasi_static" and row.excitation != "voltage"
 
 
 def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list[str]:
-    """What is wrong with the voltage that a quasi-static record says it was taken at."""
+    """Faults of the constant voltage that a quasi-static record states."""
     if not _is_under_held_voltage(row):
         return []
     if "voltage" in raw.columns:
@@ -243,7 +243,7 @@ def _pull_voltage_faults(row: ExperimentRow, raw: RawRecord, where: str) -> list
 def _stated_voltage_faults(
     row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str
 ) -> list[str]:
-    """Voltages of experiments.csv in another unit: by the record, without one by the amplifier."""
+    """Voltages of experiments.csv that contradict the record or, without it, the amplifier."""
     if "voltage" not in raw.columns or row.protocol == "frequency_response":
         limit = instrument(specimen, "range", "voltage", "V")
         given = row.metadata
@@ -251,7 +251,7 @@ def _stated_voltage_faults(
     voltage, stated = raw.columns["voltage"], row.metadata.get
     largest, half = float(np.max(np.abs(voltage))), float(np.ptp(voltage)) / 2.0
     if largest == 0.0 and row.excitation == "voltage":
-        return []  # a constant excitation is said to be so
+        return []  # `constant_channel` reports it
     check = checks.voltage_in_another_unit
     found = check(largest, "voltage_kV", stated("voltage_kV"), where)
     if found or _is_step_from_the_start(row, raw, "voltage"):
@@ -260,7 +260,7 @@ def _stated_voltage_faults(
 
 
 def _range_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where: str) -> list[str]:
-    """Channels that are further beyond their instrument's range than they can be."""
+    """Channels that exceed their instrument's range by more than is possible."""
     allowed = {row.excitation: 1e-9, row.response: BEYOND_SENSOR}
     if _is_under_held_voltage(row) and "voltage" in raw.columns:
         allowed["voltage"] = BEYOND_SENSOR
@@ -274,6 +274,6 @@ def _range_faults(row: ExperimentRow, raw: RawRecord, specimen: Specimen, where:
 
 
 def _is_step_from_the_start(row: ExperimentRow, raw: RawRecord, channel: str) -> bool:
-    """A voltage that is on from the first sample is a step there, no dead channel."""
+    """Whether the channel is an excitation that is on and constant from the first sample."""
     values, unit = raw.columns[channel], raw.units[channel]
     return channel == row.excitation and is_step_from_the_start(row.protocol, values, unit)

@@ -1,4 +1,4 @@
-"""A new study folder with everything in it to be filled in."""
+"""Create a new study folder for a user to fill in."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ ENTRY = """\
 
 
 def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
-    """Write a commented study folder `parent/name` and return the entry for config.yaml.
+    """Write a commented study folder `parent/name` and return its entry for config.yaml.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _candidates(system: str) -> list[str]:
 
 
 def _channels(system: str) -> dict[str, str]:
-    """The example channels of a system, and their record's columns in the units usual for them."""
+    """Return a system's example channels, and the columns of their record in usual units."""
     protocol = system_class(system).protocols[0]
     excitations, responses = channels_of(system, protocol)
     excitation, response = next(iter(excitations)), next(iter(responses))
@@ -155,7 +155,7 @@ def _channel_lines(channels: Mapping[str, str], meanings: Mapping[str, str]) -> 
 
 
 def _table(system: str) -> str:
-    """experiments.csv with an example row to replace."""
+    """Return experiments.csv with an example row to replace."""
     protocol = system_class(system).protocols[0]
     channels = _channels(system)
     extra = METADATA.get(protocol)

@@ -1,4 +1,4 @@
-"""YAML files as a user writes them, checked against their schemas."""
+"""Read YAML files of users and check them against their schemas."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LIMITS = {
 
 @cache
 def schema(name: str) -> Mapping[str, Any]:
-    """The schema `schemas/{name}.schema.yaml`."""
+    """Return the schema `schemas/{name}.schema.yaml`."""
     import yaml
 
     text = files("deabayes.schemas").joinpath(f"{name}.schema.yaml").read_text(encoding="utf-8")
@@ -45,7 +45,7 @@ def schema(name: str) -> Mapping[str, Any]:
 
 
 def violations(content: Any, name: str, where: str) -> list[str]:
-    """Every violation of a schema, in file order, as ``where, key: found; what to do``."""
+    """List every violation of a schema, in file order, as ``where, key: found; what to do``."""
     import jsonschema
 
     unquoted = list(_keys_that_are_no_text(content, where))
@@ -57,7 +57,7 @@ def violations(content: Any, name: str, where: str) -> list[str]:
 
 
 def _keys_that_are_no_text(content: Any, where: str, key: str = "") -> Iterator[str]:
-    """Keys that YAML reads as a number, a date or a truth value."""
+    """Yield a fault for each key that YAML reads as a number, a date or a truth value."""
     items = enumerate(content) if isinstance(content, list) else ()
     before: tuple[object, object] = ("", "")
     for name, value in content.items() if isinstance(content, Mapping) else items:
@@ -77,16 +77,17 @@ def _keys_that_are_no_text(content: Any, where: str, key: str = "") -> Iterator[
 
 
 def _is_fraction(name: object, value: object, before: object) -> bool:
-    """Whether a key is what a decimal comma has left: {value: 40,0} is {value: 40, 0: null}.
+    """Whether a key is the rest of a number with a decimal comma.
 
-    And {value: 40,0 unit: mm} is {value: 40, '0 unit': mm}.
+    YAML reads {value: 40,0} as {value: 40, 0: null}, and {value: 40,0 unit: mm} as {value: 40,
+    '0 unit': mm}.
     """
     words = str(name).partition(" ")
     return type(before) is int and words[0].isdecimal() and (bool(words[1]) or value is None)
 
 
 def _kind(value: object) -> str:
-    """What YAML takes an unquoted word for."""
+    """Name the type that YAML gives to an unquoted word."""
     if isinstance(value, bool):
         return "true or false"
     if value is None:
@@ -156,7 +157,7 @@ FLOAT = re.compile(
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file.
+    """Return the mapping in a YAML file.
 
     Raises
     ------
@@ -190,7 +191,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def scalar(text: str) -> str:
-    """The text as it is to be written in a YAML file, in quotes where it needs them."""
+    """Return the text as a YAML scalar, in quotes if needed."""
     import yaml
 
     try:
@@ -208,7 +209,7 @@ def _loader() -> type[Any]:
         """SafeLoader with YAML 1.2 floats and without silently overwritten keys."""
 
         def compose_mapping_node(self, anchor: Any) -> Any:
-            # As written: merge keys (`<<: *other`) give what they bring in once more later.
+            # Check the keys as written; merge keys (`<<: *other`) are expanded later.
             node = super().compose_mapping_node(anchor)
             seen: set[tuple[str, str]] = set()
             for key, _ in node.value:

@@ -1,4 +1,4 @@
-"""specimen.yaml: what was tested and with which instruments, checked."""
+"""Read and check specimen.yaml: the tested specimen and its instruments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
-    """An entry with `value`, `unit` and perhaps `sd`, in `unit`, or where that is None in SI."""
+    """Return an entry with `value`, `unit` and optional `sd`, in `unit` (None: in SI)."""
     written = str(entry["unit"])
     unit = unit or si_unit(written, where)
     value = float(to_si(entry["value"], written, unit, where))
@@ -37,18 +37,19 @@ def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Q
 INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
 MAY_BE_ZERO = ("delay", "resolution")
 SUPPLY = "current"
-"""The channel that a `current_limit` is of."""
+"""The channel that a `current_limit` applies to."""
 
 
 def read_instruments(
     content: Mapping[str, Any], where: str, faults: list[str]
 ) -> dict[str, Quantity]:
-    """Properties by name, those of one channel as ``channel.name``; faults are added to `faults`.
+    """Read instrument properties by name, or ``channel.name`` for those of one channel.
 
     Parameters
     ----------
-    content : specimen.yaml, by its schema.
-    where : the file.
+    content : specimen.yaml, valid by its schema.
+    where : the file, for messages.
+    faults : list to which faults are added.
     """
     read = {}
     for key, entry in content.get("instruments", {}).items():
@@ -69,7 +70,7 @@ def read_instruments(
 
 
 def _possible(quantity: Quantity, entry: Mapping[str, Any], prop: str, where: str) -> Quantity:
-    """An instrument's property as it can be: exact, finite, and positive or, for some, zero."""
+    """Check that a property is exact, finite and positive; some may also be zero."""
     if quantity.sd is not None:
         other = ", or state a tube's as quantities.sensor_delay" if prop == "delay" else ""
         raise UserError(f"{where}: instruments are taken for exact, found sd {entry['sd']:g}; "
@@ -85,7 +86,7 @@ def _possible(quantity: Quantity, entry: Mapping[str, Any], prop: str, where: st
 def _check_dimension(
     quantity: Quantity, entry: Mapping[str, Any], prop: str, system: str, where: str
 ) -> None:
-    """A property under no channel is of a dimension that some channel of the system has."""
+    """Check that a property without a channel has the dimension of some channel of the system."""
     responses, excitations = _channels(system)
     units = [*responses.values(), *(excitations.values() if prop == "range" else ())]
     if units and not any(same_dimension(quantity.unit, unit) for unit in units):
@@ -97,11 +98,11 @@ def _check_dimension(
 
 
 def _check_channel(channel: str, prop: str, system: str, where: str) -> None:
-    """A delay is that of a response, a limit of the current that of the current."""
+    """Check that a delay belongs to a response, and a current limit to the current."""
     if prop == "current_limit" and channel != SUPPLY:
         raise UserError(f"{where}: it is the current that is limited; put it under "
                         f"`{SUPPLY}:`, or under no channel")  # fmt: skip
-    # What the sensor behind a gain lags by is in the phase alone.
+    # The sensor's delay changes the phase only, not the gain.
     delayed = [name for name in _channels(system)[0] if name != "gain"]
     if prop == "delay" and delayed and channel not in delayed:
         raise UserError(f"{where}: a delay is taken out of what system {system!r} responds with "
@@ -110,7 +111,7 @@ def _check_channel(channel: str, prop: str, system: str, where: str) -> None:
 
 
 def _channels(system: str) -> tuple[Mapping[str, str], Mapping[str, str]]:
-    """Responses and excitations of a system; none where its name is at fault, said elsewhere."""
+    """Return responses and excitations of a system; empty if its name is unknown."""
     from deabayes.systems import system_class
 
     try:
@@ -133,13 +134,13 @@ class SpecimenFile:
     download: Mapping[str, str] | None = None
     note: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Quantity -> unit it was written in, for display."""
+    """Quantity -> the unit it was written in, for display."""
     sound: bool = True
-    """Whether all of it was read; else only what is needed to look for faults in records."""
+    """Whether the file was read completely; if not, only what checks of records need is present."""
 
 
 def read_specimen(folder: Path) -> Specimen:
-    """The specimen of a study folder, in SI units.
+    """Return the specimen of a study folder, in SI units.
 
     Raises
     ------
@@ -148,18 +149,18 @@ def read_specimen(folder: Path) -> Specimen:
     try:
         content = (Path(folder) / FILE).read_bytes()
     except OSError:
-        return read_specimen_file(folder).specimen  # which says what is wrong
+        return read_specimen_file(folder).specimen  # raises with the reason
     return _specimen_of(Path(folder), content)
 
 
 @lru_cache(maxsize=32)
 def _specimen_of(folder: Path, content: bytes) -> Specimen:
-    """Of a folder whose specimen.yaml holds `content`: reading it costs more than simulating."""
+    """Read the specimen and cache it by `content`: reading costs more than simulating."""
     return read_specimen_file(folder).specimen
 
 
 def read_specimen_file(folder: Path) -> SpecimenFile:
-    """specimen.yaml of a study folder with everything in it; raises as `read_specimen`."""
+    """Read all of specimen.yaml of a study folder; raises like `read_specimen`."""
     path = Path(folder) / FILE
     content = read_yaml(path)
     content |= {key: {} for key in ("quantities", "instruments") if content.get(key, 0) is None}
@@ -182,7 +183,7 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
 
 
 def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Specimen:
-    """A specimen from a mapping of quantities: numbers in SI, texts (``40 µm``) or mappings.
+    """Make a specimen from quantities: numbers in SI, texts (``40 µm``) or mappings.
 
     Raises
     ------
@@ -213,7 +214,7 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
 
 
 def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """A quantity's mapping with Python's own numbers in place of numpy's."""
+    """Replace numpy numbers in a quantity's mapping by Python numbers."""
     given = {key: value for key, value in entry.items() if value is not None}
     return {
         key: float(value) if isinstance(value, Real) and not isinstance(value, bool) else value
@@ -222,21 +223,21 @@ def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def system_named(folder: Path) -> str:
-    """The system that a folder's specimen.yaml names, unchecked; empty where it names none."""
+    """Return the system that a folder's specimen.yaml names, unchecked; empty if it names none."""
     try:
         return str(read_yaml(Path(folder) / FILE).get("system", ""))
     except (OSError, UserError):
-        return ""  # whoever reads the file in earnest says what is wrong
+        return ""  # reading the full file reports the fault
 
 
 def known_quantities(system: str) -> dict[str, str]:
-    """Quantity -> SI unit of all that a system requires or can use."""
+    """Return quantity -> SI unit for all that a system requires or can use."""
     kind = system_class(system)
     return {**kind.required_quantities, **kind.optional_quantities}
 
 
 def _system_faults(content: Mapping[str, Any], where: str) -> list[str]:
-    """What is wrong with the system's name, where the rest is too broken to go on."""
+    """Faults of the system's name; other faults may be present."""
     if not isinstance(content.get("system"), str):
         return []
     try:
@@ -247,7 +248,7 @@ def _system_faults(content: Mapping[str, Any], where: str) -> list[str]:
 
 
 def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
-    """All quantities in SI; what is wrong with them is added to `faults`."""
+    """Return all quantities in SI, and add their faults to `faults`."""
     faults += (wrong := _system_faults(content, where))
     units = {} if wrong else known_quantities(content["system"])
     required = {} if wrong else system_class(content["system"]).required_quantities
@@ -273,7 +274,7 @@ def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> di
 
 
 def _positive(quantity: Quantity, entry: Mapping[str, Any], where: str) -> Quantity:
-    """Lengths, areas, masses, resistances and the like are positive."""
+    """Check that a quantity is positive; lengths, areas, masses and resistances are."""
     if not 0.0 < quantity.value < float("inf"):
         raise UserError(f"{where}: must be positive, found {entry['value']} {entry['unit']}")
     return quantity

@@ -1,4 +1,4 @@
-"""experiments.csv: one row per record, and which rows a study uses."""
+"""Read experiments.csv, with one row per record, and choose the rows of a study."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from deabayes.systems import system_class
 
 NUMBERS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV")
 READ_BY_MODELS = (*NUMBERS, "deformation", "prehistory", "columns")
-"""Columns that need not be there and count where they are."""
+"""Optional columns that models or readers use if present."""
 OF_ANY_RECORD = ("frequency_Hz", "columns")
 OF_A_VOLTAGE = ("voltage_kV", "amplitude_kV")
 ALIKE = 0.82
-"""Similarity from which another name is taken for a misspelt one of these."""
+"""Similarity above which an unknown name counts as a misspelt column."""
 
 
 def header_faults(header: list[str], path: Path) -> list[str]:
-    """Columns that are missing, given twice, or all in one."""
+    """Faults of the header: columns missing, given twice, or not separated."""
     required = schema("experiments")["required"]
     missing = [name for name in required if name not in header]
     unknown = [h for h in header if h and h not in (*required, *READ_BY_MODELS, "note")]
@@ -44,7 +44,7 @@ def header_faults(header: list[str], path: Path) -> list[str]:
 
 
 def misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
-    """Columns that would be passed over for their spelling or unit."""
+    """Faults: columns that would be ignored because of their spelling or unit."""
     spelling = {name.lower(): name for name in READ_BY_MODELS}
     read = {name.lower(): name for name in _read_by(system)}
     stems = {name.partition("_")[0]: name for name in read.values()}
@@ -62,7 +62,7 @@ def misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
 
 
 def _read_by(system: str | None) -> tuple[str, ...]:
-    """Columns whose misspelling matters to a system; one of the user's own may read any."""
+    """Columns whose misspelling matters to a system; none for a user's own system."""
     from deabayes.systems import OWN, REGISTRY
 
     if system in OWN:
@@ -80,11 +80,11 @@ WITHOUT_TIME = ("quasi_static", "frequency_response")
 
 
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
-    """All rows of experiments.csv.
+    """Return all rows of experiments.csv.
 
     Raises
     ------
-    Faults : every fault of every row, as `scan_table` finds them.
+    Faults : every fault of every row, from `scan_table`.
     """
     rows, faults = scan_table(folder, system)
     if faults:
@@ -93,12 +93,12 @@ def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
 
 
 def scan_table(folder: Path, system: str | None = None) -> tuple[list[ExperimentRow], list[str]]:
-    """The sound rows of experiments.csv, and every fault of the others with its line.
+    """Return the sound rows of experiments.csv, and every fault of the others with its line.
 
     Parameters
     ----------
     folder : study folder.
-    system : name of the system, to check protocols and channels against; None skips that.
+    system : name of the system, to check protocols and channels; None skips these checks.
     """
     path = Path(folder) / FILE
     try:
@@ -140,7 +140,7 @@ def _too_many(header: list[str], values: list[str], delimiter: str, where: str) 
 
 
 def _no_numbers(content: Mapping[str, Any], where: str) -> dict[str, str]:
-    """Columns that models read as numbers and that hold none -> the fault."""
+    """Column that models read as a number -> the fault, if its cell is no number."""
     return {
         name: f"{where}, {name}: expected a number, found '{value}'; {_remedy(name, str(value))}, "
         "or leave the cell empty"
@@ -150,7 +150,7 @@ def _no_numbers(content: Mapping[str, Any], where: str) -> dict[str, str]:
 
 
 def _remedy(name: str, cell: str) -> str:
-    """How to write a number in place of a text."""
+    """Say how to write a number in place of a text."""
     plain = cell.replace(",", ".")
     if "," in cell and is_number(plain):
         return f"write {plain}, with a decimal point"
@@ -158,7 +158,7 @@ def _remedy(name: str, cell: str) -> str:
 
 
 def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]], str]:
-    """Line numbers, header, cells and delimiter; empty lines and comments left out."""
+    """Return line numbers, header, cells and delimiter, without empty lines and comments."""
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; write one row per record into it")
     try:
@@ -176,7 +176,7 @@ def _read_cells(path: Path) -> tuple[list[int], list[str], list[list[str]], str]
 
 
 def _rows(text: str, delimiter: str, path: Path) -> dict[int, list[str]]:
-    """Cells by the line they begin in, without empty lines and comments."""
+    """Return line number -> cells, without empty lines and comments."""
     reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
     rows: dict[int, list[str]] = {}
     line = 1
@@ -197,7 +197,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:
-    """A row's filled cells by column; metadata that reads as a number is one."""
+    """Return a row's filled cells by column; metadata are numbers where possible."""
     texts = ("name", "protocol", "record", "role", "excitation", "response", "note", "columns")
     content: dict[str, Any] = {}
     for name, cell in zip(header, values, strict=False):
@@ -207,7 +207,7 @@ def _content(header: list[str], values: list[str]) -> dict[str, Any]:
 
 
 def number_or_text(cell: str) -> float | str:
-    """The number that a cell reads as, else its text."""
+    """Return a cell as a number if possible, else as text."""
     try:
         return float(cell)
     except ValueError:
@@ -221,9 +221,9 @@ def _row(content: Mapping[str, Any]) -> ExperimentRow:
 
 
 def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Excitation and response channels of a system -> SI units, for one protocol.
+    """Return the excitations and responses of a system for one protocol, with SI units.
 
-    A command stands for the excitation that it asks for, where that drives the system in time.
+    A command is included if the excitation that it asks for drives the system in time.
     """
     kind = system_class(system)
     commands = {name: kind.excitations[of] for name, of in COMMANDS.items() if of in kind.in_time}
@@ -266,10 +266,9 @@ def _repeated(rows: list[ExperimentRow], path: Path) -> list[str]:
 
 
 def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:
-    """The rows that a row of experiments.csv stands for, itself first.
+    """Return the measurements that a row of experiments.csv describes, itself first.
 
-    A frequency response's gain brings the phase of the same record with it, called
-    `NAME_phase`.
+    The gain of a frequency response adds the phase of the same record, named `NAME_phase`.
     """
     if (row.protocol, row.response) != ("frequency_response", "gain") or "phase" not in raw.columns:
         return [row]
@@ -277,13 +276,13 @@ def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:
 
 
 def told_apart_by(row: ExperimentRow) -> dict[str, float | str]:
-    """Columns that `select` and `split_by` know -> the row's values."""
+    """Return the row's values by column, for `select` and `split_by`."""
     named = {"protocol": row.protocol, "excitation": row.excitation, "response": row.response}
     return {**named, **row.metadata}
 
 
 def values_of(folder: Path, column: str) -> list[str]:
-    """The distinct values of a column, in order of appearance (for `split_by`)."""
+    """Return the distinct values of a column in order of appearance (for `split_by`)."""
     rows = {row.name: told_apart_by(row) for row in read_table(folder)}
     known = dict.fromkeys(key for values in rows.values() for key in values)
     if column not in known:
@@ -299,7 +298,7 @@ def values_of(folder: Path, column: str) -> list[str]:
 
 
 def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[ExperimentRow]:
-    """The rows whose columns have the wanted values, numbers by value (for `select`)."""
+    """Return the rows whose columns have the wanted values; numbers compare by value."""
     return [
         row
         for row in rows
@@ -311,7 +310,7 @@ def selected(rows: Iterable[ExperimentRow], wanted: Mapping[str, str]) -> list[E
 
 
 def none_to_fit(folder: Path, calibrate: object, validate: object) -> str:
-    """What to say where no row is calibrated on, by the two lists of a study."""
+    """Message for a study whose two lists leave no row to calibrate on."""
     todo = "give one the role `calibrate` in experiments.csv"
     if calibrate is not None or validate:
         todo = "name one of its records under `calibrate`, and not under `validate`"
@@ -323,10 +322,10 @@ def in_roles(
     calibrate: Collection[str] | None,
     validate: Collection[str] | None,
 ) -> list[ExperimentRow]:
-    """The rows to calibrate on, then those held out, each in the role that a study gives it.
+    """Return the rows to calibrate on, then the held-out rows, each in its role in the study.
 
-    A name that is listed has the role of its list. Where a role has no list (None), it has the
-    rows that the role column gives to it and the other role's list does not name.
+    A listed name has the role of its list. A role without a list (None) takes the rows with that
+    role in experiments.csv, except those that the other list names.
     """
     lists: Mapping[Role, Collection[str] | None]
     lists = {"calibrate": calibrate, "validate": validate}

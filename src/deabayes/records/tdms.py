@@ -1,4 +1,4 @@
-"""Records in TDMS files."""
+"""Read records from TDMS files."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from deabayes.records.columns import Column, Table, from_header
 from deabayes.records.matlab import opened, pick
 
 TAG, LEAD_IN = b"TDSm", 28
-"""Bytes in front of every segment: a tag, flags and a version of four each, then two lengths."""
+"""Bytes before every segment: tag, flags and version of four bytes each, then two lengths."""
 FLAGS, BIG_ENDIAN, LENGTH = 4, 1 << 6, 12
-"""Where the flags are, the one that says how lengths are written, and where the segment's is."""
+"""Offset of the flags, the flag for big-endian lengths, and offset of the segment's length."""
 
 
 class Sampling(NamedTuple):
-    """When a channel was sampled, as its waveform properties say."""
+    """When a channel was sampled, from its waveform properties."""
 
     increment: float | None
     offset: float
@@ -36,15 +36,15 @@ class Sampling(NamedTuple):
         return f"{every}, start {self.offset:g} s{after}"
 
     def times(self, samples: int) -> FloatArray:
-        """(samples,) seconds since the start."""
+        """Return the times (samples,) in seconds since the start."""
         return self.offset + (self.increment or 0.0) * np.arange(samples, dtype=float)
 
 
 def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
-    """Read channels of a TDMS file; units from channel names or their `unit_string`.
+    """Read channels of a TDMS file; units come from channel names or their `unit_string`.
 
-    A channel is called by its name, or as ``group/channel`` where several groups have one of
-    that name. Where none is the time, it is what the channels' waveform properties say.
+    A channel is named ``group/channel`` if several groups have a channel of its name. Without a
+    time channel, time is computed from the channels' waveform properties.
     """
     from nptdms import TdmsFile
 
@@ -69,7 +69,7 @@ def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
 
 
 def _truncated(path: Path) -> bool:
-    """Whether the file ends within a segment; of what is no TDMS file, its reader says so."""
+    """Whether the file ends within a segment; other files are left to the TDMS reader."""
     end, size = 0, path.stat().st_size
     with path.open("rb") as file:
         while end < size:
@@ -86,25 +86,25 @@ def _truncated(path: Path) -> bool:
 
 
 def _column(channel: Any) -> Column:
-    """A channel under its own name and unit."""
+    """Return a channel's column with its own name and unit."""
     column = from_header([channel.name])[0]
     unit = column.unit or channel.properties.get("unit_string")
     return Column(column.name, unit, source=channel.name)
 
 
 def _called(column: Column, paths: Mapping[str, Any], channels: Mapping[str, Any]) -> str:
-    """The key in `channels` of a channel that may be named with its group."""
+    """Return the key in `channels` of a channel that may be named with its group."""
     name = column.source or column.name or "-"
     return paths[name].name if name in paths and name not in channels else name
 
 
 def _clocked(columns: Sequence[Column], channels: Mapping[str, Any]) -> bool:
-    """Whether the time is a channel of its own."""
+    """Whether there is a time channel."""
     return any(c.name == "time" and c.source in channels for c in columns)
 
 
 def _samplings(columns: Sequence[Column], channels: Mapping[str, Any]) -> dict[str, Sampling]:
-    """When the channels with a unit were sampled; where the time is a channel, not all say it."""
+    """Sampling of each channel with a unit; optional if there is a time channel."""
     found = {}
     for column in columns:
         name = column.source or ""
@@ -119,7 +119,7 @@ def _samplings(columns: Sequence[Column], channels: Mapping[str, Any]) -> dict[s
 def _ambiguous(
     path: Path, columns: Sequence[Column], paths: Mapping[str, Any], channels: Mapping[str, Any]
 ) -> list[str]:
-    """Channel names that several groups have."""
+    """Faults: channel names that occur in several groups."""
     faults = {}
     for column in columns:
         name = column.source
@@ -134,7 +134,7 @@ def _ambiguous(
 
 
 def _uneven(path: Path, samplings: Mapping[str, Sampling]) -> list[str]:
-    """The first channel that was sampled at other times than the one before it."""
+    """Fault: the first channel that is sampled at other times than the one before it."""
     names = list(samplings)
     return [
         f"{path}: channels {one} and {other} have different sampling ({samplings[one]}; "

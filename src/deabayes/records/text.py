@@ -1,4 +1,4 @@
-"""Records in text files: CSV with `name [unit]` headers, and files described by a format."""
+"""Read records from text files, with `name [unit]` headers or described by a format."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def read_header(
     delimiter: str | None,
     named: Sequence[Column] | None,
 ) -> tuple[list[Column], str]:
-    """Columns and delimiter; the stream is left where the data begin.
+    """Return columns and delimiter, and leave the stream where the data begin.
 
     Parameters
     ----------
-    header_lines : lines above the header, empty ones not counted.
-    delimiter : None to find it out.
+    header_lines : number of non-empty lines above the header.
+    delimiter : None to detect it.
     named : names and units that experiments.csv gives to columns of the header.
     """
     above = skip_lines(stream, header_lines, path)
@@ -66,12 +66,12 @@ def read_header(
     columns = renamed(from_header(cells), named, str(path))
     _check_columns(columns, cells, header, path)
     if columns[-1].name is None:
-        columns.pop()  # a delimiter at the end of the header
+        columns.pop()  # the header ends with a delimiter
     return columns, delimiter
 
 
 def _remedy(stream: io.BytesIO, above: str) -> str:
-    """What to do where the line just read is none of a header; `above` are header_lines' last."""
+    """Say what to do if the line just read is no header; `above` is the last skipped line."""
     comment = _line_before(stream)
     if comment.startswith("#") and NAME_AND_UNIT.search(comment):
         return f"remove the '#' before {comment.lstrip('# ')[:40]!r}"
@@ -84,7 +84,7 @@ def _remedy(stream: io.BytesIO, above: str) -> str:
 
 
 def _line_before(stream: io.BytesIO) -> str:
-    """The line above the one just read, empty ones not counted."""
+    """Return the non-empty line above the one just read."""
     read = stream.getvalue()[: stream.tell()].removeprefix(codecs.BOM_UTF8)
     filled = [line.strip() for line in read.splitlines() if line.strip()]
     return filled[-2].decode("utf-8", errors="replace") if len(filled) > 1 else ""
@@ -130,13 +130,14 @@ def read_text(
     record_format: Mapping[str, Any] | None = None,
     named: Sequence[Column] | None = None,
 ) -> Table:
-    """Read a delimited text file into columns as they are written.
+    """Read a delimited text file into columns of unconverted cells.
 
     Parameters
     ----------
-    record_format : `encoding`, `delimiter`, `header_lines` (lines that are not empty, above the
-        data where there are `columns`, else above the header), `columns`, `decimal`; None for a
-        file with a ``name [unit]`` header.
+    record_format : `encoding`, `delimiter`, `header_lines`, `columns`, `decimal`; None for a
+        file
+        with a ``name [unit]`` header. `header_lines` counts non-empty lines: above the data if
+        there are `columns`, else above the header.
     named : names and units that experiments.csv gives to columns of this file.
 
     Raises
@@ -171,7 +172,7 @@ def _read(
 def _columns(
     stream: io.BytesIO, path: Path, settings: Mapping[str, Any], named: Sequence[Column] | None
 ) -> tuple[list[Column], str]:
-    """Columns and delimiter; the stream is left where the data begin."""
+    """Return columns and delimiter, and leave the stream where the data begin."""
     columns = from_format(settings)
     delimiter = _named_delimiter(settings.get("delimiter"))
     header_lines = int(settings.get("header_lines", 0))
@@ -184,13 +185,13 @@ def _columns(
 
 
 def _data_delimiter(lines: Sequence[str], width: int) -> str:
-    """The delimiter that splits the first data line into `width` cells."""
+    """Return the delimiter that splits the first data line into `width` cells."""
     marks = (*DELIMITERS, r"\s+")
     return next((m for m in marks if lines and len(split(lines[0], m)) == width), ",")
 
 
 def format_faults(record_format: Mapping[str, Any] | None, where: str) -> list[str]:
-    """What is wrong with the encoding and the delimiter that `record_format` states."""
+    """Faults of the encoding and the delimiter that `record_format` states."""
     settings = dict(record_format or {})
     encoding = encoding_fault(str(settings.get("encoding", "utf-8")))
     faults = [f"{where}, record_format.encoding: {encoding}"] if encoding else []
@@ -208,7 +209,7 @@ def _named_delimiter(name: str | None) -> str | None:
 
 
 def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
-    """The first row matches the header and holds data; the last is not broken off."""
+    """Check that the first row matches the header and has a number, and the last is complete."""
     found = split(first, delimiter)
     if found[width:] not in ([], [""]) or len(found) < width:
         raise UserError(

@@ -1,7 +1,7 @@
-"""What happens to a record before inference, one named step after another.
+"""Preparation of a record before inference, as a sequence of named steps.
 
-The raw file is never changed. A step is a function of a record and the settings
-written for it in config.yaml, in a file of its own, and one line in `REGISTRY`.
+The raw file is never changed. A step is a function of a record and of its settings in
+config.yaml. Each step has its own file and one line in `REGISTRY`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ REGISTRY: Mapping[str, Step] = {
         take_up_slack,
     )
 }
-"""Step -> its function of the same name."""
+"""Step name -> function of the same name."""
 NEEDS_TIME = (
     "baseline",
     "cycles",
@@ -69,7 +69,7 @@ NEEDS_TIME = (
     "mask_slack",
 )
 ONCE = ("delay",)
-"""Steps that a record takes once: done again, they add up. Others may be repeated."""
+"""Steps allowed once per record, because repeating them adds up. Other steps may be repeated."""
 FEWEST_POINTS = 4
 
 
@@ -79,20 +79,20 @@ def prepare(
     specimen: Specimen,
     steps: Sequence[Mapping[str, object] | str] | None = None,
 ) -> Experiment:
-    """Make one raw record ready for inference.
+    """Prepare one raw record for inference.
 
     Parameters
     ----------
-    row : its row of experiments.csv.
-    raw : its columns in SI.
+    row : the record's row of experiments.csv.
+    raw : the record's columns in SI.
     specimen : what was tested; `instruments.delay` is used by the step `delay`.
     steps : ordered single-key mappings {step: settings}; a bare name is a step
-        without settings; None takes the usual ones (`defaults`).
+        without settings; None takes the default steps (`defaults`).
 
     Raises
     ------
-    UserError : unknown step or setting, wrong unit, missing column, nothing left.
-    Faults : what is wrong with the record's values.
+    UserError : unknown step or setting, wrong unit, missing column, no samples left.
+    Faults : all faults of the record's values.
     """
     record = open_record(row, raw, specimen)
     slack, apart, rest = slack_left_in(record), begins_apart(record), reading_at_rest(record)
@@ -114,7 +114,7 @@ def prepare(
 
 
 def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingRecord:
-    """Do one step and enter it into the record's history."""
+    """Apply one step and add it to the record's history."""
     name, settings = _parsed(entry, record)
     if name not in REGISTRY:
         raise UserError(
@@ -145,7 +145,7 @@ def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingR
 def _parsed(
     entry: Mapping[str, object] | str, record: WorkingRecord
 ) -> tuple[str, Mapping[str, object]]:
-    """A step's name and settings from one entry of config's list."""
+    """Return a step's name and settings from one entry of the list in config.yaml."""
     if isinstance(entry, str):
         return entry, {}
     if not isinstance(entry, Mapping) or len(entry) != 1:
@@ -163,7 +163,7 @@ def _parsed(
 
 
 def _experiment(record: WorkingRecord, raw: RawRecord) -> Experiment:
-    """What the likelihood sees of a prepared record."""
+    """Make the experiment that the likelihood sees from a prepared record."""
     row, used = record.row, record.used
     if used.sum() < FEWEST_POINTS:
         raise UserError(

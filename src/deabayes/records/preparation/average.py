@@ -1,4 +1,4 @@
-"""Average a dense record onto the likelihood's grid."""
+"""Preparation step: average a dense record onto the likelihood's grid."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from deabayes.records.preparation.ringing import ringing
 from deabayes.records.preparation.working import BoolArray, IntArray, Settings, WorkingRecord
 
 FIRST_BINS = 8
-"""Behind a corner of the excitation, in which a response may bend much."""
+"""Number of bins after a corner of the excitation in which a response may bend strongly."""
 FADED, WIDE = 3.0, 0.1
-"""Times the while in which a ringing is seen: then nothing is left of it; and the share of its
-period above which a bin is wide: of narrower ones two nodes are right to 4e-5 of its height."""
+"""After three times the time in which a ringing is visible, nothing is left of it. A bin is wide
+above 0.1 of the ringing's period; in narrower bins two nodes are right to 4e-5 of its height."""
 GRIDS = ("geometric", "uniform")
 KEYS: Mapping[str, tuple[str, ...]] = {
     "geometric": ("grid", "first_width", "ratio", "widest", "largest_change"),
@@ -33,31 +33,30 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Replace the visible samples of each bin by their mean.
 
-    A point of n samples stands at their mean coordinate, has their mean
-    response and `samples_averaged` n: its white noise has the variance
-    sigma_white^2 / n, and the likelihood is told so. What is compared with it is the mean of the
-    model over the same samples (`nodes_of`), so that a response which bends or swings within a
-    bin is no worse for it. The correlated part of the noise is not divided: the discrepancy
-    hardly changes within a bin that is narrow against its correlation time, and its value at the
-    mean coordinate stands for the bin.
+    A point of n samples lies at their mean coordinate and has their mean response. Its
+    `samples_averaged` is n: the likelihood divides the variance sigma_white^2 of white noise by
+    n. The point is compared with the mean of the model over the same samples (`nodes_of`), so a
+    response that bends or swings within a bin causes no error. The correlated part of the noise
+    is not divided: the discrepancy hardly changes within a bin that is narrow compared with its
+    correlation time. Its value at the mean coordinate represents the bin.
 
-    No bin reaches across a masked stretch or a jump of the excitation.
-    A record with no more samples than the grid has bins is left as it is.
+    No bin extends across a masked stretch or a jump of the excitation. The uniform grid leaves a
+    record unchanged that has no more samples than the grid has bins.
 
     Settings
     --------
     grid : `geometric` (default) or `uniform`.
     geometric: bins restart at every corner of the excitation and widen with the
-    time t since: width = first_width + (ratio - 1) t, at most `widest`, and at
-    most as long as the excitation takes to travel `largest_change` of its range.
-        first_width : default four sampling intervals, of the samples behind the corner where
-            they are at least twice as dense as is usual in the record;
-        ratio : of neighbouring widths, default 1.1;
+    time t since the corner: width = first_width + (ratio - 1) t, at most `widest`. A bin also
+    ends when the excitation has travelled `largest_change` of its range.
+        first_width : default four sampling intervals. The interval after the corner is used if
+            samples there are at least twice as dense as usual in the record;
+        ratio : ratio of neighbouring widths, default 1.1;
         widest : default a fiftieth of the record;
         largest_change : a fraction, default 0.04.
     uniform:
         points : number of bins over the record, default 200; or
-        width : of a bin.
+        width : width of a bin.
     """
     grid = Settings("average", {"grid": settings.get("grid", "geometric")}, record, ("grid",))
     kind = grid.choice("grid", GRIDS)
@@ -69,7 +68,7 @@ def average(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRec
 
 
 def _geometric(record: WorkingRecord, read: Settings) -> FloatArray:
-    """Edges of the geometric grid, defaults taken from the record."""
+    """Edges of the geometric grid, with defaults taken from the record."""
     unit = record.coordinate_unit
     span = float(np.ptp(record.coordinate))
     return geometric_edges(
@@ -94,7 +93,7 @@ def _uniform(record: WorkingRecord, read: Settings) -> FloatArray:
 
 
 def _means(record: WorkingRecord, edges: FloatArray) -> WorkingRecord:
-    """Bin means over runs of visible samples that share a bin."""
+    """Return means over runs of successive visible samples in the same bin."""
     visible = np.flatnonzero(record.used)
     bins = np.searchsorted(edges, record.coordinate[visible], side="right")
     starts = _run_starts(bins, visible)
@@ -123,7 +122,7 @@ def _nodes(
     weights: FloatArray,
     starts: IntArray,
 ) -> Nodes:
-    """Where a model has the mean over the bins; of samples that are means, over theirs."""
+    """Nodes that average a model over the bins; nodes of earlier means are merged."""
     bends = _bends(record, record.coordinate[visible[starts]])
     if record.nodes is not None:
         inner = record.nodes.at(visible)
@@ -134,7 +133,7 @@ def _nodes(
 
 
 def _bends(record: WorkingRecord, begins: FloatArray) -> BoolArray:
-    """Bins, by where they begin (N,), that are right behind a corner or in which it rings."""
+    """Mark bins that begin at (N,) just after a corner, or wide bins during ringing."""
     turns = record_corners(record)
     bends = np.zeros(begins.size, dtype=bool)
     for first in np.maximum(np.searchsorted(begins, turns, side="right") - 1, 0):
@@ -147,6 +146,6 @@ def _bends(record: WorkingRecord, begins: FloatArray) -> BoolArray:
 
 
 def _run_starts(bins: IntArray, visible: IntArray) -> IntArray:
-    """Where a new bin, or a new stretch after masked samples, begins."""
+    """Return the indices where a new bin, or a new stretch after masked samples, begins."""
     new = (np.diff(bins) != 0) | (np.diff(visible) != 1)
     return np.concatenate([[0], np.flatnonzero(new) + 1])

@@ -1,4 +1,4 @@
-"""Bins that a record is averaged in, and where a model is evaluated for the same average."""
+"""Bins for averaging a record, and the points where a model is evaluated for the same average."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ JUMP_RATIO = 20.0
 ALONG_PATH = 5.0
 LONGEST_GRID = 100_000
 NEXT_SAMPLES = 9
-"""Of which the sampling interval behind a corner is taken."""
+"""Number of samples after a corner from which the sampling interval is taken."""
 
 
 def geometric_edges(
@@ -27,13 +27,14 @@ def geometric_edges(
     widest: float,
     largest_change: float,
 ) -> FloatArray:
-    """Ascending edges; bins start anew at every corner of the excitation.
+    """Return ascending edges of bins that start anew at every corner of the excitation.
 
     Parameters
     ----------
-    first_width, widest : on the record's coordinate; None takes four sampling intervals.
-    ratio : of neighbouring widths away from a corner.
-    largest_change : how much of its range the excitation may travel within a bin.
+    first_width, widest : widths on the record's coordinate; `first_width` None means four
+        sampling intervals.
+    ratio : ratio of neighbouring widths away from a corner.
+    largest_change : largest path of the excitation within a bin, as a share of its range.
     """
     last = float(record.coordinate[-1])
     interval = float(np.median(np.diff(record.coordinate)))
@@ -57,14 +58,14 @@ def geometric_edges(
 
 
 def record_corners(record: WorkingRecord) -> FloatArray:
-    """Where the excitation turns."""
+    """Return the coordinates at which the excitation turns."""
     interval = float(np.median(np.diff(record.coordinate)))
     tolerance = CORNER_FRACTION * record.excitation_range
     return corners(record.excitation_coordinate, record.excitation, tolerance, interval)
 
 
 def _interval_behind(record: WorkingRecord, start: float, usual: float) -> float:
-    """The sampling interval behind a corner, where it is clearly shorter than the usual one."""
+    """Sampling interval after a corner if less than half the usual one, else the usual one."""
     behind = record.coordinate[np.searchsorted(record.coordinate, start) :][:NEXT_SAMPLES]
     interval = float(np.median(np.diff(behind))) if behind.size > 1 else usual
     return interval if interval < 0.5 * usual else usual
@@ -78,10 +79,10 @@ def _too_many_bins(record: WorkingRecord, keys: str, found: str = "") -> UserErr
 
 
 def travel(record: WorkingRecord) -> tuple[FloatArray, FloatArray]:
-    """Knots, and the path the excitation has gone up to each, in units of its range.
+    """Return knots, and the path of the excitation up to each knot in units of its range.
 
-    Counted on a polyline within 1 % of the range, so that noise on a monitored
-    voltage does not add up to a path.
+    The path is counted on a polyline within 1 % of the range, so that noise on a monitored
+    voltage does not add up.
     """
     size = record.excitation_range
     knots = polyline(record.excitation_coordinate, record.excitation, NOISE_FRACTION * size)
@@ -90,7 +91,7 @@ def travel(record: WorkingRecord) -> tuple[FloatArray, FloatArray]:
 
 
 def _after_travel(knots: FloatArray, travelled: FloatArray, edge: float, change: float) -> float:
-    """Where the excitation has gone `change` further than at `edge`; infinite if never."""
+    """Where the excitation has travelled `change` further than at `edge`; infinite if never."""
     target = float(np.interp(edge, knots, travelled)) + change
     if target >= travelled[-1]:
         return np.inf
@@ -101,7 +102,7 @@ def _after_travel(knots: FloatArray, travelled: FloatArray, edge: float, change:
 
 
 def uniform_edges(record: WorkingRecord, first: float, last: float, width: float) -> FloatArray:
-    """Edges `width` apart within [first, last], and one at every jump of the excitation."""
+    """Return edges `width` apart within [first, last], plus one at every jump of the excitation."""
     bins = max(int(np.ceil((last - first) / width * (1.0 - 1e-12))), 1)
     if bins > LONGEST_GRID:
         raise _too_many_bins(record, "width, or fewer points", f" ({bins})")
@@ -112,11 +113,11 @@ def uniform_edges(record: WorkingRecord, first: float, last: float, width: float
 
 
 def jumps(record: WorkingRecord) -> FloatArray:
-    """Coordinates right after a jump, by 10 % of the excitation's range.
+    """Return the coordinates just after jumps of more than 10 % of the excitation's range.
 
-    It is 20 times as fast as the range over the record's length, and five times as fast as the
-    excitation is on average along its path: a sine of more than six cycles has the first pace on
-    its own, of which its straight pieces or few samples are no jumps.
+    A jump is also 20 times as fast as the range over the record's length, and five times as fast
+    as the excitation's average along its path. The second limit is for sines: with more than six
+    cycles a sine reaches the first speed without any jump.
     """
     size = record.excitation_range
     change = np.abs(np.diff(record.excitation))
@@ -127,22 +128,25 @@ def jumps(record: WorkingRecord) -> FloatArray:
 
 
 WHERE_IT_BENDS, USUAL = 8, 2
-"""Most nodes of a bin: right behind a corner of the excitation and while a response rings, and
-elsewhere. What fades within t changes by e^(-w/t) over a bin of width w: two nodes are right to
-(w/t)^4 / 4320. Eight are right for a ringing of which a bin holds a period."""
+"""Most nodes of a bin, first after a corner of the excitation and during ringing, then
+elsewhere. A response that decays with time constant t changes by e^(-w/t) over a bin of width
+w: the relative error of two nodes is (w/t)^4 / 4320. Eight nodes suffice if a bin holds one
+period of a ringing."""
 
 
 def nodes_of(
     place: FloatArray, weights: FloatArray, starts: IntArray, bends: NDArray[np.bool_]
 ) -> Nodes:
-    """All samples of bins with few, the Gauss rule of the samples of others; see `WHERE_IT_BENDS`.
+    """Use all samples of bins with few samples, and Gauss nodes for the others.
+
+    The number of nodes is limited by `WHERE_IT_BENDS`.
 
     Parameters
     ----------
-    place : (M,) of the samples, from their bin's mean on.
-    weights : (M,) of the samples.
+    place : (M,) position of each sample relative to the mean of its bin.
+    weights : (M,) weights of the samples.
     starts : (N,) first sample of each bin.
-    bends : (N,) bins in which the response may bend much.
+    bends : (N,) whether the response may bend strongly within the bin.
     """
     ends = np.append(starts[1:], place.size)
     offsets, shares = [], []
@@ -159,16 +163,16 @@ def nodes_of(
 
 
 def gauss(x: FloatArray, weights: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Nodes and shares with the mean of every polynomial of degree 2 count - 1.
+    """Return nodes and weights that average every polynomial of degree 2 count - 1 exactly.
 
     Golub & Welsch (1969, Math. Comp. 23, 221): orthogonal polynomials of the samples follow from
     p_0 = 1 by p_(k+1) = (x - a_k) p_k - b_k p_(k-1), a_k = <x p_k^2> / <p_k^2>,
     b_k = <p_k^2> / <p_(k-1)^2>. The nodes are the eigenvalues of the matrix with diagonal a and
-    off-diagonal sqrt(b), the shares the squares of the eigenvectors' first components.
+    off-diagonal sqrt(b). The weights are the squares of the eigenvectors' first components.
 
     Parameters
     ----------
-    x, weights : (M,) samples, more than `count` different ones, and weights whose sum is 1.
+    x, weights : (M,) samples, more than `count` of them distinct, and weights that sum to 1.
     """
     width = float(np.abs(x).max())
     x = x / width
@@ -186,21 +190,22 @@ def gauss(x: FloatArray, weights: FloatArray, count: int) -> tuple[FloatArray, F
 
 
 NOTED = 0.005
-"""Of an amplitude: what a bin may take off it without a word."""
+"""Share by which a bin may reduce an amplitude without a warning."""
 
 
 def width_for(share: float, frequency: float) -> float:
-    """Of a bin [s] that takes a small share off a sine's amplitude [Hz].
+    """Return the width [s] of a bin that reduces a sine's amplitude by a small share.
 
-    A mean over w leaves sin(x) / x of it, x = pi w f: it takes x^2 / 6 off.
+    A mean over the width w of a sine of frequency f [Hz] multiplies its amplitude by sin(x) / x
+    with x = pi w f, a reduction by x^2 / 6.
     """
     return float(np.sqrt(6.0 * share) / (np.pi * frequency))
 
 
 def harmonics(record: WorkingRecord) -> int:
-    """Highest multiple of the excitation's frequency that a response has much of.
+    """Highest multiple of the excitation's frequency that is strong in a response.
 
-    Motions follow the square of a voltage: all of that of a sine through zero is at twice its
-    frequency, and a part of that of any other.
+    The motion follows the square of the voltage. A sine through zero drives the motion at twice
+    its frequency only; with a bias, part of the motion is at twice the frequency.
     """
     return 2 if record.row.excitation == "voltage" else 1

@@ -1,4 +1,4 @@
-"""Reduce a long periodic record: first cycles kept, the later ones averaged at equal phase."""
+"""Preparation step: keep the first cycles of a record and average the later ones in phase."""
 
 from __future__ import annotations
 
@@ -25,48 +25,51 @@ KEYS = ("transition", "points", "window", "group", "stable", "frequency")
 STABLE = ("average", "decimate")
 GROUPS = 5
 OFF_MIDDLE = 0.002
-"""Share of the range. Slow noise alone makes half of it, units that still relax twice as much."""
+"""Share of the range above which to warn. Slow noise alone reaches half of it; a response that
+still relaxes reaches twice as much."""
 
 
 def cycles(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Keep the first cycles of a periodic record and average the later ones in groups.
 
-    Each cycle is divided into `points` bins of equal phase, and the samples in the middle of
-    each, `window` of its width, are averaged. The model is averaged over the windows alike.
+    Each cycle is divided into `points` bins of equal phase. The samples in the middle of each
+    bin, over the share `window` of its width, are averaged. The model is averaged over the same
+    windows.
 
-    Of the first `transition` cycles every bin is a point. Later, stable, cycles go together
-    in groups of `group` successive ones: a point is the mean over the group of its cycles'
-    means in one bin, each cycle counting alike, and stands at the mean of their times. With an
-    odd number of cycles that is the middle cycle at the same phase, where the model is
-    evaluated; a drift linear in time cancels. An even number has no middle cycle (its mean time
-    is half a period off the phase) and is refused, unless one cycle of each group is kept as
-    it is (`stable: decimate`): then nothing is averaged over cycles.
+    In the first `transition` cycles every bin gives a point. The later, stable cycles are
+    grouped, `group` successive cycles at a time. A point of a group is the mean over its cycles'
+    means in one bin, with equal weights, at the mean of their times. With an odd number of
+    cycles this is the time of the middle cycle at the same phase, where the model is evaluated;
+    a drift linear in time cancels. An even number has no middle cycle, because its mean time is
+    half a period off the phase. Even groups are therefore refused, unless one cycle of each
+    group is kept unchanged (`stable: decimate`), without averaging over cycles.
 
     `samples_averaged` is the number n of raw samples whose mean has the white variance
-    sigma_white^2 / n of the point: where G cycles have n_k samples in a bin it is
-    G^2 / sum(1 / n_k), all of them together if they are equal, up to 10 % fewer
-    where a bin holds now two, now one. As in `average`, the correlated part of the noise is
-    not divided: what the model misses at one phase it misses in every cycle. Noise that is
-    correlated over longer than a bin but not over a group is in truth averaged too, so its
-    amplitude is then that of the points rather than of the record.
+    sigma_white^2 / n of the point. If G cycles have n_k samples in a bin, n is
+    G^2 / sum(1 / n_k). For equal n_k this is the number of all samples together; where n_k
+    alternates between one and two, it is up to 10 % smaller. As in `average`, the correlated
+    part of the noise is not divided: an error of the model at one phase recurs in every cycle.
+    Noise that is correlated over longer than a bin but not over a group is in fact averaged too.
+    Its amplitude is then that of the points rather than of the record.
 
-    The excitation stays whole. Period and cycles are found from its samples. Cycles are counted
-    from the first visible sample of the response, or from where the excitation starts if that
-    is later; a rest before it is hidden, and so is an incomplete cycle at the end. Stable
-    cycles that fill no group make a smaller last one if they are at least half a group (odd,
-    so that one may be left over), and are hidden otherwise. The history says all that.
+    The excitation is not shortened; period and cycles are found from its samples. Cycles are
+    counted from the first visible sample of the response, or from the start of the excitation if
+    that is later. The rest before it and an incomplete cycle at the end are hidden. Stable
+    cycles that do not fill a group form a smaller last group if they are at least half a group;
+    one may be left over to make their number odd. Otherwise they are hidden. The history records
+    all of this.
 
-    A bin without a sample in one of a group's cycles (masked, a gap) is no point.
+    A bin that has no sample (masked, or a gap) in one of a group's cycles gives no point.
 
     Settings
     --------
-    transition : cycles kept one by one, default 5; may be 0 where a record begins settled.
+    transition : cycles kept one by one, default 5; may be 0 if the record begins settled.
     points : bins per cycle, at least 8, default 40.
     window : averaged share of each bin, default 0.5.
     stable : `average` (default) or `decimate`, which keeps the middle cycle of each group.
-    group : cycles per group, default so many (odd) that there are about five groups.
-    frequency : of the excitation, where it should not be found from the samples. Either way
-        it must agree with the row's `frequency_Hz`, if it has one.
+    group : cycles per group; the default is odd and gives about five groups.
+    frequency : frequency of the excitation; default found from the samples. It must agree with
+        the row's `frequency_Hz`, if given.
     """
     read = Settings("cycles", settings, record, KEYS)
     transition = read.count("transition", 5, lowest=0)
@@ -99,7 +102,7 @@ def cycles(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingReco
 
 
 def grouped(transition: int, count: int, size: int, odd: bool) -> list[IntArray]:
-    """Cycle numbers that make one cycle of points each: first single, then groups of `size`."""
+    """Return the cycle numbers of each cycle of points: single ones, then groups of `size`."""
     last = transition + (count - transition) // size * size
     numbers = [np.array([k]) for k in range(transition)]
     numbers += [np.arange(k, k + size) for k in range(transition, last, size)]
@@ -109,7 +112,7 @@ def grouped(transition: int, count: int, size: int, odd: bool) -> list[IntArray]
 
 
 def _group_size(stable: int, kind: str, read: Settings) -> int:
-    """Cycles per group, as given or about a fifth of the stable ones."""
+    """Return the cycles per group, by default about a fifth of the stable cycles."""
     if not read.has("group"):
         size = max(stable // GROUPS, 1)
         return size - (size + 1) % 2 if size > 1 else 1
@@ -130,7 +133,7 @@ def _group_size(stable: int, kind: str, read: Settings) -> int:
 def _check_sampling(
     record: WorkingRecord, period: float, points: int, window: float, read: Settings
 ) -> None:
-    """Every window must be long enough to hold a sample, wherever samples fall."""
+    """Check that every window is long enough to hold at least one sample."""
     interval = float(np.median(np.diff(record.coordinate)))
     most = int(period * window / interval * (1.0 + 1e-6))
     if points <= most:
@@ -145,7 +148,7 @@ def _check_sampling(
 def _reduced(
     record: WorkingRecord, means: WindowMeans, groups: Sequence[IntArray]
 ) -> WorkingRecord:
-    """One point per bin and group, where every cycle of the group has samples."""
+    """Make one point per bin and group if every cycle of the group has samples there."""
     samples = np.concatenate(
         [g.size**2 / np.sum(1.0 / means.samples[g], axis=0) for g in groups],
     )
@@ -163,9 +166,10 @@ def _reduced(
 
 
 def _nodes(variance: FloatArray) -> Nodes:
-    """A standard deviation of the times of a window to either side of its middle.
+    """Place two nodes one standard deviation of a window's times to either side of its middle.
 
-    So a model has the mean of a parabola over the window, whose width is a small part of a period.
+    The model is thereby averaged as a parabola over the window, which is a small part of a
+    period.
     """
     point = np.repeat(np.arange(variance.size), 2)
     offsets = np.sqrt(variance)[point] * np.tile([-1.0, 1.0], variance.size)
@@ -179,7 +183,7 @@ def _remarks(
     stable: str,
     changes: tuple[float, float],
 ) -> dict[str, object]:
-    """What the history says: period, cycles used, how they change, what was left out."""
+    """Entries for the history: period, cycles used, changes over cycles, cycles left out."""
     single = sum(g.size == 1 for g in groups)
     sizes = [int(g.size) for g in groups if g.size > 1]
     used = sum(g.size for g in groups)

@@ -1,4 +1,4 @@
-"""What is done to a record where config.yaml says nothing, and steps that do nothing."""
+"""Default preparation steps, and checks for steps without effect or with a wrong target."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from deabayes.systems.specimen_quantities import instrument
 
 POINTS = 400
 TRANSITION, PER_CYCLE, FEWEST_PER_CYCLE = 5, 40, 20
-"""Of the step `cycles`: its defaults, and the fewest bins per cycle that flatten little."""
+"""For the step `cycles`: its defaults, and the fewest bins per cycle that hardly flatten a sine."""
 MANY_SAMPLES, FINE = 20_000, 1e-4
-"""Of an excitation, above which it is described by knots; and how far these may be off, of its
-range. Lines lie inside a sine, so that its amplitude comes out too small by as much."""
+"""An excitation with more samples is described by knots, within the share `FINE` of its range.
+Lines between knots lie inside a sine, so its amplitude comes out too small by that share."""
 
 
 def sine_steps(record: WorkingRecord) -> list[Step]:
-    """Uniform bins for a few cycles, the step `cycles` for many, else narrow bins thinned.
+    """Choose uniform bins for few cycles, the step `cycles` for many, else thinned narrow bins.
 
-    Bins are at most so wide that they take 0.1 % off the highest harmonic that the response has
-    much of (a period's eightieth for a voltage). 400 of them hold five cycles. The step `cycles`
-    needs cycles that are alike and 40 samples in each; a record without keeps bins of that width,
-    or its samples, every n-th of them, so that about 400 points remain.
+    The bin width takes at most 0.1 % off the amplitude of the highest strong harmonic of the
+    response (for a voltage: an eightieth of a period). 400 such bins hold five cycles. The step
+    `cycles` needs regular cycles with at least 40 samples each. Other records keep every n-th of
+    these bins, or of their samples, so that about 400 points remain.
     """
     many = record.excitation.size > MANY_SAMPLES
     knots: list[Step] = [{"excitation_knots": {"fraction": FINE}}] if many else []
@@ -51,7 +51,7 @@ def sine_steps(record: WorkingRecord) -> list[Step]:
 
 
 def _bins_per_cycle(record: WorkingRecord, interval: float) -> int:
-    """How many the step `cycles` can make of each cycle, half a bin averaged; 0 if it refuses."""
+    """Number of half-averaged bins that `cycles` can make per cycle; 0 if it refuses the record."""
     try:
         period = found_period(record, "")
         whole_cycles(record, period, TRANSITION, "")
@@ -73,9 +73,10 @@ def _thinned(span: float, interval: float, period: float, width: float) -> list[
 
 
 def _every(least: float, share: float) -> int:
-    """Of bins that are `share` of a period: about `least`, so that phases do not recur soon.
+    """Return n, to keep every n-th bin (bins are `share` of a period), with n close to `least`.
 
-    No phase comes back within four points where another choice avoids it, nor within two.
+    The choice avoids phases that recur within four points where possible, and first those within
+    two.
     """
     candidates = np.arange(max(int(0.75 * least), 1), int(np.ceil(least)) + 1)
     turns = candidates[:, None] * share * np.arange(1, 5)
@@ -86,9 +87,9 @@ def _every(least: float, share: float) -> int:
 Step = Mapping[str, Mapping[str, object]]
 HELD = ("creep", "step")
 WIDEST = 50.0
-"""Widest bins of `average` in a record, as it has them."""
+"""A record's length over the widest bins of `average`."""
 MOST_THINNED = 5
-"""Every how many bins may be kept of a ringing record: eight of forty in a period."""
+"""Largest n where every n-th bin of a ringing record is kept: eight of forty bins in a period."""
 
 DEFAULT_STEPS: Mapping[str, Sequence[Step]] = {
     "creep": ({"excitation_knots": {}}, {"average": {"grid": "geometric"}}),
@@ -103,15 +104,15 @@ DEFAULT_STEPS: Mapping[str, Sequence[Step]] = {
     "quasi_static": (),
     "frequency_response": (),
 }
-"""By protocol; a sine's depend on its record (`sine_steps`), and bins are narrower where a
-response to a step rings. Nothing that alters a response is among it, except undoing a delay that
-specimen.yaml states as exact, and subtracting an offset that is seen at rest."""
+"""Default steps by protocol. For a sine they depend on the record (`sine_steps`), and bins are
+narrower if a step response rings. Default steps alter a response in two cases only: they undo
+a delay that specimen.yaml states as exact, and subtract an offset that is seen at rest."""
 
 
 def default_steps(record: WorkingRecord, offset: bool = False) -> list[Step]:
-    """The usual steps of a record.
+    """Return the default steps of a record.
 
-    An exactly known sensor delay is undone first, an `offset` at rest second.
+    They first undo an exactly known sensor delay, then subtract an `offset` at rest.
     """
     protocol = record.row.protocol
     steps = list(DEFAULT_STEPS.get(protocol, ()))
@@ -128,7 +129,7 @@ def default_steps(record: WorkingRecord, offset: bool = False) -> list[Step]:
 
 
 def _ringing_steps(record: WorkingRecord, rings: Ringing) -> list[Step]:
-    """Bins of a fortieth of the ringing's period, if the record is not too long for that."""
+    """Use bins of a fortieth of the ringing's period, unless the record is too long for them."""
     usual = list(DEFAULT_STEPS[record.row.protocol])
     span = float(np.ptp(record.coordinate))
     narrow = width_for(0.2 * NOTED, 1.0 / rings.period)
@@ -143,9 +144,9 @@ MASKS = ("mask_before", "mask_after", "mask_between")
 
 
 def with_idle_masks(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """The experiments, the first of a protocol warned of masks without effect on any of it.
+    """Warn in a protocol's first experiment of masks that hide no sample of the protocol.
 
-    A mask is for all records of its protocol, and some may end before it.
+    A mask applies to all records of its protocol, and some records may end before it.
     """
     of: dict[str, list[Experiment]] = {}
     for each in experiments:
@@ -157,7 +158,7 @@ def with_idle_masks(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def _idle_masks(experiments: Sequence[Experiment]) -> Iterator[str]:
-    """A warning per step that hides no sample of these records of one protocol."""
+    """Yield a warning for each mask that hides no sample of these records of one protocol."""
     entries: Any
     for entries in zip(*(each.steps for each in experiments), strict=False):
         step, settings = entries[0]["step"], entries[0]["settings"]
@@ -171,7 +172,7 @@ def _idle_masks(experiments: Sequence[Experiment]) -> Iterator[str]:
 
 
 def _extent(experiments: Sequence[Experiment]) -> str:
-    """Which records, and what their points lie between."""
+    """Name the records and the range of their points."""
     which = experiments[0].name if len(experiments) == 1 else f"any {experiments[0].protocol}"
     every = np.concatenate([each.coordinate for each in experiments])
     unit = experiments[0].coordinate_unit
@@ -182,12 +183,13 @@ def misaddressed(
     preparation: Mapping[str, Sequence[Mapping[str, object] | str] | None],
     rows: Sequence[ExperimentRow],
 ) -> list[str]:
-    """What is wrong with the `record:` and `response:` of steps; empty if nothing is.
+    """Return the faults of `record:` and `response:` settings of steps; empty if none.
 
     Parameters
     ----------
     preparation : protocol -> its steps, as in config.yaml.
-    rows : of experiments.csv, those that the study leaves out too: studies share steps.
+    rows : all rows of experiments.csv, even those the study leaves out, because studies share
+        steps.
     """
     faults = []
     for protocol, step, settings in _settings_of(preparation):

@@ -1,4 +1,4 @@
-"""Describe the excitation by few straight pieces."""
+"""Preparation step: describe the excitation by few straight pieces."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ OVER_NOISE = 3.0
 def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Reduce the excitation to a polyline that stays within a tolerance of every sample.
 
-    The whole history is described, masked times included. Knots are measured
-    samples; nothing is smoothed.
+    The whole history is described, including masked times. Knots are measured samples; nothing
+    is smoothed.
 
     Settings
     --------
     tolerance : in the excitation's unit, e.g. 0.05 mm, at most half of its range; or
-    fraction : of the excitation's range, which begins at zero where a voltage is constant but for
-        its monitor's noise; default 0.001.
+    fraction : tolerance as a share of the excitation's range, default 0.001. For a voltage that
+        is constant apart from noise, the range counts from zero.
     """
     read = Settings("excitation_knots", settings, record, ("tolerance", "fraction"))
     read.at_most_one("tolerance", "fraction")
@@ -57,7 +57,7 @@ def excitation_knots(record: WorkingRecord, settings: Mapping[str, object]) -> W
 
 
 def _why(record: WorkingRecord, tolerance: float) -> str:
-    """What makes knots many: noise, which fourth differences show, or turns, which they do not."""
+    """Say why there are many knots: noise, seen in fourth differences, or frequent turns."""
     rough = np.abs(np.diff(record.excitation, 4))
     noise = 1.4826 * float(np.median(rough)) / np.sqrt(70.0) if rough.size else 0.0
     if OVER_NOISE * noise > tolerance:

@@ -1,4 +1,4 @@
-"""Describe a sampled excitation by a smooth curve, for responses to its slope."""
+"""Preparation step: describe the excitation by a smooth curve, for responses to its slope."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ SAMPLES_PER_PIECE = 4
 
 
 def excitation_spline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Replace the excitation after `from` by a spline, sampled more finely than it was.
+    """Replace the excitation after `from` by a spline with denser samples.
 
     The current into a capacitance follows the slope of the voltage. Straight lines between
-    samples an interval h apart have a slope that lags by up to h/2, and noise of a volt is
-    current by the capacitance over h. A least-squares spline with pieces of length `interval`
-    has neither fault and does not shift phases; straight lines between its values `spacing`
-    apart are what the model then follows. Samples before `from` (a jump, a limited amplifier)
-    stay as measured.
+    samples an interval h apart have a slope that lags by up to h/2. Noise of one volt appears as
+    a current of the capacitance over h. A least-squares spline with pieces of length `interval`
+    avoids both and does not shift phases. The model then follows straight lines between values
+    of the spline, `spacing` apart. Samples before `from` (a jump, a limited amplifier) stay as
+    measured.
 
     Settings
     --------
     interval : length of the spline's pieces, of degree five; at most a tenth of a sine's period.
-        Longer pieces let less of the monitor's noise through.
-    spacing : of the new knots; a fraction of the fastest time constant.
-    from : where the smooth stretch begins; default the first sample.
+        Longer pieces suppress more of the monitor's noise.
+    spacing : distance of the new knots; choose a fraction of the fastest time constant.
+    from : start of the smooth stretch; default the first sample.
     from_step : count `from` from the start of the excitation; default false.
     """
     keys = ("interval", "spacing", "from", "from_step")
@@ -65,7 +65,7 @@ def excitation_spline(record: WorkingRecord, settings: Mapping[str, object]) -> 
 def _spline(
     time: FloatArray, values: FloatArray, pieces: int, spacing: float
 ) -> tuple[FloatArray, FloatArray]:
-    """New knots (K,), the first and last sample among them, and the spline there."""
+    """Return new knots (K,), with both end samples, and the spline's values there."""
     from scipy.interpolate import make_lsq_spline
 
     inner = np.linspace(time[0], time[-1], pieces + 1)[1:-1]

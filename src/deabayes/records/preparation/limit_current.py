@@ -1,4 +1,4 @@
-"""From a command to what an amplifier of limited current put out."""
+"""Preparation step: from a commanded voltage to the output of a current-limited amplifier."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ LOAD = {"series_resistance": "ohm", "leakage_resistance": "ohm", "capacitance": 
 
 
 def limit_current(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Take the voltage for a command, and put the amplifier's output in its place.
+    """Treat the voltage as a command, and replace it by the amplifier's output.
 
-    For records whose voltage is what was asked for, where the amplifier's own monitor was not
-    recorded. The load is taken at its stated values; nothing is charged before the record begins.
+    For records that hold the commanded voltage because the amplifier's monitor was not recorded.
+    The load has its stated values and is uncharged when the record begins.
 
     Settings
     --------
-    limit : of the current; default `instruments.current_limit` of specimen.yaml.
-    series_resistance, leakage_resistance, capacitance : what is fed; default the specimen's
+    limit : largest current; default `instruments.current_limit` of specimen.yaml.
+    series_resistance, leakage_resistance, capacitance : the load; default the specimen's
         `quantities`.
     """
     read = Settings("limit_current", settings, record, ("limit", *LOAD))

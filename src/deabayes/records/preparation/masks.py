@@ -1,4 +1,4 @@
-"""Steps that hide samples from the likelihood."""
+"""Preparation steps that hide samples from the likelihood."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def mask_after(record: WorkingRecord, settings: Mapping[str, object]) -> Working
 
     Settings
     --------
-    time : on the record's coordinate (a stretch, for a quasi-static record in stretch).
+    time : limit on the record's coordinate (a stretch, if a quasi-static record is in stretch).
     from_step : count `time` from the start of the excitation; default false.
     """
     read = Settings("mask_after", settings, record, ("time", "from_step"))
@@ -29,7 +29,7 @@ def mask_before(record: WorkingRecord, settings: Mapping[str, object]) -> Workin
 
     Settings
     --------
-    time : on the record's coordinate (a stretch, for a quasi-static record in stretch).
+    time : limit on the record's coordinate (a stretch, if a quasi-static record is in stretch).
     from_step : count `time` from the start of the excitation; default false.
     """
     read = Settings("mask_before", settings, record, ("time", "from_step"))
@@ -41,9 +41,10 @@ def mask_between(record: WorkingRecord, settings: Mapping[str, object]) -> Worki
 
     Settings
     --------
-    from, to : on the record's coordinate (stretches, for a quasi-static record in stretch).
+    from, to : limits on the record's coordinate (stretches, if a quasi-static record is in
+        stretch).
     from_step : count both from the start of the excitation; default false.
-    record : the only experiment this is for; default all of the protocol.
+    record : the only experiment that is masked; default all of the protocol.
     """
     read = Settings("mask_between", settings, record, ("from", "to", "from_step", "record"))
     if read.of_another():
@@ -56,20 +57,20 @@ def mask_between(record: WorkingRecord, settings: Mapping[str, object]) -> Worki
 
 OVER_NOISE, OVER_STEP = 10.0, 2.0
 LARGEST_TURN = 0.25
-"""Share of the excitation's range that a turn need not exceed, whatever the noise."""
+"""Share of the excitation's range above which a change counts as a turn, whatever the noise."""
 
 
 def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Hide the response around the end of every ramp.
 
-    What is hidden is the response only: the overshoot is a motion that the
-    specimen went through and stays in the excitation. The load cell's own
-    inertia answers the braking with a transient that is no material response.
+    Only the response is hidden: the specimen went through the overshoot, so it stays in the
+    excitation. The load cell's own inertia answers the braking with a transient that is no
+    material response.
 
     Settings
     --------
     before, after : widths on both sides of the ramp's end; default 0.1 s and 0.3 s.
-    at : the end of the only ramp, where it should not be detected.
+    at : the end of the only ramp; if given, ramp ends are not detected.
     """
     read = Settings("mask_ramp_end", settings, record, ("before", "after", "at"))
     ends = [read.quantity("at", record.coordinate_unit)] if read.has("at") else ramp_ends(record)
@@ -80,11 +81,11 @@ def mask_ramp_end(record: WorkingRecord, settings: Mapping[str, object]) -> Work
 
 
 def ramp_ends(record: WorkingRecord) -> list[float]:
-    """The turns reached at more than half of the largest speed and left at less.
+    """Return the turns that are reached at more than half the largest speed and left at less.
 
-    Speed is that of the excitation's departure from its first value, so the
-    way back of a triangle does not count, nor does a slow spring back. It is taken between turns
-    that stand out of the noise: from sample to sample noise would be the fastest.
+    Speed is that of the departure from the excitation's first value. The way back of a triangle
+    and a slow spring back therefore do not count. Speeds are taken between turns that exceed the
+    noise, because noise would have the largest speed from sample to sample.
     """
     time, values = record.excitation_coordinate, record.excitation
     knots = turns(time, values, min(_unseen(values), LARGEST_TURN * record.excitation_range))
@@ -95,7 +96,7 @@ def ramp_ends(record: WorkingRecord) -> list[float]:
 
 
 def _unseen(values: FloatArray) -> float:
-    """How little a turn can stand out to be told from noise and from a digital sensor's steps."""
+    """Largest size of a turn that noise or a digital sensor's steps could explain."""
     rough, steps = np.abs(np.diff(values, 2)), np.abs(np.diff(values))
     noise = 1.4826 * float(np.median(rough)) / np.sqrt(6.0) if rough.size else 0.0
     return max(OVER_NOISE * noise, OVER_STEP * float(np.min(steps[steps > 0.0], initial=np.inf)))
@@ -104,14 +105,13 @@ def _unseen(values: FloatArray) -> float:
 def mask_slack(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Hide the response from where it falls to `threshold` after the excitation's peak.
 
-    A strip that has relaxed is longer than when it was mounted and buckles
-    before the crosshead is back; no model of tension describes that. Hidden
-    is everything between the first and the last sample at or below the
-    threshold, so that noise around it does not leave single samples.
+    A relaxed strip is longer than when it was mounted and buckles before the crosshead is back;
+    no model of tension describes buckling. Everything between the first and the last sample at
+    or below the threshold is hidden, so that noise does not leave single samples.
 
     Settings
     --------
-    threshold : of the response, e.g. 0.01 N.
+    threshold : value of the response, e.g. 0.01 N.
     """
     read = Settings("mask_slack", settings, record, ("threshold",))
     threshold = read.quantity("threshold", record.response_unit)

@@ -1,4 +1,4 @@
-"""The periods of an excitation, and means of a periodic record at equal phases."""
+"""Periods of an excitation, and means of a periodic record at equal phases."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ INSTEAD = "use `average` for a sweep, a step or a few cycles"
 
 @dataclass(frozen=True)
 class Cycles:
-    """Whole cycles of a record: `count` of them, `period` apart, the first from `start`."""
+    """Complete cycles of a record: `count` cycles of length `period`, from `start` on."""
 
     start: float
     period: float
@@ -33,11 +33,11 @@ class Cycles:
 
 
 def found_period(record: WorkingRecord, where: str) -> float:
-    """The excitation's period, of the steady stretch of its passes (`usual_period`).
+    """Return the excitation's period, from the steady stretch of its passes (`usual_period`).
 
     Raises
     ------
-    UserError : a step, a sweep, fewer than three cycles.
+    UserError : the excitation is a step or a sweep, or has fewer than three cycles.
     """
     times = passes(record.excitation_coordinate, record.excitation)
     if times.size < FEWEST_CYCLES:
@@ -56,7 +56,7 @@ def found_period(record: WorkingRecord, where: str) -> float:
 
 
 def check_stated(period: float, record: WorkingRecord, where: str) -> None:
-    """The row's own `frequency_Hz`, where it has one, must be that of the excitation."""
+    """Check that the row's `frequency_Hz`, if given, agrees with the excitation."""
     stated = record.row.metadata.get("frequency_Hz")
     if not isinstance(stated, int | float) or not np.isfinite(stated):
         return
@@ -68,17 +68,17 @@ def check_stated(period: float, record: WorkingRecord, where: str) -> None:
 
 
 def whole_cycles(record: WorkingRecord, period: float, transition: int, where: str) -> Cycles:
-    """The whole cycles within the visible response while the excitation repeats itself.
+    """Return the complete cycles of the visible response while the excitation is periodic.
 
-    The first begins at the first visible sample or, if that is later, a twentieth of a period
-    before the excitation leaves its first value, which for a smooth start is seen late; but no
-    more than a period before the first pass, as noise on a rest may look like a start. A record
-    that ends within a sampling interval of a cycle's end has it whole. What comes after the
-    excitation has stopped repeating itself is no cycle.
+    The first cycle begins at the first visible sample or, if later, a twentieth of a period
+    before the excitation leaves its first value, because a smooth start is detected late. It
+    begins at most one period before the first pass, because noise at rest may look like a start.
+    A last cycle counts as complete if the record ends within a sampling interval of its end.
+    Nothing counts after the excitation has stopped repeating itself.
 
     Raises
     ------
-    UserError : fewer than three cycles, or cycles after the transition that are not alike.
+    UserError : fewer than three cycles, or cycles after the transition that differ.
     """
     visible = record.coordinate[record.used]
     half = 0.5 * float(np.median(np.diff(record.coordinate)))
@@ -101,7 +101,7 @@ def whole_cycles(record: WorkingRecord, period: float, transition: int, where: s
 
 
 def _check_rest_after(cycles: Cycles, record: WorkingRecord, last: float, where: str) -> None:
-    """The excitation may rest after its last cycle, up to the last visible sample."""
+    """Check that the excitation rests after its last cycle, up to the last visible sample."""
     times = record.excitation_coordinate
     after = record.excitation[(times > cycles.end + cycles.period) & (times <= last)]
     if after.size and np.ptp(after) > HYSTERESIS * np.ptp(record.excitation):
@@ -115,7 +115,7 @@ def _check_rest_after(cycles: Cycles, record: WorkingRecord, last: float, where:
 def _alike(
     cycles: Cycles, record: WorkingRecord, transition: int, last_pass: float, where: str
 ) -> Cycles:
-    """The cycles without those in which the excitation ends; the others must be alike."""
+    """Drop the cycles in which the excitation ends; check that the other cycles are alike."""
     away = departures(cycles, record, transition)
     unlike = transition + np.flatnonzero(away > UNLIKE)
     ending = cycles.start + (unlike + 1) * cycles.period >= last_pass
@@ -133,10 +133,10 @@ def _alike(
 
 
 def departures(cycles: Cycles, record: WorkingRecord, first: int) -> FloatArray:
-    """How far the excitation is from its median cycle, per cycle from `first` on.
+    """Difference of each cycle of the excitation, from cycle `first` on, from the median cycle.
 
-    The mean of the absolute difference over a cycle as a share of the range; a phase that is
-    off by 1 % of a period, or an amplitude by 6 %, makes 2 %.
+    This is the mean absolute difference over a cycle as a share of the range. A phase error of
+    1 % of a period, or an amplitude error of 6 %, gives 2 %.
     """
     number = np.arange(first, cycles.count)[:, None]
     times = cycles.start + (number + (np.arange(PHASES) + 0.5) / PHASES) * cycles.period
@@ -148,14 +148,15 @@ def departures(cycles: Cycles, record: WorkingRecord, first: int) -> FloatArray:
 
 ROUNDING = 1e-6
 SEEN = 4.0
-"""Standard errors above which a change over cycles is one."""
+"""Number of standard errors above which a change over cycles is significant."""
 
 
 @dataclass(frozen=True)
 class WindowMeans:
-    """Mean time and response, and number of samples, in each window of each cycle, (C, P).
+    """Mean time, mean response and number of samples per window, (C cycles, P points).
 
-    `variance` is that of the times in a window. NaN where a window holds no visible sample.
+    `variance` is the variance of the times in a window. Values are NaN if a window holds no
+    visible sample.
     """
 
     coordinate: FloatArray
@@ -169,7 +170,7 @@ def window_means(record: WorkingRecord, found: Cycles, points: int, window: floa
     visible = np.flatnonzero(record.used)
     place = (record.coordinate[visible] - found.start) / found.period * points
     bins = np.floor(place).astype(np.intp)
-    # Half open, a little early: whether a sample stands on an edge is no matter of rounding.
+    # Half-open windows, shifted slightly: rounding then cannot decide about a sample on an edge.
     offset = place - bins - 0.5 + ROUNDING
     near = (offset >= -0.5 * window) & (offset < 0.5 * window)
     near &= (bins >= 0) & (bins < found.count * points)
@@ -190,29 +191,30 @@ def window_means(record: WorkingRecord, found: Cycles, points: int, window: floa
 
 
 def drift(means: WindowMeans, group: IntArray) -> float:
-    """By how much the response at any phase changes from the first to the last cycle of a group.
+    """Largest change of the response, at any phase, from the first to the last cycle of a group.
 
-    From the slopes of lines through the cycles at each phase.
+    It follows from the slopes of lines fitted through the cycles at each phase.
     """
     number = group - group.mean()
     return _largest(means, group, number) * (group.size - 1)
 
 
 def off_middle(means: WindowMeans, group: IntArray) -> float:
-    """By how much the mean over a group is off its middle cycle, at any phase.
+    """Largest difference, at any phase, between the mean of a group and its middle cycle.
 
-    From parabolas a + b n + c n^2 through the G cycles at each phase, n counted from the middle:
-    c (G^2 - 1) / 12, as b cancels. Of a group of three it is the difference itself.
+    Parabolas a + b n + c n^2 are fitted through the G cycles at each phase, with n counted from
+    the middle. The difference is c (G^2 - 1) / 12, as b cancels. For a group of three it is
+    exact.
     """
     square = (group - group.mean()) ** 2
     return _largest(means, group, square - square.mean()) * float(square.mean())
 
 
 def _largest(means: WindowMeans, group: IntArray, pattern: FloatArray) -> float:
-    """The largest coefficient of a pattern over the cycles of a group, fitted at each phase.
+    """Largest coefficient of a pattern over a group's cycles, fitted at each phase.
 
-    Of the coefficients the mean and the first harmonic over phases are taken: noise of single
-    windows is none. Zero within four standard errors.
+    The coefficients are smoothed over phase by their mean and first harmonic, to remove the
+    noise of single windows. The result is zero if it is within four standard errors.
     """
     whole = np.flatnonzero(np.all(np.isfinite(means.samples[group]), axis=0))
     norm = float(pattern @ pattern)

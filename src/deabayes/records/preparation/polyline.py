@@ -1,4 +1,4 @@
-"""A sampled curve as few straight pieces, with a bound on the error."""
+"""Polylines: a sampled curve as few straight pieces, with a bound on the error."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from deabayes.records.preparation.working import IntArray
 
 
 def polyline(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
-    """Indices of samples between which straight lines stay within `tolerance` of all samples.
+    """Return indices of samples joined by straight lines within `tolerance` of all samples.
 
-    From each knot the slopes that pass every following sample within the
-    tolerance form a narrowing cone; the next knot is the last sample that lies
-    within the cone of all before it (the cone intersection method of Sklansky
-    and Gonzalez 1980, with errors measured along `values`, which is the error
-    an excitation makes). One pass, whatever the record looks like.
+    From each knot, the slopes that pass all following samples within the tolerance form a
+    narrowing cone. The next knot is the last sample within the cone of all samples before it.
+    This is the cone intersection method of Sklansky and Gonzalez (1980), with errors measured
+    along `values`. It passes through the record once.
 
     Parameters
     ----------
-    coordinate, values : (M,), the coordinate never descending; where it repeats, the curve jumps.
+    coordinate, values : (M,) samples; the coordinate never descends, and where it repeats, the
+        curve jumps.
     tolerance : largest allowed |line - sample|, in the unit of `values`.
 
     Returns
     -------
-    (K,) ascending indices, the first and the last sample always among them.
+    (K,) ascending indices, which include the first and the last sample.
     """
     x, y = coordinate.tolist(), values.tolist()
     knots = [0]
@@ -34,7 +34,7 @@ def polyline(coordinate: FloatArray, values: FloatArray, tolerance: float) -> In
 
 
 def _furthest(x: list[float], y: list[float], start: int, tolerance: float) -> int:
-    """The last sample a line from sample `start` reaches with all before it in tolerance."""
+    """Last sample that a line from `start` reaches while all between are within tolerance."""
     x0, y0 = x[start], y[start]
     low, high = -np.inf, np.inf
     reached = start + 1
@@ -57,10 +57,10 @@ def _furthest(x: list[float], y: list[float], start: int, tolerance: float) -> i
 def corners(
     coordinate: FloatArray, values: FloatArray, tolerance: float, interval: float
 ) -> FloatArray:
-    """Where an excitation turns: ends of ramps, steps, peaks of triangles.
+    """Return the coordinates where an excitation turns: ramp ends, steps, peaks of triangles.
 
-    The inner ones of its `turns`; the two of a jump within a sampling `interval` are one corner,
-    at the later.
+    These are the inner `turns`. A jump within one sampling `interval` has two turns; only the
+    later counts as a corner.
     """
     knots = turns(coordinate, values, tolerance)
     inner = coordinate[knots[1:-1]]
@@ -71,14 +71,14 @@ def corners(
 def turns(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
     """Indices of a Ramer-Douglas-Peucker polyline (Douglas and Peucker 1973) within `tolerance`.
 
-    Unlike the knots of `polyline` these stand at the turns themselves; ends are among them.
+    Unlike the knots of `polyline`, these lie at the turns themselves. Both ends are included.
     """
     thinned = polyline(coordinate, values, 0.1 * tolerance)
     return thinned[_worst_first(coordinate[thinned], values[thinned], tolerance)]
 
 
 def _worst_first(coordinate: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
-    """Ramer-Douglas-Peucker: split each piece at its worst sample until within `tolerance`."""
+    """Ramer-Douglas-Peucker: split pieces at their worst sample until within `tolerance`."""
     knots, pending = {0, coordinate.size - 1}, [(0, coordinate.size - 1)]
     while pending:
         first, last = pending.pop()

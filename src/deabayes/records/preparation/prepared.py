@@ -1,4 +1,4 @@
-"""Prepared records on disk: netCDF with units, settings and the raw file's hash."""
+"""Prepared records as netCDF files with units, settings and the raw file's hash."""
 
 from __future__ import annotations
 
@@ -32,12 +32,11 @@ def thinned(
     masked: BoolArray,
     limit: int = LIMIT,
 ) -> IntArray:
-    """Indices of at most `limit` samples that draw like the whole record (M,).
+    """Return the indices of at most `limit` samples that plot like the full record (M,).
 
-    Of each bin the smallest and the largest response stay, masked and visible
-    samples apart. Bins share out equally the duration and the paths of the
-    excitation and of the response, so that a two-second ramp before half an
-    hour of hold is seen.
+    Each bin keeps its smallest and its largest response; masked and visible samples are binned
+    separately. The bins divide equally the sum of duration, path of the excitation and path of
+    the response. A two-second ramp before half an hour of hold therefore stays visible.
     """
     size = coordinate.size
     if size <= limit:
@@ -56,9 +55,9 @@ def thinned(
 
 
 def path(coordinate: FloatArray, values: FloatArray) -> FloatArray:
-    """Share of its path that a channel has gone up to each sample (M,), noise left out.
+    """Share of its path that a channel has travelled up to each sample (M,), without noise.
 
-    Zero for a constant channel and for a coordinate that stands still somewhere.
+    Zero for a constant channel and for a coordinate that does not increase everywhere.
     """
     size = float(np.ptp(values))
     if size == 0.0 or np.any(np.diff(coordinate) <= 0.0):
@@ -74,7 +73,7 @@ REQUIRED = {"coordinate", "response", "excitation"}
 
 @dataclass(frozen=True)
 class RawOverview:
-    """At most 2000 samples of the raw record (R,), extremes kept, and which were masked."""
+    """At most 2000 samples (R,) of the raw record, with extremes and masked flags."""
 
     coordinate: FloatArray
     response: FloatArray
@@ -83,20 +82,19 @@ class RawOverview:
 
 
 def write_prepared(experiment: Experiment, path: Path, raw: RawRecord | None = None) -> None:
-    """Write a prepared record; a killed job leaves no half-written file.
+    """Write a prepared record; an interrupted job leaves no half-written file.
 
     Parameters
     ----------
-    experiment : the prepared record; read back equal by `read_prepared`.
-    raw : the record it was made from; a thinned copy goes into the file for the
-        before/after figure.
+    experiment : the prepared record; `read_prepared` returns it unchanged.
+    raw : the raw record; a thinned copy is stored for the before/after figure.
     """
     dataset = to_dataset(experiment, raw)
     write_netcdf_atomically(dataset, path)
 
 
 def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Dataset:
-    """The prepared record: dimensions `observation`, `node`, `knot` and `raw_sample`."""
+    """Dataset of a prepared record; dimensions `observation`, `node`, `knot`, `raw_sample`."""
     import xarray as xr
 
     coordinate, excitation = experiment.coordinate_unit, experiment.excitation
@@ -131,7 +129,7 @@ def to_dataset(experiment: Experiment, raw: RawRecord | None = None) -> xr.Datas
 
 
 def overview_of(experiment: Experiment, raw: RawRecord) -> RawOverview:
-    """The raw record thinned for drawing, in the order of its coordinate."""
+    """Thin the raw record for plotting, in the order of its coordinate."""
     coordinate = raw.columns[experiment.coordinate_name]
     order = np.argsort(coordinate, kind="stable")
     coordinate = coordinate[order]
@@ -146,7 +144,7 @@ def overview_of(experiment: Experiment, raw: RawRecord) -> RawOverview:
 
 
 def masked_intervals(experiment: Experiment) -> list[tuple[float, float]]:
-    """All stretches that some step hid, on the raw file's coordinate."""
+    """Return all intervals that any step masked, on the raw file's coordinate."""
     return [
         (float(first), float(last))
         for step in experiment.steps
@@ -155,7 +153,7 @@ def masked_intervals(experiment: Experiment) -> list[tuple[float, float]]:
 
 
 def read_prepared(path: Path) -> Experiment:
-    """Read what `write_prepared` wrote: the same experiment, bit for bit."""
+    """Read a file of `write_prepared`; the experiment is bit-for-bit the same."""
     with _opened(Path(path)) as file:
         attributes = file.attrs
         units = {name: file[name].attrs["units"] for name in REQUIRED}
@@ -191,7 +189,7 @@ def _nodes(file: h5py.File) -> Nodes | None:
 
 
 def read_overview(path: Path) -> RawOverview | None:
-    """The thinned raw record kept in a prepared file; None if it was written without."""
+    """Return the thinned raw record of a prepared file; None if the file has none."""
     with _opened(Path(path)) as file:
         if "raw_response" not in file:
             return None
@@ -204,7 +202,7 @@ def read_overview(path: Path) -> RawOverview | None:
 
 
 def _opened(path: Path) -> h5py.File:
-    """A prepared file, open; xarray would take ten times as long to read it."""
+    """Open a prepared file with h5py, ten times as fast as xarray."""
     import h5py
 
     if not path.is_file():
@@ -225,5 +223,5 @@ def _variable(dimension: str, values: FloatArray, unit: str) -> tuple[str, Any, 
 
 
 def _plain(value: object) -> object:
-    """numpy's scalars as Python's, for JSON."""
+    """Convert numpy scalars to Python scalars for JSON."""
     return value.item() if isinstance(value, np.generic) else str(value)

@@ -1,4 +1,4 @@
-"""Steps that change the response: its zero, its scale, its delay."""
+"""Preparation steps that change the response: its zero, its scale, its delay."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def baseline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
 
     Settings
     --------
-    until : end of the stretch that is averaged; default where the excitation starts.
-    response : the only channel this is for, where records of one protocol read several: at
-        rest a displacement is zero, an area or a stretch is not.
+    until : end of the averaged stretch; default the start of the excitation.
+    response : the only response to correct, if records of one protocol have several. At rest
+        a displacement is zero, but an area or a stretch is not.
     """
     read = Settings("baseline", settings, record, ("until", "response"))
     if read.of_another():
@@ -35,13 +35,13 @@ def baseline(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRe
 
 
 def scale(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Multiply the response by a number; the raw file stays what it is.
+    """Multiply the response by a number; the raw file does not change.
 
     Settings
     --------
-    by : the number, -1 to turn the sign.
-    response : the only channel this is for, where records of one protocol read several.
-    record : the only experiment this is for; default all of the protocol.
+    by : the number; -1 changes the sign.
+    response : the only response to scale, if records of one protocol have several.
+    record : the only experiment to scale; default all of the protocol.
     """
     read = Settings("scale", settings, record, ("by", "response", "record"))
     if read.of_another():
@@ -53,16 +53,16 @@ def scale(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
 
 
 def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Shift the response to when it happened: a value stamped t belongs to t - delay.
+    """Shift the response to earlier times: a value stamped t belongs to t - delay.
 
-    Values that then lie before the first sample of the excitation are hidden,
-    because what drove them was not recorded. The phase of a frequency response, which a
-    delay makes lag by 2 pi f times it, gets that back; a gain stays as it is.
+    Values that then lie before the first sample of the excitation are hidden, because the
+    excitation that caused them was not recorded. A delay makes the phase of a frequency response
+    lag by 2 pi f times the delay; this lag is added back. A gain is not changed.
 
     Settings
     --------
-    time : default `instruments.delay` of specimen.yaml; of a current, which the amplifier shows
-        and no sensor of the specimen, `instruments.current.delay` only.
+    time : the delay; default `instruments.delay` of specimen.yaml. For a current, which the
+        amplifier measures, the default is `instruments.current.delay` only.
     """
     read = Settings("delay", settings, record, ("time",))
     sensor = instrument(record.specimen, "delay", record.row.response, "s")
@@ -84,7 +84,7 @@ def delay(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecor
 
 
 def _where_stated(response: str) -> str:
-    """Where specimen.yaml may state the delay of a response."""
+    """Say where specimen.yaml may state the delay of a response."""
     if response not in OF_AMPLIFIER:
         return "`instruments: delay:` in specimen.yaml"
     return (

@@ -1,4 +1,4 @@
-"""A record before and at its first step: offset, drift, and whether the response begins with it."""
+"""A record before and at its first step: offset and drift at rest, and delay of the response."""
 
 from __future__ import annotations
 
@@ -16,24 +16,28 @@ from deabayes.systems import system_class
 from deabayes.systems.specimen_quantities import instrument
 
 AT_REST = 0.01
-"""Of its range: how far the excitation's first value may be from none."""
+"""Largest first value of the excitation, as a share of its largest value, that counts as rest."""
 EARLY = 0.05
-"""Of its range: how far the excitation has gone where a reading at rest is extrapolated from."""
+"""Share of the excitation's largest value up to which samples are used to extrapolate to rest."""
 CONFIRMED = 0.5
-"""Of an extrapolated reading at rest: what the first sample must have of it."""
+"""The first sample must reach this share of an extrapolated reading at rest."""
 FEWEST = 3
 MEDIAN = 1.2533
-"""Standard error of a median over that of a mean."""
+"""Standard error of a median divided by the standard error of a mean."""
 LEAST, ERRORS = 1e-4, 5.0
-"""Of the response's range, and standard errors, above which a reading at rest is an offset."""
+"""Limits above which a reading at rest is an offset: share of the response's range, and number
+of standard errors."""
 DRIFT, OVER_SCATTER, FEWEST_OF_DRIFT = 0.005, 6.0, 8
-"""Of the response's range, and of the scatter about its line: a drift at rest that matters, which a
-period of hum is not; and the fewest samples by which it is known."""
+"""Limits above which a drift at rest matters: share of the response's range, and multiple of the
+scatter about the fitted line (a period of hum stays below it). Last, the fewest samples."""
 
 
 @dataclass(frozen=True)
 class Rest:
-    """The reading at rest, its standard error, and whether there was a rest: else extrapolated."""
+    """The reading at rest and its standard error.
+
+    `seen` tells whether the record shows the rest; otherwise the reading is extrapolated.
+    """
 
     record: WorkingRecord
     value: float
@@ -42,12 +46,12 @@ class Rest:
 
     @cached_property
     def is_offset(self) -> bool:
-        """Whether it is not zero."""
+        """Whether the reading differs significantly from zero."""
         least = LEAST * float(np.ptp(self.record.response))
         return abs(self.value) > max(ERRORS * self.error, least)
 
     def sentence(self, corrected: bool) -> str:
-        """What there is to say of an offset: what was done, or what to write."""
+        """Sentence on an offset: that it was subtracted, or how to remove it."""
         record = self.record
         name, protocol = record.row.response, record.row.protocol
         size = with_unit(self.value, record.response_unit, name, digits=3)
@@ -64,9 +68,9 @@ class Rest:
 
 
 def reading_at_rest(record: WorkingRecord) -> Rest | None:
-    """The reading before the excitation, or extrapolated to none of it; None if neither is there.
+    """Reading before the excitation starts, or extrapolated to zero excitation; else None.
 
-    Also None for a response that is not zero at rest, and a record that does not begin at rest.
+    Also None if the response is not zero at rest, or if the record does not begin at rest.
     """
     known = record.row.response in system_class(record.specimen.system).zero_at_rest
     if not (known and _begins_at_rest(record)):
@@ -75,7 +79,7 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
     before = record.used & (record.coordinate < record.excitation_start())
     noise = noise_of(record.response[record.used])
     if before.sum() >= FEWEST:
-        value = float(np.median(record.response[before]))  # a single sample is no offset
+        value = float(np.median(record.response[before]))  # the median ignores single outliers
         return Rest(record, value, MEDIAN * noise / float(np.sqrt(before.sum())), True)
     early = np.interp(record.coordinate, record.excitation_coordinate, gone) <= EARLY * gone.max()
     first = record.used & np.logical_and.accumulate(early)
@@ -86,12 +90,12 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
     inverse = np.linalg.inv(basis.T @ basis)
     value = float((inverse @ basis.T @ record.response[first])[0])
     if abs(record.response[first][0]) < CONFIRMED * abs(value):
-        return None  # it reads none at first, and then rises fast
+        return None  # the reading is about zero at first, then rises fast
     return Rest(record, value, noise * float(np.sqrt(inverse[0, 0])), False)
 
 
 def drift_at_rest(record: WorkingRecord) -> str:
-    """What there is to say of a response that still moves before the excitation does."""
+    """Warning about a response that drifts before the excitation starts; empty if it does not."""
     name = record.row.response
     if record.row.protocol not in STEPS or not _begins_at_rest(record):
         return ""
@@ -115,7 +119,7 @@ def drift_at_rest(record: WorkingRecord) -> str:
 
 
 def _departure(record: WorkingRecord) -> FloatArray:
-    """How far the excitation is from none."""
+    """Distance of the excitation from its value at rest."""
     return np.abs(record.excitation - (1.0 if record.row.excitation == "stretch" else 0.0))
 
 
@@ -125,7 +129,7 @@ def _begins_at_rest(record: WorkingRecord) -> bool:
 
 
 def noise_of(response: FloatArray) -> float:
-    """Standard deviation of white noise, from second differences: a trend has none."""
+    """Standard deviation of white noise, from second differences, which remove a trend."""
     bent = np.abs(np.diff(response, 2))
     return float(np.median(bent)) / (0.6745 * np.sqrt(6.0)) if bent.size else 0.0
 
@@ -133,16 +137,17 @@ def noise_of(response: FloatArray) -> float:
 BEGUN, COMPLETE = 0.1, 0.9
 """Shares of an excitation's range at which it has begun, and at which it is complete."""
 MOVED, JUMPED = 0.02, 0.2
-"""Shares of a response's range: of one that has begun, and of one that jumps. No mass, and no
-circuit, is first at rest and then so fast."""
+"""Shares of a response's range: above the first it has begun, above the second it jumps. With a
+mass or a circuit, a response cannot rest at first and then be so fast."""
 AT_ONCE = 0.5
-"""Of a response's range: its first step after a single sample at rest, which may be chance."""
+"""Share of a response's range for its first step after a single sample at rest; a smaller step
+may be chance."""
 FEWEST_APART = 2
 STANDARD_DEVIATIONS = 6.0
 
 
 def begins_apart(record: WorkingRecord) -> str:
-    """What there is to say of a response that begins after, or before, a step of its excitation."""
+    """Warning about a response that begins before or after a step of its excitation; else empty."""
     row = record.row
     if row.protocol not in STEPS or not record.in_time:
         return ""
@@ -173,7 +178,7 @@ def begins_apart(record: WorkingRecord) -> str:
 
 
 def _jumps(moved: FloatArray, driven: FloatArray, first: int, begun: int) -> bool:
-    """Whether a response rests for samples, or one after the whole step, and then jumps."""
+    """Whether a response rests for some samples, or for one after the full step, and then jumps."""
     if begun + 1 >= moved.size or begun <= first:
         return False
     if begun - first >= FEWEST_APART:

@@ -1,4 +1,4 @@
-"""Whether a response rings after a step: a mass on a spring."""
+"""Detect whether a response rings after a step, like a mass on a spring."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FIRST_TURNS = 6
 
 @dataclass(frozen=True)
 class Ringing:
-    """A decaying oscillation: its period [s], and when it begins and is hardly seen any more."""
+    """A decaying oscillation: its period, its start, and its last visible turn [s]."""
 
     period: float
     start: float
@@ -29,12 +29,12 @@ class Ringing:
 
 
 def ringing(record: WorkingRecord) -> Ringing | None:
-    """The fastest ringing within a stretch without a corner of the excitation, if there is any.
+    """Return the fastest ringing between corners of the excitation, or None.
 
-    Turns of the response are counted that lie more than 2 % of its range, and ten times its
-    noise, apart: at least a peak and a trough, neither of them a single sample that stands out.
-    They must end or lose half of their height within the stretch; what does not, such as mains
-    hum, is no ringing.
+    Turns of the response count if they are more than 2 % of its range, and ten times its noise,
+    apart. At least a peak and a trough are needed; single outlying samples do not count. The
+    turns must end, or lose half of their height, within the stretch. An oscillation that does
+    not, such as mains hum, is no ringing.
     """
     time, response = record.coordinate[record.used], record.response[record.used]
     swing = least_swing(response)
@@ -63,7 +63,7 @@ def _of_stretch(time: FloatArray, response: FloatArray, swing: float) -> Ringing
 
 
 def _turns(values: list[float], swing: float) -> list[int]:
-    """Indices of peaks and troughs that lie more than `swing` beyond what follows."""
+    """Return indices of peaks and troughs that differ by more than `swing` from what follows."""
     turns: list[int] = []
     high = low = 0
     direction = 0

@@ -1,4 +1,4 @@
-"""Steps that keep part of a record."""
+"""Preparation steps that keep part of a record."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from deabayes.records.preparation.working import Settings, WorkingRecord
 def crop(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
     """Keep the response within [from, to].
 
-    The excitation before `from` stays: the material remembers it. The excitation
-    after `to` has no effect on what is kept and goes.
+    The excitation before `from` stays, because the material remembers it. The excitation after
+    `to` is removed, because it has no effect on what is kept.
 
     Settings
     --------
-    from, to : on the record's coordinate; default its first and last value.
+    from, to : limits on the record's coordinate; default its first and last value.
     from_step : count both from the start of the excitation; default false.
     """
     read = Settings("crop", settings, record, ("from", "to", "from_step"))
@@ -40,12 +40,12 @@ def crop(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord
 
 
 def decimate(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Keep every n-th visible sample as it was measured, nothing averaged.
+    """Keep every n-th visible sample as measured, without averaging.
 
     Settings
     --------
     every : n; or
-    points : about how many samples to keep.
+    points : approximate number of samples to keep.
     """
     read = Settings("decimate", settings, record, ("every", "points"))
     read.at_most_one("every", "points")

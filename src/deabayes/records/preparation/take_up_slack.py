@@ -1,4 +1,4 @@
-"""Count the excitation of a pull from where the strip is taut."""
+"""Preparation step: count the excitation of a pull from where the strip is taut."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from deabayes.records.preparation.working import Settings, WorkingRecord
 FORCES = ("force", "nominal_stress")
 PULLS = ("stretch", "displacement")
 RISE, FEWEST = (0.03, 0.3), 6
-"""Shares of the largest force of the first rise of a pull, and the fewest samples in it."""
+"""Shares of the largest force that bound the first rise of a pull, and its fewest samples."""
 LEAST = 0.002
-"""Of stretch, or of the excitation's range: slack below which nothing is said."""
+"""Smallest slack that is reported, in stretch or as a share of the excitation's range."""
 STANDARD_ERRORS = 5.0
 AT_REST = 0.25
-"""Of the force that a taut strip would have had on average until the rise: more is no slack, but a
-rubber that stiffens."""
+"""Share of the mean force that a taut strip would have had before the rise. A larger force means
+a stiffening rubber, not slack."""
 
 
 def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:
-    """Subtract from the excitation what it had gone through before the strip pulled.
+    """Remove from the excitation the part before the strip became taut.
 
-    A displacement counts from there; a stretch is divided by the one there, because the
-    taut strip is as much longer. What was recorded before is hidden.
+    A displacement counts from the taut point. A stretch is divided by its value there, because
+    the taut strip is longer by that factor. Samples before that point are hidden.
 
     Settings
     --------
-    until : the excitation at which the strip is taut; default where the parabola through the first
-        rise of the force meets zero.
+    until : the excitation at which the strip becomes taut; by default the parabola fitted to the
+        first rise of the force gives it at zero force.
     """
     read = Settings("take_up_slack", settings, record, ("until",))
     found = slack_end(record)
@@ -45,9 +45,10 @@ def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> Work
 
 
 def slack_end(record: WorkingRecord) -> float | None:
-    """The excitation at which the force begins to rise; None where it does so at once.
+    """Return the excitation at which the force begins to rise; None if it rises at once.
 
-    A parabola of the excitation over the force, from 3 to 30 % of the largest, has it at no force.
+    A parabola of excitation over force, fitted from 3 to 30 % of the largest force, is
+    extrapolated to zero force.
     """
     row = record.row
     if row.response not in FORCES or row.excitation not in PULLS:
@@ -76,7 +77,7 @@ def slack_end(record: WorkingRecord) -> float | None:
 
 
 def slack_left_in(record: WorkingRecord) -> str:
-    """What there is to say of slack where no step takes it up; empty if there is none."""
+    """Warning about slack that is not taken up; empty if there is none."""
     end = slack_end(record)
     if end is None:
         return ""

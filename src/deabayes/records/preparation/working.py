@@ -1,4 +1,4 @@
-"""A record between the file and the likelihood, and the settings of its steps."""
+"""The state of a record between two preparation steps, and the settings of a step."""
 
 from __future__ import annotations
 
@@ -27,27 +27,29 @@ START_FRACTIONS = (0.02, 0.04)
 
 @dataclass(frozen=True)
 class WorkingRecord:
-    """One record between two preparation steps; SI throughout.
+    """One record between two preparation steps, in SI units.
 
-    The excitation and the response live on coordinates of their own: masking,
-    shifting or averaging the response never removes a measured part of the
-    excitation's history, on which every later response depends.
+    The excitation and the response have separate coordinates. Masking, shifting or averaging the
+    response therefore never removes a measured part of the excitation's history, on which every
+    later response depends.
 
     Attributes
     ----------
-    row, specimen : what the record is of.
+    row, specimen : the record's row of experiments.csv, and the specimen that was tested.
     coordinate_name, coordinate_unit : time [s], or the excitation for a quasi-static record.
     response_unit, excitation_unit : SI units of the channels.
-    coordinate, response, used : (M,) the response, and which samples the likelihood may see.
+    coordinate, response, used : (M,) the response, and whether the likelihood may see each
+        sample.
     samples_averaged : (M,) raw samples behind each value of the response.
-    nodes : where a model is averaged as these were; None where nothing was averaged.
+    nodes : where to evaluate a model to average it like the samples; None if nothing was
+        averaged.
     excitation_coordinate, excitation : (K,) the driving channel, linear between its knots.
     delay : how far the response has been shifted towards earlier times [coordinate].
-    steps : per step done: `step`, `settings`, `effect` and `masked`, the masked
+    steps : one entry per finished step: `step`, `settings`, `effect` and `masked`, the masked
         intervals on the raw file's coordinate.
     warnings : what a user must know before trusting the record.
-    remarks : what the step being done says of itself, for its entry in `steps`: `effect` and
-        `masked` are joined to what is seen from outside, other keys are entered as they are.
+    remarks : what the current step reports for its entry in `steps`. `effect` and `masked` are
+        added to what `with_step` finds itself; other keys are entered unchanged.
     """
 
     row: ExperimentRow
@@ -75,21 +77,21 @@ class WorkingRecord:
 
     @property
     def excitation_range(self) -> float:
-        """Largest change of the excitation, that to its first sample where it is a step there."""
+        """Largest change of the excitation; for a step at the first sample, its largest size."""
         return excitation_range(self.row.protocol, self.excitation, self.excitation_unit)
 
     def mask(self, hidden: BoolArray, **changes: object) -> WorkingRecord:
-        """Hide samples (M,) from the likelihood; none becomes visible again."""
+        """Hide samples (M,) from the likelihood; hidden samples stay hidden."""
         return replace(self, used=self.used & ~hidden, **changes)  # type: ignore[arg-type]
 
     def with_warning(self, warning: str) -> WorkingRecord:
-        """The record with one more warning."""
+        """Return the record with one more warning."""
         return replace(self, warnings=(*self.warnings, warning))
 
     def with_step(
         self, name: str, settings: Mapping[str, object], before: WorkingRecord
     ) -> WorkingRecord:
-        """Enter a finished step into the history, with what it did to `before`."""
+        """Add a finished step to the history, with its effect compared with `before`."""
         masked: list[list[float]] = []
         if before.coordinate.size == self.coordinate.size:
             masked = intervals(before.coordinate + before.delay, before.used & ~self.used)
@@ -107,9 +109,9 @@ class WorkingRecord:
     def excitation_start(self) -> float:
         """Coordinate of the last knot before the excitation leaves its first value.
 
-        The line through its crossings of 2 and 4 % of its range, extended back to
-        its first value: noise on a monitored voltage does not count, and a ramp
-        is not taken to start late.
+        A line through the crossings of 2 and 4 % of the excitation's range is extended back to
+        the first value. Noise on a monitored voltage is thereby ignored, and the start of a ramp
+        is not found too late.
         """
         departure = np.abs(self.excitation - self.excitation[0])
         low, high = (
@@ -123,7 +125,7 @@ class WorkingRecord:
 
 
 def _crossing(coordinate: FloatArray, departure: FloatArray, level: float) -> float:
-    """Where `departure` first exceeds `level`, linear between knots; the start if nowhere."""
+    """Where `departure` first exceeds `level`, linear between knots; the first knot if nowhere."""
     above = np.flatnonzero(departure > level)
     if above.size == 0 or above[0] == 0:
         return float(coordinate[0])
@@ -133,7 +135,7 @@ def _crossing(coordinate: FloatArray, departure: FloatArray, level: float) -> fl
 
 
 def intervals(coordinate: FloatArray, flags: BoolArray) -> list[list[float]]:
-    """Runs of true `flags` (M,) as [first, last] coordinates."""
+    """Return the runs of true `flags` (M,) as [first, last] coordinates."""
     padded = np.concatenate([[False], flags, [False]]).astype(int)
     change = np.diff(padded)
     first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
@@ -141,7 +143,7 @@ def intervals(coordinate: FloatArray, flags: BoolArray) -> list[list[float]]:
 
 
 def _effect(before: WorkingRecord, after: WorkingRecord) -> str:
-    """One line on what changed between two states of a record."""
+    """Describe in one line what changed between two states of a record."""
     parts = []
     if after.coordinate.size != before.coordinate.size:
         parts.append(f"{int(before.used.sum())} samples to {after.coordinate.size} points")
@@ -162,21 +164,21 @@ NOT_CONDITIONS = ("note", EXCITATION_COLUMN)
 
 
 def coordinate_name(row: ExperimentRow) -> str:
-    """Time, except where a record has none: then the excitation itself."""
+    """Name of the coordinate: time, or the excitation if the record has no time."""
     return row.excitation if row.protocol in ("quasi_static", "frequency_response") else "time"
 
 
 def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
-    """The channels that the row names, checked; nothing else is changed.
+    """Check a raw record and return the channels that its row names.
 
-    A command (`control_voltage`) is taken for the excitation that it asks for.
+    A command (`control_voltage`) is used as the excitation that it asks for.
 
-    A record without time is put in ascending order of its coordinate, and a phase, which is
-    known but for whole turns, is made continuous (see `continuous_phase`).
+    A record without time is sorted by its coordinate. A phase is known only up to whole turns
+    and is made continuous (see `continuous_phase`).
 
     Raises
     ------
-    Faults : what `reading.record_checks` finds wrong.
+    Faults : all faults that `record_checks.record_faults` finds.
     """
     where = f"{row.record} ({row.name})"
     faults = record_faults(row, raw, specimen, where)
@@ -208,7 +210,7 @@ def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> Worki
 
 
 def _as_excitation(row: ExperimentRow) -> ExperimentRow:
-    """The row with what its command asks for in the command's place, and a note of the column."""
+    """Replace a command by the excitation it asks for, and note the column in the metadata."""
     if row.excitation not in COMMANDS:
         return row
     metadata = {**row.metadata, EXCITATION_COLUMN: row.excitation}
@@ -216,9 +218,9 @@ def _as_excitation(row: ExperimentRow) -> ExperimentRow:
 
 
 def continuous_phase(phase: FloatArray) -> FloatArray:
-    """The phase [rad] without jumps of a turn, its first value above -3/4 turn, up to +1/4.
+    """Return the phase [rad] without jumps of a turn, with its first value in (-3/4, 1/4] turn.
 
-    An actuator lags; a quarter of a turn is left for what noise and rounding make of zero.
+    An actuator lags. The quarter turn above zero allows for noise and rounding.
     """
     unwrapped = np.unwrap(phase)
     turn = 2.0 * np.pi
@@ -226,7 +228,7 @@ def continuous_phase(phase: FloatArray) -> FloatArray:
 
 
 def _ascending(record: WorkingRecord) -> WorkingRecord:
-    """A record without time, sorted by its coordinate."""
+    """Sort a record without time by its coordinate."""
     steps = np.diff(record.coordinate)
     if np.all(steps >= 0.0):
         return record
@@ -248,10 +250,10 @@ def _ascending(record: WorkingRecord) -> WorkingRecord:
 
 
 def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
-    """What was held during the record: the row's metadata, and the voltage of a pull test [V].
+    """Return what was held constant: the row's metadata, and the voltage of a pull test [V].
 
-    The column `voltage` has the say where there is one, `voltage_kV` otherwise; that it is held
-    is checked in `reading.record_checks`.
+    The column `voltage` has priority over `voltage_kV`. `record_checks` checks that the voltage
+    is constant.
     """
     held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
     if row.protocol != "quasi_static" or row.excitation == "voltage":
@@ -264,14 +266,14 @@ def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
 
 
 _noted: ContextVar[dict[str, None] | None] = ContextVar("_noted", default=None)
-"""What is said of numbers without a unit, where somebody listens."""
+"""Sentences about numbers without a unit, collected inside `noting_bare_numbers`; else None."""
 
 
 @contextmanager
 def noting_bare_numbers() -> Iterator[dict[str, None]]:
-    """Collect a sentence on each number that a step takes for a quantity in SI, as it has no unit.
+    """Collect a sentence on each setting without a unit that a step reads as SI.
 
-    What is the same for several records of a protocol is there once, in order.
+    A sentence that several records of a protocol share is collected once, in order.
     """
     noted: dict[str, None] = {}
     before = _noted.set(noted)
@@ -282,13 +284,13 @@ def noting_bare_numbers() -> Iterator[dict[str, None]]:
 
 
 class Settings:
-    """The settings of one step on one record; every mistake is a `UserError` naming its key.
+    """The settings of one step on one record; every mistake is a `UserError` that names its key.
 
     Parameters
     ----------
     step : the step's name in config.
     settings : the mapping written under it.
-    record : the record the step is about to change.
+    record : the record that the step will change.
     known : keys the step understands.
     """
 
@@ -309,11 +311,11 @@ class Settings:
                 raise UserError(f"{self.where}: unknown setting {key!r}{hint}")
 
     def has(self, key: str) -> bool:
-        """Whether the key is given a value."""
+        """Whether the key has a value."""
         return self.values.get(key) is not None
 
     def at_most_one(self, *keys: str) -> None:
-        """Refuse more than one of settings that each say the same in its own way."""
+        """Refuse more than one of several alternative settings."""
         given = [key for key in keys if self.has(key)]
         if len(given) > 1:
             raise UserError(
@@ -322,13 +324,13 @@ class Settings:
             )
 
     def of_another(self) -> bool:
-        """Whether the step is for another record or response than this one."""
+        """Whether the step is meant for another record or response."""
         row = self.record.row
         mine = {"record": row.name, "response": row.response}
         return any(self.has(key) and str(self.values[key]) != own for key, own in mine.items())
 
     def quantity(self, key: str, unit: str, default: float | None = None) -> float:
-        """A quantity in SI; `unit` is what its dimension must be."""
+        """Return a quantity in SI; it must have the dimension of `unit`."""
         if not self.has(key):
             if default is None:
                 raise UserError(f"{self.where}: needs {key!r}, a quantity in {unit}; add it")
@@ -340,14 +342,14 @@ class Settings:
         return parse_quantity(value, unit, f"{self.where}.{key}")  # type: ignore[arg-type]
 
     def positive(self, key: str, unit: str, default: float | None = None) -> float:
-        """A quantity that must be larger than zero."""
+        """Return a quantity that must be larger than zero."""
         value = self.quantity(key, unit, default)
         if not value > 0.0:
             raise UserError(f"{self.where}.{key}: must be larger than 0, found {value:g} {unit}")
         return value
 
     def number(self, key: str, default: float, lower: float, upper: float) -> float:
-        """A plain number within [lower, upper]."""
+        """Return a plain number, which must lie within [lower, upper]."""
         value = self.quantity(key, "1", default)
         if not lower <= value <= upper:
             raise UserError(
@@ -356,7 +358,7 @@ class Settings:
         return value
 
     def count(self, key: str, default: int | None = None, lowest: int = 1) -> int:
-        """A whole number of at least `lowest`."""
+        """Return a whole number, which must be at least `lowest`."""
         value = self.values.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int) or value < lowest:
             raise UserError(
@@ -365,7 +367,7 @@ class Settings:
         return value
 
     def choice(self, key: str, options: Sequence[str], default: str | None = None) -> str:
-        """One of `options`."""
+        """Return a value that must be one of `options`."""
         value = self.values.get(key, default)
         if value not in options:
             hint = nearest(str(value), options)
@@ -373,13 +375,15 @@ class Settings:
         return str(value)
 
     def coordinate(self, key: str, default: float | None = None) -> float:
-        """A place on the record's coordinate, counted from its zero or, with
-        `from_step: true`, from where the excitation starts."""
+        """Return a place on the record's coordinate.
+
+        With `from_step: true` the value counts from the start of the excitation.
+        """
         value = self.quantity(key, self.record.coordinate_unit, default)
         return value + self.record.excitation_start() if self.flag("from_step") else value
 
     def flag(self, key: str) -> bool:
-        """A switch, off unless given."""
+        """Return a switch, false if not given."""
         value = self.values.get(key, False)
         if not isinstance(value, bool):
             raise UserError(f"{self.where}.{key}: expected true or false, found {value!r}")
