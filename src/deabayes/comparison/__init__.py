@@ -1,1 +1,1 @@
-"""Which candidate the records support: evidence, left-out blocks, and the rule that decides."""
+"""Compare candidates by evidence and left-out blocks, and choose the one the records support."""

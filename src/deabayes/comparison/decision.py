@@ -1,4 +1,4 @@
-"""Which model order the records support, and when they cannot say."""
+"""Decide which model order the records support, and whether they can decide at all."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from deabayes.experiment import FloatArray
 
 SMALLEST_EVIDENCE_GAIN = 1.0
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
-"""Nats, beyond the errors, that bridge and nested sampling may differ by (inference.md)."""
+"""Nats by which bridge and nested sampling may differ, on top of their errors (inference.md)."""
 NOT_RANKED = "not ranked"
 SHOWN = "^chosen: |^not resolved by these data against "
-"""In the verdict of the candidate that the walk ended at."""
+"""Pattern in the verdict of the candidate that `decide` chose."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """What one candidate brings to the comparison; `loo` is None when it is not ranked."""
+    """Scores of one candidate; `loo` is None if the candidate is not ranked."""
 
     candidate: str
     order: int
@@ -36,22 +36,22 @@ class Score:
 
 
 def gains(larger: Score, smaller: Score) -> FloatArray:
-    """What `larger` gains over `smaller` on every left-out block, (B,) nats."""
+    """Gain in log predictive density of `larger` over `smaller` per left-out block, (B,) nats."""
     assert larger.loo is not None and smaller.loo is not None
     return larger.loo.terms - smaller.loo.terms
 
 
 def elpd_difference(larger: Score, smaller: Score) -> tuple[float, float]:
-    """elpd(larger) - elpd(smaller) with its standard error, over paired blocks."""
+    """Difference elpd(larger) - elpd(smaller) and its standard error, over paired blocks."""
     difference = gains(larger, smaller)
     return float(np.sum(difference)), standard_error(difference)
 
 
 def evidence_favours(larger: Score, smaller: Score) -> bool | None:
-    """Whether the evidence is for the larger candidate.
+    """Whether the evidence favours the larger candidate.
 
-    None where it or its error is not known, and where bridge and nested sampling do not agree on
-    a candidate's (`evidence_conflict`) and answer differently.
+    None if the evidence or its error is not known. Also None if bridge and nested sampling
+    disagree on a candidate's evidence (`evidence_conflict`) and lead to different answers.
     """
     by_bridge = _favours(
         larger.log_evidence - smaller.log_evidence,
@@ -67,7 +67,7 @@ def evidence_favours(larger: Score, smaller: Score) -> bool | None:
 
 
 def _favours(gain: float, error: float) -> bool | None:
-    """Whether a gain in log evidence speaks for a candidate; None where it is not known."""
+    """Whether a gain in log evidence favours a candidate; None if gain or error is not known."""
     if not np.isfinite([gain, error]).all():
         return None
     return bool(gain > max(SMALLEST_EVIDENCE_GAIN, 2.0 * error))
@@ -76,9 +76,9 @@ def _favours(gain: float, error: float) -> bool | None:
 def judge(larger: Score, smaller: Score) -> str:
     """Compare two candidates: `larger`, `smaller` or `conflict`.
 
-    The larger wins only if it tells left-out blocks better (`blocks.favour`) and the evidence
-    agrees; the smaller wins if neither criterion speaks for the larger. All else, and an evidence,
-    error or block that is not known, is a conflict: these data do not resolve it.
+    The larger wins only if it predicts left-out blocks better (`left_out.favour`) and the evidence
+    favours it too. The smaller wins if neither criterion favours the larger. Otherwise, or if an
+    evidence, error or block is not known, the data do not resolve the two: `conflict`.
     """
     by_evidence, gained = evidence_favours(larger, smaller), gains(larger, smaller)
     if by_evidence is None or np.isnan(gained).any() or favour(gained) != by_evidence:
@@ -88,7 +88,7 @@ def judge(larger: Score, smaller: Score) -> str:
 
 @dataclass(frozen=True)
 class Decision:
-    """`chosen` among the ranked candidates, and those that the data do not separate from it."""
+    """The chosen candidate, and those that the data do not separate from the chosen one."""
 
     chosen: str | None
     unresolved: tuple[str, ...]
@@ -96,7 +96,7 @@ class Decision:
 
 
 def decide(scores: Sequence[Score]) -> Decision:
-    """Walk from the fewest parameters upwards, moving on only where `judge` says `larger`."""
+    """Go up from the fewest parameters; choose the next candidate only if `judge` says `larger`."""
     ranked = sorted((s for s in scores if s.loo is not None), key=lambda s: s.n_parameters)
     verdicts = {
         s.candidate: f"{NOT_RANKED}: not converged" if not s.converged else NOT_RANKED
@@ -126,10 +126,10 @@ def decide(scores: Sequence[Score]) -> Decision:
 
 
 def _favoured(chosen: Score, other: Score) -> bool:
-    """Whether the pair, judged by itself, speaks for the chosen one.
+    """Whether a direct comparison favours the chosen candidate over another one.
 
-    The walk need not have met this pair: a candidate passed over in a conflict with a
-    smaller one may hold its own against what was chosen later.
+    `decide` may not have compared this pair: a candidate that it passed over because of a
+    conflict with a smaller one may not lose against the one chosen later.
     """
     if chosen.n_parameters >= other.n_parameters:
         return judge(chosen, other) == "larger"
@@ -147,7 +147,7 @@ def _chosen(chosen: Score, scores: Sequence[Score]) -> str:
 
 
 def _not_resolved(chosen: Score, others: Sequence[Score]) -> str:
-    """The verdict of a candidate that others are not told from."""
+    """Verdict of the chosen candidate if the data do not separate others from it."""
     words = f"not resolved by these data against {', '.join(s.candidate for s in others)}"
     smaller = [s.candidate for s in others if s.n_parameters < chosen.n_parameters]
     if not smaller:
@@ -167,7 +167,7 @@ def _verdict(score: Score, chosen: Score, unresolved: Sequence[str]) -> str:
 
 
 def _one_block(score: Score, chosen: Score) -> str:
-    """Name the one block that keeps the two criteria apart; empty if it is not a single one."""
+    """Name the block that alone makes the two criteria disagree; empty if there is none."""
     larger, smaller = sorted((chosen, score), key=lambda s: s.n_parameters)[::-1]
     by_evidence = evidence_favours(larger, smaller)
     if by_evidence is None:
@@ -184,10 +184,10 @@ def _one_block(score: Score, chosen: Score) -> str:
 
 
 def evidence_conflict(score: Score) -> str:
-    """Say that bridge and nested sampling do not agree on the evidence; empty if they do.
+    """Report that bridge and nested sampling disagree on the evidence; empty if they agree.
 
-    They may differ by 0.5 nat and their two standard errors taken together; an error that is not
-    known counts as none.
+    They may differ by 0.5 nat plus the root of the sum of their squared standard errors. An
+    unknown error counts as zero.
     """
     difference = score.log_evidence - score.log_evidence_nested
     error = float(

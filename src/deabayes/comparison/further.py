@@ -1,4 +1,4 @@
-"""Which further experiment would tell candidates and parameters."""
+"""Rank further experiments by how much they tell about candidates and parameters."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from deabayes.prediction.outcomes import Predictive, Readings
 from deabayes.study import Settings
 
 HELD = ("creep", "step", "relaxation")
-"""Protocols that end with a held excitation, which can be held longer."""
+"""Protocols that end with a constant excitation, which can be held longer."""
 SHOWN_CONDITIONS = ("deformation", "load_g", "voltage", "bias_kV")
-"""Conditions that say what is done, in their column's unit (voltage: V)."""
+"""Conditions that describe an experiment in words, in their column's unit (voltage: V)."""
 TIMELESS = ("quasi_static", "frequency_response")
 
 
 @dataclass(frozen=True)
 class Planned:
-    """An experiment with all its records (a gain has its phase); `what` describes it in words."""
+    """An experiment with all its records (a gain comes with its phase).
+
+    `what` describes the experiment in words.
+    """
 
     name: str
     records: tuple[Experiment, ...]
@@ -33,11 +36,11 @@ class Planned:
 
 
 def plan(experiments: Sequence[Experiment], asked: Mapping[str, Settings]) -> list[Planned]:
-    """The held-out records of a study, and what it asks for under `further_experiments`.
+    """List a study's held-out records and the entries of its `further_experiments`.
 
     Raises
     ------
-    Faults : entries that name no record, or ask of one what cannot be done.
+    Faults : entries that name no record, or ask for a change that the record does not allow.
     """
     protocols = {each.row: each.protocol for each in experiments}
     found = faults(asked, protocols)
@@ -58,7 +61,7 @@ def plan(experiments: Sequence[Experiment], asked: Mapping[str, Settings]) -> li
 
 
 def faults(asked: Mapping[str, Settings], protocols: Mapping[str, str]) -> list[str]:
-    """What is wrong with entries of `further_experiments`, given the records' protocols."""
+    """List the faults of entries of `further_experiments`, given the records' protocols."""
     found = []
     for name, settings in asked.items():
         like = str(settings["like"])
@@ -79,11 +82,11 @@ def faults(asked: Mapping[str, Settings], protocols: Mapping[str, str]) -> list[
 
 
 def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment:
-    """An experiment like another one, with settings of `further_experiments` as factors.
+    """Return a copy of an experiment, altered by the factors of a `further_experiments` entry.
 
-    `excitation` multiplies the excitation's distance from rest (which is 0, of a stretch 1),
-    `speed` how fast time runs, sampling as before, and `duration` the record's length, its last
-    excitation held. No reading is known.
+    `excitation` multiplies the excitation's distance from rest (rest is 1 for a stretch, else 0).
+    `speed` divides all times, and the number of raw samples averaged per point (at least 1).
+    `duration` multiplies the record's length; the last excitation is held. Responses are NaN.
     """
     factors = {key: float(str(value)) for key, value in settings.items() if key != "like"}
     result = replace(experiment, name=name, role="validate", nodes=None, steps=(), warnings=(),
@@ -95,7 +98,7 @@ def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment
 
 
 def described(experiment: Experiment) -> str:
-    """What is done, in words: protocol, range of the excitation, duration."""
+    """Describe an experiment in words: protocol, range of the excitation, duration."""
     driven = experiment.excitation
     unit = "" if driven.unit == "1" else f" {driven.unit}"
     low, high = driven.values.min(), driven.values.max()
@@ -119,7 +122,7 @@ def _altered_row(name: str, records: Sequence[Experiment], settings: Settings) -
 
 
 def _said(settings: Settings) -> str:
-    """An entry of `further_experiments` in words."""
+    """Describe an entry of `further_experiments` in words."""
     words = {"excitation": "excitation × {}", "speed": "{} × as fast", "duration": "{} × as long"}
     parts = [words[key].format(value) for key, value in settings.items() if key in words]
     return f"like {settings['like']}" + (f", {', '.join(parts)}" if parts else " once more")
@@ -153,7 +156,7 @@ def _run(experiment: Experiment, speed: float) -> Experiment:
 
 
 def _held(experiment: Experiment, factor: float) -> Experiment:
-    """At most as many points are added as there are."""
+    """Hold the last excitation longer; the number of points at most doubles."""
     if factor == 1.0:
         return experiment
     time, driven = experiment.coordinate, experiment.excitation
@@ -176,13 +179,13 @@ def _held(experiment: Experiment, factor: float) -> Experiment:
 
 @dataclass(frozen=True)
 class CandidateInformation:
-    """What y tells about which candidate is right, with Monte Carlo standard errors.
+    """Information of an outcome y about the right candidate M, with Monte Carlo standard errors.
 
     Attributes
     ----------
-    nats : lower bound of the mutual information of M and y, all candidates equally probable;
-        at most the logarithm of their number.
-    probability_right : of naming the right candidate from y.
+    nats : lower bound of the mutual information of M and y, with all candidates equally probable.
+        It is at most the logarithm of their number.
+    probability_right : probability that y leads to the right candidate.
     """
 
     nats: float
@@ -194,15 +197,16 @@ class CandidateInformation:
 def candidate_information(
     predictives: Sequence[Predictive], rng: np.random.Generator
 ) -> CandidateInformation:
-    r"""Mutual information of the candidate and an experiment's outcome.
+    r"""Estimate the mutual information of the candidate M and an experiment's outcome y.
 
     I(M; y) >= log K + E[log q(M | y)],  q(M | y) = q(y | M) / sum_j q(y | M_j),
 
     for any q (Barber & Agakov 2003, Advances in Neural Information Processing Systems 16; for
-    experiments Foster et al. 2019, arXiv:1903.05480), with y drawn from the candidates' own
-    predictives and q their `Predictive`, made from other draws. What q gets wrong loses
-    information and never adds any; naming the candidate of the largest q(M | y) likewise is
-    at most as often right as by p. No response is an outcome too.
+    experiments Foster et al. 2019, arXiv:1903.05480). The outcomes y are drawn from the
+    candidates' own predictives. q is the density of their `Predictive`, made from other draws.
+    Errors of q can only lower the estimate. Likewise, choosing the candidate with the largest
+    q(M | y) is right at most as often as choosing by the true p(M | y). A missing response
+    counts as an outcome too.
     """
     count = len(predictives)
     terms = [_of_truth(predictives, truth, rng) for truth in range(count)]
@@ -216,7 +220,7 @@ def candidate_information(
 def _of_truth(
     predictives: Sequence[Predictive], truth: int, rng: np.random.Generator
 ) -> tuple[float, float, tuple[float, float]]:
-    """Means of log q(M | y) and of being right where one candidate is, with their errors."""
+    """Mean log q(M | y) and share of right choices if candidate `truth` is right, with errors."""
     share = predictives[truth].failed_share
     nats, right = _judged(np.array([[each.log_failed[0]] for each in predictives]), truth)
     if share == 1.0:
@@ -233,16 +237,16 @@ def _of_truth(
 
 
 def _log_response(predictive: Predictive, y: Readings) -> FloatArray:
-    """log q of outcomes; only a failure is expected where no draw has a response."""
+    """log q(y | M) of outcomes with a response; -inf if no draw of the candidate has one."""
     if not predictive.known:
         return np.full(len(y[0]), -np.inf)
     return predictive.log_failed[1] + predictive.log_density(y)
 
 
 def _judged(log_q: FloatArray, truth: int) -> tuple[FloatArray, FloatArray]:
-    """log q(M | y) of the truth and the share of right answers, for log q(y | M) (K, Y).
+    """log q(M | y) of the true candidate and share of right choices, from log q(y | M) (K, Y).
 
-    Where candidates are equally probable, one of them is picked at random.
+    If several candidates share the largest density, one of them is chosen at random.
     """
     from scipy.special import logsumexp
 
@@ -254,12 +258,14 @@ def _judged(log_q: FloatArray, truth: int) -> tuple[FloatArray, FloatArray]:
 def parameter_information(predictive: Predictive) -> tuple[float, float]:
     r"""Expected information about a candidate's parameters in nats, and its standard error.
 
-    (1 - f) E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] - f log f - (1 - f) log(1 - f), with f the
-    share of draws without a response, which tell that much, and E over draws of the noise C
-    (Lindley 1956, 10.1214/aoms/1177728069, for a linear model with normal noise; Chaloner &
-    Verdinelli 1995, 10.1214/ss/1177009939). Exact for curves linear in the parameters; of all
-    laws with the curves' covariance the normal one gives most. Information about the
-    noise is left out.
+    (1 - f) E[1/2 log det(I + C^(-1/2) F F^T C^(-1/2))] - f log f - (1 - f) log(1 - f)
+
+    Here f is the share of draws without a response, F F^T the covariance of the curves, and E the
+    mean over draws of the noise covariance C (Lindley 1956, 10.1214/aoms/1177728069, for a linear
+    model with normal noise; Chaloner & Verdinelli 1995, 10.1214/ss/1177009939). The terms in f
+    are the information from whether there is a response. The first term is exact for curves
+    linear in the parameters, and otherwise the largest value that their covariance allows.
+    Information about the noise is left out.
     """
     from scipy.special import entr
 
@@ -270,7 +276,7 @@ def parameter_information(predictive: Predictive) -> tuple[float, float]:
 
 
 IN_THE_RUNNING = 3.0
-"""Nats of log evidence below the best, odds of 20 to 1, within which a candidate counts."""
+"""Nats below the best log evidence within which a candidate may be right (odds of 20 to 1)."""
 FIRST = f"{SHOWN}|^nothing to compare"
 SHARE_FOR_DENSITY = 2.0 / 3.0
 COLUMNS = (
@@ -280,23 +286,22 @@ COLUMNS = (
     "failed_share", "failure", "extrapolation",
 )  # fmt: skip
 Seed = Callable[[str], np.random.SeedSequence]
-"""Of an experiment by name."""
+"""Function from an experiment's name to its random seed."""
 
 
 @dataclass(frozen=True)
 class Outlook:
-    """What one candidate says of an experiment, and why some of its draws have no response."""
+    """A candidate's prediction of an experiment, and why some of its draws have no response."""
 
     predictive: Predictive
     failure: str
 
 
 def contenders(comparison: pd.DataFrame) -> list[str]:
-    """The candidates that the records leave in the running, the chosen one first.
+    """List the converged candidates that may still be right, the chosen one first.
 
-    Those chosen or unresolved, and those whose evidence is close to theirs: a larger model that
-    the records neither need nor contradict is passed over, and may be right all the same. No
-    candidate that did not converge.
+    These are the chosen and unresolved candidates, and others whose evidence is close to theirs.
+    A larger model that the records neither need nor contradict is not chosen, but may be right.
     """
     ranked = comparison[comparison["converged"].astype(bool)]
     passed_over = ranked["verdict"].astype(str).str.startswith("not chosen")
@@ -312,11 +317,12 @@ def contenders(comparison: pd.DataFrame) -> list[str]:
 def further_table(
     planned: Sequence[Planned], candidates: Mapping[str, Fitted], seed: Seed
 ) -> pd.DataFrame:
-    """One row per experiment, the most telling first.
+    """Tabulate the experiments, one row each, the most informative first.
 
     Parameters
     ----------
-    candidates : those in the running, with a few hundred draws each in random order.
+    candidates : those that may be right (`contenders`), with a few hundred draws each in random
+        order.
     """
     names = [f"information_{c}{end}" for c in candidates for end in ("_nats", "_error_nats")]
     rows = [_row(each, candidates, np.random.default_rng(seed(each.name))) for each in planned]
@@ -326,7 +332,7 @@ def further_table(
 
 
 def outlook(planned: Planned, fitted: Fitted) -> Outlook:
-    """A candidate's predictive of an experiment: a draw that fails on a record fails on all."""
+    """Predict an experiment with a candidate; a draw that fails on one record counts as failed."""
     found = [fitted.reading(record) for record in planned.records]
     kept = np.logical_and.reduce([ok for _, ok in found])
     failed = int(np.sum(~kept))
@@ -336,7 +342,7 @@ def outlook(planned: Planned, fitted: Fitted) -> Outlook:
         lost = {n: np.ascontiguousarray(v[~kept]) for n, v in fitted.draws.items()}
         system = fitted.system_for(record)
         failure = system.failure_note(record.excitation, record.coordinate, lost)
-    if kept.sum() < 2:  # a density and a sample ask for one draw each
+    if kept.sum() < 2:  # the density and the sample need one draw each
         return Outlook(Predictive((), (), (kept.size, kept.size)), failure)
     picked = np.flatnonzero(kept)
     cut = max(int(SHARE_FOR_DENSITY * picked.size), 1)

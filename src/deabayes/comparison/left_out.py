@@ -1,4 +1,4 @@
-"""How well a candidate predicts blocks of the records that are left out."""
+"""How well a candidate predicts blocks of the records that are left out of the fit."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from deabayes.sampling.problem import Coordinates, Hop, Problem
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
 Densities = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]
-"""z (N, d) and the piece (N,) that each row is without -> log density without it, log-likelihood
-of it given the rest, (N,) each; NaN or -inf where there is no response."""
+"""Function of z (N, d) and the index (N,) of the piece that each row leaves out. Returns the log
+density without that piece and the piece's log-likelihood given the rest, both (N,). They are NaN
+or -inf where there is no response."""
 
 AT_THE_TURN = Schedule(final_rounds=(10, 30), crossed=True)
-"""Where draws settle without what is left out."""
+"""Schedule for draws that settle in the posterior without the left-out piece."""
 ON_THE_WAY = Schedule(rounds=(2, 8), final_rounds=(0, 0), crossed=True)
-"""For a ratio of normalising constants: no draw at the end of the way counts. With
-at most 5 rounds and larger steps the logarithm of the ratio is off by half a nat."""
+"""Schedule for a ratio of normalising constants, which does not use the final draws. With at most
+5 rounds and larger steps the logarithm of the ratio is wrong by half a nat."""
 PAIR = 2
-"""Populations of each piece: every other one is moved by proposals fitted to the rest."""
+"""Populations per piece. Proposals for one half of all populations are fitted to the other half."""
 
 
 class _Pieces:
-    """Densities of rows that come population by population, each evaluated once."""
+    """Densities of rows grouped by piece; the densities of one z are evaluated only once."""
 
     def __init__(self, densities: Densities, pieces: int) -> None:
         self._densities, self._pieces = densities, pieces
@@ -64,18 +65,20 @@ def left_out_log_densities(
 ) -> FloatArray:
     r"""log p(y_left | y_rest) = log E[L_left(theta) | y_rest] of every piece, (B,).
 
-    There and back: on the way out, p(theta | y) L_left^(-beta), particles lag behind and the
-    ratio of normalising constants comes out too good (by 0.8 in a linear model of 12 parameters),
-    so that it only brings the draws to the posterior without y_left. From there they narrow
-    again, with the ratio of that way. Draws without a response to what is left out are on
-    neither: at the turn the draws go on without y_left, and the share of those that have a
-    response is a factor.
+    Tempering goes out and back. On the way out, p(theta | y) L_left^(-beta), the particles lag
+    behind and the ratio of normalising constants is too large (by 0.8 in a linear model of 12
+    parameters). The way out therefore only carries the draws to the posterior without y_left.
+    On the way back the draws narrow again; this way gives the ratio.
+
+    Neither way covers draws without a response to the left-out data. Between the two ways, draws
+    therefore move in the posterior without y_left, and the share of them that have a response
+    multiplies the result.
 
     Parameters
     ----------
-    pieces : how many are left out, each one alone.
+    pieces : number of pieces; each is left out alone.
     z : (S, d) draws of the posterior of all data.
-    coordinates, hops : of that posterior.
+    coordinates, hops : coordinates and hops for the posterior of all data.
     """
     terms = _Pieces(densities, pieces)
     half = len(z) // PAIR
@@ -106,15 +109,15 @@ def leave_blocks_out(
     z: FloatArray,
     seed: np.random.SeedSequence,
 ) -> FloatArray:
-    """log p(block | points before it, parameters as all other terms have them) of blocks, (B,).
+    """log p(block | points before it) of each block, (B,), over the posterior without its terms.
 
-    The density is a product of terms log p(y_k | y_1..k-1, theta). Those of the block are left
-    out of the posterior; its points remain what later terms are conditional on.
+    The log-likelihood is a sum of terms log p(y_k | y_1..k-1, theta). The terms of the block are
+    left out of the posterior, but later terms are still conditional on the block's points.
 
     Parameters
     ----------
-    blocks : name of the record and points.
-    z : (S, d) draws of the posterior.
+    blocks : name of the record and slice of its points.
+    z : (S, d) draws of the posterior of all data.
     """
 
     def densities(z: FloatArray, piece: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
@@ -132,7 +135,7 @@ def leave_blocks_out(
 
 
 def _terms(target: LogPosterior, z: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Log densities of all points, (N, points), by record, and what else the posterior holds."""
+    """Log densities (N, points) by record, and the other terms of the log posterior (N,)."""
     with np.errstate(all="ignore"):
         theta = target.prior.to_parameters(z)
         by_record = target.pointwise_log_likelihood(theta)
@@ -142,17 +145,18 @@ def _terms(target: LogPosterior, z: FloatArray) -> tuple[dict[str, FloatArray], 
 
 SMALLEST_GAIN = 4.0
 SAFE_GAIN = 8.0
-"""A gain of g nats between two Gaussian predictions, the better of which is right, has a standard
-deviation of sqrt(2 g): from here on g is two of these and more."""
+"""Gain in nats from which the larger of two candidates may win despite a large standard error. If
+the better of two Gaussian predictions is right, its gain g has the standard deviation sqrt(2 g);
+from 8 nats on, g is at least two of these."""
 
 
 @dataclass(frozen=True)
 class BlockLoo:
     """Leave-one-block-out expected log predictive density.
 
-    `terms` (B,) are the blocks' contributions, the same blocks for every
-    candidate of a study; `k_hat` (B,) the Pareto shape of their importance weights;
-    `names` say where the blocks are.
+    `terms` (B,) are the contributions of the blocks, which are the same for every candidate of a
+    study. `k_hat` (B,) are the Pareto shapes of the blocks' importance weights. `names` say
+    where the blocks are.
     """
 
     terms: FloatArray
@@ -174,10 +178,10 @@ def standard_error(terms: FloatArray) -> float:
 
 
 def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
-    """First index of each block: contiguous stretches at least `length` long.
+    """First index of each block; a block is a contiguous stretch at least `length` long.
 
-    Blocks of two correlation lengths and more keep a left-out block from being
-    told by its neighbours (inference.md, Model order).
+    With blocks of at least two correlation lengths, the neighbours of a left-out block say
+    little about its noise (inference.md, Model order).
     """
     edges, start = [0], coordinate[0]
     for index, value in enumerate(coordinate):
@@ -195,13 +199,13 @@ def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
 
 
 def leave_one_block_out(terms: FloatArray, names: tuple[str, ...] = ()) -> BlockLoo:
-    """Pareto-smoothed importance sampling over blocks (Vehtari, Gelman & Gabry 2017).
+    """Estimate block-LOO by Pareto-smoothed importance sampling (Vehtari, Gelman & Gabry 2017).
 
     Draws of the full posterior have weights 1 / p(block | theta_s).
 
     Parameters
     ----------
-    terms : (S, B) log p(block | what precedes it, theta_s).
+    terms : (S, B) log p(block | points before it, theta_s).
     """
     from scipy.special import logsumexp
 
@@ -213,12 +217,12 @@ def leave_one_block_out(terms: FloatArray, names: tuple[str, ...] = ()) -> Block
 
 
 def favour(gains: FloatArray) -> bool:
-    """Whether a larger candidate that gains this on each block, (B,), tells them better.
+    """Whether the gains (B,) of a larger candidate show that it predicts the blocks better.
 
-    Its elpd gain exceeds max(4, 2 SE); or it exceeds `SAFE_GAIN`, and what is left of it
-    without the block that gains most max(4, SE). The standard error is for blocks that are
-    alike: where a fast unit shows in the first of them only, it is more than half of the sum,
-    however large that is. No block decides alone.
+    Either the sum of the gains exceeds max(4, 2 SE). Or the sum exceeds `SAFE_GAIN`, and the sum
+    without the block that gains most exceeds max(4, SE). The second rule is needed because the
+    standard error assumes similar blocks. If a fast relaxation shows only in the first block, the
+    standard error is more than half of the sum, however large the sum. No block decides alone.
     """
     if _exceeds(gains, SMALLEST_GAIN, 2.0):
         return True
@@ -227,18 +231,18 @@ def favour(gains: FloatArray) -> bool:
 
 
 def deciding(gains: FloatArray, evidence: bool) -> int | None:
-    """The block that keeps left-out blocks and evidence apart, if it is a single one.
+    """Find the single block that makes left-out blocks and evidence disagree, if there is one.
 
     Parameters
     ----------
-    gains : (B,) of the larger candidate over the smaller.
-    evidence : whether the evidence is for the larger.
+    gains : (B,) gains of the larger candidate over the smaller.
+    evidence : whether the evidence favours the larger candidate.
 
     Returns
     -------
-    the block without which both would say the same, that which speaks loudest against the
-    evidence; or one that has nearly all of a gain that would be enough (`SAFE_GAIN`). None where
-    they say the same, or where more than one block is against it.
+    Index of the block whose gain contradicts the evidence most, if both criteria agree without
+    it. Else, if the evidence favours the larger and the sum of the gains exceeds `SAFE_GAIN`,
+    index of the block that gains most. None if both criteria agree already, or in other cases.
     """
     if gains.size < 3 or favour(gains) == evidence:
         return None

@@ -16,12 +16,12 @@ from deabayes.faults import UserError
 
 
 class Batched:
-    """A pool (`map`, `size`) and a likelihood of one point, together.
+    """A thread pool and a likelihood of one point that evaluates waiting points in one batch.
 
     Parameters
     ----------
     log_likelihood : z (W, d) -> (W,).
-    size : chains that run at once.
+    size : number of chains that run at once.
     """
 
     def __init__(self, log_likelihood: Callable[[FloatArray], FloatArray], size: int) -> None:
@@ -45,7 +45,7 @@ class Batched:
         return results
 
     def __call__(self, z: FloatArray) -> float:
-        """The likelihood of one point z (d,), called inside `map` or outside."""
+        """Return the log-likelihood of one point z (d,), inside a call of `map` or outside."""
         if not self._running:
             return self._evaluate([z])[0]
         answer: list[float] = []
@@ -79,7 +79,7 @@ class Batched:
 
 
 LIVE, CHAINS, REMAINING = 500, 32, 0.01
-"""Live points, chains that move at once, and the log evidence left when nested sampling ends."""
+"""Live points, chains that move at once, and the remaining log evidence at which sampling ends."""
 
 
 def nested(
@@ -88,15 +88,16 @@ def nested(
     seed: np.random.SeedSequence,
     live: int = LIVE,
 ) -> tuple[Any, float]:
-    """dynesty's results in z, and the CPU seconds they took.
+    """Run dynesty in z; return its results and the CPU seconds they took.
 
-    Skilling 2006 (10.1214/06-BA127), as done by Speagle 2020 (10.1093/mnras/staa278) with random
-    slices. The prior of every coordinate of z is standard normal, so that the prior transform is
-    the normal quantile, and the likelihood's integral over it the evidence.
+    The method is that of Skilling 2006 (10.1214/06-BA127), implemented by Speagle 2020
+    (10.1093/mnras/staa278), with random slices. The prior of every coordinate of z is standard
+    normal. The prior transform is therefore the normal quantile, and the integral of the
+    likelihood over this prior is the evidence.
 
     Parameters
     ----------
-    log_likelihood : z (W, d) -> (W,); -inf where it fails.
+    log_likelihood : z (W, d) -> (W,); -inf where the likelihood cannot be computed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From posterior files to the rows of comparison.csv."""
+"""Compute the rows of comparison.csv from posterior files."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ from deabayes.quantities import with_unit
 LOO_DRAWS = 4000
 DRAWS_AT_ONCE = 1000
 TRUSTED_K_HAT = 0.5
-"""Up to here a block's importance weights are trusted. At 0.7 (1000 draws) one in four of the
-blocks that nearly alone tell a parameter passed, 1 to 3 nats too good (docs/statistics.md)."""
+"""Largest Pareto shape at which a block's importance weights are trusted. With 0.7 (1000 draws),
+one in four of the blocks that nearly alone inform a parameter passed, with a log density 1 to 3
+nats too high (docs/statistics.md)."""
 SAMPLED_DRAWS = 128
-"""That a block is left out with by sampling, where importance weights are unreliable."""
+"""Number of draws for leaving a block out by sampling, if its importance weights are unreliable."""
 FAR_BEHIND = 50.0
-"""Nats of log evidence and of elpd by which a candidate is so far behind the best that sampling
-without a block, which changes a few nats, cannot matter."""
+"""Nats of log evidence and of elpd. A candidate further behind the best in both is not sampled
+without blocks: that changes a few nats only."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
 FEWEST_BLOCKS = 10
 
@@ -72,10 +73,10 @@ class Ranked:
 def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
     """First indices of the blocks of every calibrated record, the same for all candidates.
 
-    A block is two correlation times long, by the longest posterior median among
-    the ranked candidates, but a record has at least `FEWEST_BLOCKS`: a candidate
-    whose noise took over the whole curve must not leave one block to judge by. A
-    noise model without correlation gets blocks of three points.
+    A block is two correlation times long. The correlation time is the longest posterior median
+    among the ranked candidates. A record has about `FEWEST_BLOCKS` blocks or more, so that a
+    candidate whose noise fits the whole curve does not reduce the record to one block. With a
+    noise model without correlation, a block has three points.
     """
     edges = {}
     for record in ranked[0].target.records:
@@ -95,7 +96,7 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
 
 
 def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo:
-    """Block-LOO of one candidate over all calibrated records, by importance weights."""
+    """Compute the block-LOO of one candidate over all calibrated records by importance weights."""
     target = ranked.target
     theta = ranked.theta(LOO_DRAWS)
     parts = np.array_split(theta, -(-len(theta) // DRAWS_AT_ONCE))
@@ -105,7 +106,7 @@ def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo
 
 
 def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[tuple[str, slice]]:
-    """The record and the points of every block."""
+    """Return the record's name and the slice of points of every block."""
     return [
         (r.experiment.name, slice(*ends))
         for r in target.records
@@ -119,7 +120,7 @@ def _sampled(
     edges: Mapping[str, NDArray[np.intp]],
     seed: np.random.SeedSequence,
 ) -> BlockLoo:
-    """The same, with sampling without those blocks whose importance weights are not trusted."""
+    """Replace the terms of blocks whose importance weights are not trusted, by sampling."""
     doubtful = np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT))
     if not doubtful.size:
         return loo
@@ -134,7 +135,7 @@ def _sampled(
 def _terms(
     target: LogPosterior, theta: FloatArray, edges: Mapping[str, NDArray[np.intp]]
 ) -> FloatArray:
-    """The blocks' log densities (S, B), in the order of the records."""
+    """Log densities (S, B) of all blocks, in the order of the records."""
     pointwise = target.pointwise_log_likelihood(theta)
     names = [r.experiment.name for r in target.records]
     return np.concatenate([block_terms(pointwise[name], edges[name]) for name in names], axis=1)
@@ -143,7 +144,7 @@ def _terms(
 def block_names(
     experiments: Mapping[str, Experiment], places: Sequence[tuple[str, slice]]
 ) -> tuple[str, ...]:
-    """Where blocks are: `the end of creep_2kV, time 0.8 to 1 s`."""
+    """Describe where each block is, such as `the end of creep_2kV, time 0.8 to 1 s`."""
 
     def named(name: str, block: slice) -> str:
         experiment = experiments[name]
@@ -158,7 +159,7 @@ def block_names(
 
 
 def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> list[Score]:
-    """The scores of all candidates; block-LOO only of the converged ones."""
+    """Score all candidates; only converged ones get a block-LOO."""
     converged = [c for c in candidates if c.converged]
     edges = common_blocks(converged) if converged else {}
     loos = {c.candidate: block_loo(c, edges) for c in converged}
@@ -185,7 +186,7 @@ def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> lis
 
 
 def _close_calls(log_evidence: Mapping[str, float], loos: Mapping[str, BlockLoo]) -> list[str]:
-    """The candidates not far behind the best; none where that one is alone, or nobody ranked."""
+    """List the candidates that are not far behind the best; empty if there are fewer than two."""
     elpd = {name: loo.elpd for name, loo in loos.items()}
     least = [max(each.values(), default=0.0) - FAR_BEHIND for each in (log_evidence, elpd)]
     close = [n for n in loos if not (log_evidence[n] < least[0] and elpd[n] < least[1])]
@@ -193,7 +194,7 @@ def _close_calls(log_evidence: Mapping[str, float], loos: Mapping[str, BlockLoo]
 
 
 def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> pd.DataFrame:
-    """The table of comparison.csv."""
+    """Return the table of comparison.csv."""
     scores = score_all(candidates, seed)
     decision = decide(scores)
     chosen = next((s for s in scores if s.candidate == decision.chosen), None)
@@ -235,7 +236,7 @@ def _row(score: Score, chosen: Score | None, decision: Decision) -> dict[str, ob
 
 
 def _difference(one: Ranked, candidates: Sequence[Ranked], decision: Decision) -> str:
-    """Where the predictions of an unresolved candidate differ most from the chosen one's."""
+    """Say where the median curves of an unresolved candidate and the chosen one differ most."""
     chosen = next(c for c in candidates if c.candidate == decision.chosen)
     mine, theirs = (
         {name: np.nanmedian(f, axis=0) for name, f in c.target.responses(c.theta(200)).items()}

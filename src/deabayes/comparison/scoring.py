@@ -16,19 +16,20 @@ if TYPE_CHECKING:
 
 LogDensity = Callable[[FloatArray], FloatArray]
 REACH, BEYOND = 6.0, 3.0
-"""Prior standard deviations within which the likelihood's maximum is looked for, and how far beyond
-a posterior that lies further out."""
+"""The likelihood's maximum is searched within `REACH` prior standard deviations, or within `BEYOND`
+of the draws where these lie further out."""
 CLIMBS, MOST_ITERATIONS, MOST_QUIET = 32, 200, 20
-"""Climbs to the likelihood's maximum; iterations of a climb; and iterations in turn that gain next
-to nothing, after which a climb has ended. Without the prior's density ridges are long and flat."""
+"""Number of climbs to the likelihood's maximum, and most iterations of a climb. A climb also ends
+after `MOST_QUIET` iterations in turn that gain almost nothing: without the prior's density, ridges
+are long and flat."""
 POPULATIONS, PARTICLES, LARGEST_ERROR = 4, 256, 0.5
-"""The warm-up without an experiment: populations, particles of each; and the largest standard error
-of a log evidence that is used."""
+"""For the warm-up without an experiment: number of populations, particles per population, and
+largest standard error at which the log evidence is used."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """log of the marginal likelihood, with the scatter of independent estimates."""
+    """Log of the marginal likelihood, with its Monte Carlo error and independent estimates."""
 
     log_evidence: float
     mcse: float
@@ -38,12 +39,12 @@ class Evidence:
 def bridge_log_ratio(
     at_posterior: FloatArray, at_proposal: FloatArray, effective: float, iterations: int = 1000
 ) -> float:
-    r"""log of the normalising constant by the optimal bridge of Meng & Wong (1996).
+    r"""Log of the normalising constant by the optimal bridge of Meng & Wong (1996).
 
     Parameters
     ----------
     at_posterior : (N1,) log target - log proposal at draws from the target.
-    at_proposal : (N2,) the same at draws from the proposal.
+    at_proposal : (N2,) log target - log proposal at draws from the proposal.
     effective : effective number of independent draws among the N1.
 
     Notes
@@ -78,7 +79,9 @@ def bridge_evidence(
     seed: np.random.SeedSequence,
     components: int = 4,
 ) -> Evidence:
-    """Evidence from draws: the proposal of ensemble e bridges to the draws of ensemble e + 1.
+    """Estimate the evidence from draws of independent ensembles by bridge sampling.
+
+    The proposal is fitted to ensemble e, and the bridge uses the draws of ensemble e + 1.
 
     Parameters
     ----------
@@ -113,16 +116,17 @@ def bridge_evidence(
 def leave_one_experiment_out(
     target: LogPosterior, log_evidence: float, z: FloatArray, seed: np.random.SeedSequence
 ) -> dict[str, float]:
-    """log p(y_e | all other records) of each calibrated experiment, a gain with its phase.
+    """log p(y_e | all other records) of each calibrated experiment; a gain goes with its phase.
 
-    It is the log evidence of all records minus that of the other records. A warm-up to the
-    posterior of the others gives the latter, to about a nat. (Draws of the posterior of all
-    cannot be carried there: a membrane's step of 4 kV came out seven nats too good.) It is NaN
-    where the populations of the warm-up do not agree. Empty for a single experiment.
+    The value is the log evidence of all records minus the log evidence of the other records. A
+    warm-up to the posterior of the other records gives the second evidence, to about a nat.
+    (Carrying draws of the full posterior there gave a value seven nats too high for a membrane's
+    step of 4 kV.) The value is NaN if the populations of the warm-up do not agree. The result is
+    empty for a single experiment.
 
     Parameters
     ----------
-    log_evidence : of all records.
+    log_evidence : log evidence of all records.
     z : (N, d) draws of the posterior of all records, from which climbs start.
     """
     rows = list(dict.fromkeys(record.experiment.row for record in target.records))
@@ -138,10 +142,11 @@ def leave_one_experiment_out(
 def _warmed_up_evidence(
     target: LogPosterior, similar: FloatArray, seed: np.random.SeedSequence
 ) -> float:
-    """Log evidence by the tempering of a warm-up.
+    """Estimate the log evidence by the tempering of a warm-up.
 
-    Where there is a rough solution, it is tempered with that. The exact evidence is the rough one
-    times the mean of likelihood / rough likelihood over the rough posterior.
+    If the problem has a rough solution, tempering uses the rough likelihood. The exact evidence
+    is then the rough evidence times the mean of likelihood / rough likelihood over the rough
+    posterior.
     """
     from scipy.special import logsumexp
 
@@ -167,9 +172,9 @@ def _warmed_up_evidence(
 
 
 def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArray) -> float:
-    """The highest log-likelihood within the prior's support, climbed to from some draws z (S, d).
+    """Find the highest log-likelihood by climbing from some draws z (S, d).
 
-    The prior's bounds stay, its density does not count.
+    The prior's bounds limit the climb, but its density does not count.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Posteriors in the formats other programs read: one function and one line here per format."""
+"""Export of posteriors to formats of other programs; every format has one entry here."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ REGISTRY: dict[str, Callable[..., Sequence[str] | None]] = {
     "pymc": write_pymc,
     "numpyro": write_numpyro,
 }
-"""Format -> its function: (tree, path, *, its options).
+"""Format -> function with the arguments (tree, path, *, options of the format).
 
-One that takes `suffix` is told the ending of the file asked for: it writes to another path. One may
-return what is to be heeded about what it wrote.
+`path` is a temporary file. A function with the option `suffix` gets the ending of the requested
+file. A function may return warnings about what it wrote.
 """
 ENDINGS: dict[str, tuple[str, ...]] = {
     "csv": (".csv",),
@@ -41,25 +41,23 @@ ENDINGS: dict[str, tuple[str, ...]] = {
     "pymc": (".py",),
     "numpyro": (".py",),
 }
-"""Format -> its usual endings, which other formats' files may not have."""
+"""Format -> its usual file endings; files of other formats must not have them."""
 OF_OTHER_PROGRAMS = (".xlsx", ".xls", ".nc", ".tdms")
-"""What opens files with these endings reads no export."""
+"""Refused file endings: programs that open such files cannot read an export."""
 
 
 def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> list[str]:
-    """Write the posterior in `tree` to `output` in the format named `to`.
-
-    Returns what is to be heeded about what was written.
+    """Write the posterior in `tree` to `output` in the format named `to`; return warnings.
 
     Parameters
     ----------
-    **options : those of the format, see its module; None counts as not given.
+    **options : options of the format, see its module; None counts as not given.
 
     Raises
     ------
     UserError
-        If there is no such format, it takes no such option, or `output` ends like
-        another's.
+        If the format is unknown or does not take an option, or if `output` has an ending of
+        another format.
     """
     if to not in REGISTRY:
         raise UserError(f"--to {to!r} is no export format{nearest(to, REGISTRY)}")

@@ -1,6 +1,6 @@
 r"""Material cards of Abaqus.
 
-In Abaqus, with deviatoric stretches and I_1 of them,
+The energies in Abaqus, with deviatoric stretches l_i and the first invariant I_1 of them:
 
 OGDEN               U = sum_i (2 mu_i/alpha_i^2) (l_1^alpha_i + l_2^alpha_i + l_3^alpha_i - 3)
 REDUCED POLYNOMIAL  U = sum_k C_k0 (I_1 - 3)^k
@@ -36,16 +36,16 @@ INCOMPRESSIBLE = (
 
 
 def write(tree: xr.DataTree, path: Path, *, draws: int | None = None) -> None:
-    """Cards for `*INCLUDE`, one `*MATERIAL` each.
+    """Write cards for `*INCLUDE`, with one `*MATERIAL` per card.
 
     Parameters
     ----------
-    draws : how many draws to write a card of; by default one card of the medians.
+    draws : number of draws, with one card per draw; by default one card of the medians.
 
     Raises
     ------
     UserError
-        If the candidate describes no solid, or there are not so many draws.
+        If the candidate describes no solid, or the posterior has fewer draws.
     """
     write_cards(tree, path, draws, Program(MARK, SAID, OF_RELAXATION, _lines))
 
@@ -62,7 +62,7 @@ def _lines(card: Card) -> list[str]:
 
 
 def _moduli(card: Card) -> str:
-    """Which moduli they are; without relaxation there are none but these."""
+    """Option that says whether moduli are instantaneous or long-term; empty without relaxation."""
     if not card.shares:
         return ""
     return f", MODULI={'INSTANTANEOUS' if card.instantaneous else 'LONG TERM'}"
@@ -81,7 +81,7 @@ def _linear(card: Card) -> list[str]:
 
 
 def _neo_hookean(card: Card) -> list[str]:
-    """C_10 = mu/2, D_1."""
+    """Neo-Hookean card with the constants C_10 = mu/2 and D_1."""
     return [
         *commented(INCOMPRESSIBLE, MARK),
         f"*HYPERELASTIC, NEO HOOKE{_moduli(card)}",
@@ -90,7 +90,10 @@ def _neo_hookean(card: Card) -> list[str]:
 
 
 def _ogden(card: Card) -> list[str]:
-    """Of W = sum (mu_i/alpha_i) (...): Abaqus' coefficient is mu_i alpha_i/2, its exponent ours."""
+    """Ogden card; for our W = sum (mu_i/alpha_i) (...) the coefficient is mu_i alpha_i/2.
+
+    The exponents are the same in both.
+    """
     pairs = zip(series(card.moduli, "mu"), series(card.others, "alpha"), strict=True)
     data = [value for mu, alpha in pairs for value in (mu * alpha / 2.0, alpha)]
     terms = len(data) // 2
@@ -102,10 +105,10 @@ def _ogden(card: Card) -> list[str]:
 
 
 def _gent(card: Card) -> list[str]:
-    r"""The Gent energy's series, C_k0 = mu/(2 k J^(k-1)), to order 6.
+    r"""Gent card as the series of the Gent energy to order 6, C_k0 = mu/(2 k J^(k-1)).
 
-    -(mu J/2) log(1 - x/J) = (mu/2) sum_k x^k/(k J^(k-1)), x = I_1 - 3; the stress of the first n
-    terms is 1 - (x/J)^n of Gent's.
+    -(mu J/2) log(1 - x/J) = (mu/2) sum_k x^k/(k J^(k-1)), x = I_1 - 3. The stress of the first n
+    terms is the Gent stress times 1 - (x/J)^n.
     """
     mu, limit = card.moduli["mu"], card.others["J"]
     data = [mu / (2.0 * k * limit ** (k - 1)) for k in range(1, ORDER + 1)]
@@ -117,7 +120,7 @@ def _gent(card: Card) -> list[str]:
 
 
 def _series_holds(card: Card) -> list[str]:
-    """Up to where the series' stress is within a hundredth of Gent's."""
+    """Comments on the stretch up to which the series' stress is within 1 % of the Gent stress."""
     limit = card.others["J"]
     reached = limit * CLOSE ** (1.0 / ORDER)
     biaxial, uniaxial = (_stretch(reached, power) for power in (2, 1))
@@ -136,7 +139,7 @@ def _series_holds(card: Card) -> list[str]:
 
 
 def _stretch(invariant: float, directions: int) -> float:
-    """The stretch of I_1 - 3 where 1 (uniaxial) or 2 (equal-biaxial) directions are pulled."""
+    """Return the stretch for I_1 - 3 in uniaxial (1 direction) or equal-biaxial (2) tension."""
     from scipy.optimize import brentq
 
     def excess(stretch: float) -> float:

@@ -1,14 +1,14 @@
 r"""Material cards of Mechanical APDL (ANSYS).
 
-In ANSYS, with deviatoric stretches and I_1 of them,
+The energies in ANSYS, with deviatoric stretches l_i and the first invariant I_1 of them:
 
 OGDEN  W = sum_i (mu_i/alpha_i) (l_1^alpha_i + l_2^alpha_i + l_3^alpha_i - 3)
 GENT   W = -(mu J_m/2) log(1 - (I_1 - 3)/J_m)
 NEO    W = (mu/2) (I_1 - 3)
 
-plus volumetric terms with d; d = 0 is incompressible. Their constants are those before
-relaxation; TB,PRONY,,,,SHEAR is alpha_i, tau_i of G(t)/G(0) = 1 - sum_i alpha_i (1 -
-exp(-t/tau_i)) (Material Reference, hyperelasticity and viscoelasticity).
+plus volumetric terms with d; d = 0 is incompressible. The constants are those before relaxation.
+TB,PRONY,,,,SHEAR takes alpha_i, tau_i of G(t)/G(0) = 1 - sum_i alpha_i (1 - exp(-t/tau_i))
+(Material Reference, hyperelasticity and viscoelasticity).
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ INCOMPRESSIBLE = (
 
 
 def write(tree: xr.DataTree, path: Path, *, draws: int | None = None) -> None:
-    """Cards for `/INPUT`, one material number each.
+    """Write cards for `/INPUT`, with one material number per card.
 
     Parameters
     ----------
-    draws : how many draws to write a card of; by default one card of the medians.
+    draws : number of draws, with one card per draw; by default one card of the medians.
 
     Raises
     ------
     UserError
-        If the candidate describes no solid, or there are not so many draws.
+        If the candidate describes no solid, or the posterior has fewer draws.
     """
     write_cards(tree, path, draws, Program(MARK, SAID, OF_RELAXATION, _lines))
 
@@ -65,7 +65,7 @@ def _lines(card: Card) -> list[str]:
 
 
 def _data(values: Sequence[float]) -> list[str]:
-    """TBDATA lines of at most six values, each with the place of its first."""
+    """TBDATA lines of at most six values; every line states the position of its first value."""
     return [
         f"TBDATA,{k + 1}," + ",".join(f"{value:.9g}" for value in values[k : k + PER_LINE])
         for k in range(0, len(values), PER_LINE)
@@ -80,7 +80,7 @@ def _linear(card: Card) -> list[str]:
 
 
 def _neo_hookean(card: Card) -> list[str]:
-    """Constants mu, d."""
+    """Neo-Hookean card with the constants mu, d."""
     return [
         *commented(INCOMPRESSIBLE, MARK),
         f"TB,HYPER,{card.number},1,,NEO",
@@ -89,7 +89,7 @@ def _neo_hookean(card: Card) -> list[str]:
 
 
 def _gent(card: Card) -> list[str]:
-    """Constants mu, J_m, d."""
+    """Gent card with the constants mu, J_m, d."""
     return [
         *commented(INCOMPRESSIBLE, MARK),
         f"TB,HYPER,{card.number},1,,GENT",
@@ -98,7 +98,7 @@ def _gent(card: Card) -> list[str]:
 
 
 def _ogden(card: Card) -> list[str]:
-    """Constants mu_1, alpha_1, ..., then d_1, ...: coefficients are as ours."""
+    """Ogden card with mu_1, alpha_1, ..., then d_1, ...; the energy is defined as ours."""
     terms = series(card.before_relaxation, "mu")
     pairs = zip(terms, series(card.others, "alpha"), strict=True)
     data = [value for pair in pairs for value in pair]

@@ -1,4 +1,4 @@
-"""Material cards: of every card the solid of one draw, and what its comments say."""
+"""Material cards of finite element programs: the solid of one draw, with comments."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True)
 class Card:
-    """One material. Numbers are SI; see `Solid` for what they are.
+    """One material in SI units; `Solid` explains the attributes not listed here.
 
     Attributes
     ----------
-    number : from 1.
-    name : letters, digits and `_`, a letter first.
-    moduli, before_relaxation : the law's coefficients in Pa as the solid has them, and before
+    number : number of the card, from 1.
+    name : letters, digits and `_`, starting with a letter.
+    moduli, before_relaxation : the law's coefficients in Pa as in `Solid.moduli`, and before
         relaxation.
-    comments : sentences on this card.
+    comments : sentences for this card.
     """
 
     number: int
@@ -56,13 +56,13 @@ Lines = Callable[[Card], list[str]]
 
 @dataclass(frozen=True)
 class Program:
-    """How a program takes cards.
+    """How cards are written for one program.
 
     Attributes
     ----------
-    mark : what comments begin with.
-    said, of_relaxation : sentences for every file, and for files of solids that relax.
-    lines : what it reads of a card.
+    mark : start of a comment line.
+    said, of_relaxation : sentences for all files, and for files of solids with relaxation.
+    lines : function that writes a card in the program's format.
     """
 
     mark: str
@@ -72,7 +72,7 @@ class Program:
 
 
 def write_cards(tree: xr.DataTree, path: Path, draws: int | None, program: Program) -> None:
-    """Write the cards of the medians, or of `draws` draws."""
+    """Write one card of the medians, or cards of `draws` draws."""
     system, values = system_and_draws(tree)
     every = _solid(system, values)
     picked = None if draws is None else evenly(every.relaxed.size, draws)
@@ -93,7 +93,7 @@ def write_cards(tree: xr.DataTree, path: Path, draws: int | None, program: Progr
 
 
 def _solid(system: System, draws: Draws) -> Solid:
-    """Of a system that describes one."""
+    """Return the solid that a system describes; refuse systems without one."""
     solid = system.solid(draws)
     if solid is None:
         raise UserError(
@@ -104,7 +104,7 @@ def _solid(system: System, draws: Draws) -> Solid:
 
 
 def _check_finite(solid: Solid) -> None:
-    """Refuse cards that are no numbers."""
+    """Check that the numbers of all cards are finite."""
     noted = [values for note in solid.notes for values in note.values.values()]
     numbers = [*solid.moduli.values(), *solid.others.values(), solid.relaxed, *noted]
     lost = int(np.sum(~np.all(np.isfinite(np.column_stack([*numbers, solid.times])), axis=1)))
@@ -116,7 +116,7 @@ def _check_finite(solid: Solid) -> None:
 
 
 def _header(tree: xr.DataTree, every: Solid, picked: NDArray[np.intp] | None) -> list[str]:
-    """What the file is of, and which draws it holds."""
+    """Return the file's first comments: candidate, provenance, convergence, units, draws."""
     attrs, total = tree.attrs, every.relaxed.size
     simulated = attrs["provenance"] == "simulated"
     taken = f"Medians of {total} draws, each parameter's own"
@@ -168,7 +168,7 @@ def _card(
 
 
 def _name(candidate: str, ending: str) -> str:
-    """A name that programs take: letters, digits and `_`, a letter first."""
+    """Return a name that programs accept: letters, digits and `_`, starting with a letter."""
     name = re.sub(r"\W", "_", candidate, flags=re.ASCII)[:LONGEST_NAME].upper()
     return f"{name if name[0].isalpha() else f'M{name}'}_{ending}"
 
@@ -179,7 +179,7 @@ def _which(tree: xr.DataTree, row: int) -> str:
 
 
 def _shear(solid: Solid, every: Solid, k: int, medians: bool) -> list[str]:
-    """The card's shear modulus; where medians are no typical draw, that."""
+    """Comment on the card's shear modulus, and a note if the medians are not a typical draw."""
     moduli = {kind: float(values[k]) for kind, values in _told(solid).items()}
     told = ", ".join(f"{kind} {own:.5g} Pa" for kind, own in moduli.items())
     said = [f"Shear modulus of this card: {told}"]
@@ -195,7 +195,7 @@ def _shear(solid: Solid, every: Solid, k: int, medians: bool) -> list[str]:
 
 
 def _told(solid: Solid) -> dict[str, FloatArray]:
-    """Shear moduli before and after relaxation; the latter alone where there is none."""
+    """Shear moduli before and after relaxation; a solid without relaxation has only `long-term`."""
     before, after = solid.shear_moduli
     return (
         {"instantaneous": before, "long-term": after} if solid.times.size else {"long-term": after}
@@ -207,7 +207,7 @@ def _density(solid: Solid) -> list[str]:
 
 
 def commented(sentences: Sequence[str], mark: str) -> list[str]:
-    """Sentences as comments: each begins a line, and is indented where it goes on."""
+    """Return sentences as comment lines; continuation lines are indented."""
     wrapped = (
         textwrap.wrap(said, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
         for said in sentences
@@ -216,17 +216,17 @@ def commented(sentences: Sequence[str], mark: str) -> list[str]:
 
 
 def series(coefficients: Mapping[str, float], name: str) -> list[float]:
-    """`name_1`, `name_2`, ... in their order."""
+    """Return the coefficients `name_1`, `name_2`, ... in order."""
     count = sum(key.startswith(f"{name}_") for key in coefficients)
     return [coefficients[f"{name}_{i}"] for i in range(1, count + 1)]
 
 
 def written(law: str, known: Mapping[str, Lines], program: str) -> Lines:
-    """How a program writes a law.
+    """Return the function that writes a law in a program's format.
 
     Raises
     ------
-    UserError : it is not known how.
+    UserError : the program's format for this law is not known.
     """
     if law not in known:
         raise UserError(

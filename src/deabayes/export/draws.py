@@ -1,4 +1,4 @@
-"""Draws as CSV, JSON, MATLAB and Parquet files."""
+"""Export of draws as CSV, JSON, MATLAB and Parquet files."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from deabayes.faults import UserError
 
 
 def write_csv(tree: xr.DataTree, path: Path) -> None:
-    """One row per draw; columns of quantities are headed `name [unit]`, SI.
+    """Write one row per draw; columns of quantities are named `name [unit]`, SI.
 
-    Without a unit are `ensemble` and, last, `simulated` (from simulated records) and `converged`, 1
-    or 0 in every row: a comment above the header would be data to who reads plain CSV, and a text
-    in a column is no number to who reads nothing else.
+    The columns `ensemble`, `simulated` (from simulated records) and `converged` have no unit. The
+    last two are 1 or 0 in every row, because all programs can read numbers: some would read a
+    comment above the header as data, and some cannot read text in a column.
     """
     names = {name: f"{name} [{unit}]" for name, unit in units(tree).items()}
     table = draws_table(tree).rename(columns=names)
@@ -30,9 +30,9 @@ def write_csv(tree: xr.DataTree, path: Path) -> None:
 
 
 def write_json(tree: xr.DataTree, path: Path) -> None:
-    """`{candidate, system, provenance, converged, parameters: {name: {unit, symbol, draws}}}`.
+    """Write `{candidate, system, ..., converged, parameters: {name: {unit, symbol, draws}}}`.
 
-    A draw that is not finite is null: JSON has no NaN and no infinity.
+    A value that is not finite becomes null, since JSON has neither NaN nor infinity.
     """
     table = draws_table(tree)
     parameters = {
@@ -57,9 +57,10 @@ LONGEST_NAME = 63
 
 
 def write_mat(tree: xr.DataTree, path: Path) -> None:
-    """Structs `draws`, `units` and `names`, their fields named as MATLAB allows (see `fields`).
+    """Write the structs `draws`, `units`, `names` and `about`.
 
-    And `about`: `candidate`, `system`, `provenance`, `deabayes_version`, logical `converged`.
+    The fields of the first three have names that MATLAB allows (see `fields`). `about` holds
+    `candidate`, `system`, `provenance`, `deabayes_version` and the logical `converged`.
 
     Raises
     ------
@@ -79,10 +80,14 @@ def write_mat(tree: xr.DataTree, path: Path) -> None:
 
 
 def fields(names: Sequence[str]) -> dict[str, str]:
-    """Quantity -> field: `__` for a dot, `_` for other signs, `x` before a first digit.
+    """Map quantities to MATLAB fields: `__` for a dot, `_` for other signs, `x` before a digit.
 
-    Of names that differ in such signs only, the later ones end in `_1`, `_2`, as those of
+    If several names become the same field, the later ones get the endings `_1`, `_2`, as with
     MATLAB's `makeUniqueStrings`.
+
+    Raises
+    ------
+    UserError : a field is longer than MATLAB allows.
     """
     found: dict[str, str] = {}
     for name in names:
@@ -99,10 +104,11 @@ def fields(names: Sequence[str]) -> dict[str, str]:
 
 
 def write_parquet(tree: xr.DataTree, path: Path) -> None:
-    """One row per draw, one column per quantity, and `ensemble`; read by `pandas.read_parquet`.
+    """Write one row per draw, with a column `ensemble` and one column per quantity.
 
-    Metadata of every column but `ensemble`: `unit` (SI) and `symbol`; of the table: `candidate`,
-    `system`, `provenance`, `deabayes_version`, and `converged`, which is `true` or `false`.
+    `pandas.read_parquet` reads the file. Every column except `ensemble` has the metadata `unit`
+    (SI) and `symbol`. The table has the metadata `candidate`, `system`, `provenance`,
+    `deabayes_version` and `converged` (`true` or `false`).
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -1,4 +1,4 @@
-"""A posterior as a prior of PyMC and NumPyro: a Python module with the numbers in it."""
+"""Export of a posterior as a prior for PyMC or NumPyro, in a Python module with its numbers."""
 
 from __future__ import annotations
 
@@ -20,22 +20,24 @@ from deabayes.prior.learned import distance_from_normal
 from deabayes.prior.parameter import Parameter
 
 LEAST_SPREAD = 1e-6
-"""What others may leave of a parameter's spread; below it is rounding."""
+"""Smallest spread of a parameter given the parameters before it, as a share of its full spread.
+Smaller values are rounding errors."""
 TRIED = 20_000
-"""Draws of the normal in which the order of ordered parameters is looked at."""
+"""Number of draws of the normal for checking order and signs of parameters."""
 
 
 @dataclass(frozen=True)
 class PriorNormal:
-    """N(mean, factor factor^T) of the transformed parameters: logarithms where `logarithm`.
+    """N(mean, factor factor^T) of the parameters, or of their logarithms where `logarithm`.
 
     Attributes
     ----------
-    misfit : largest distance of distribution functions of the draws from it
-        (`prior.distances.distance_from_normal` of the whitened draws).
-    out_of_order : the share of its draws in which ordered parameters do not ascend, by group of
-        names.
-    opposed : the share in which two parameters that have one sign differ in it, by pair.
+    misfit : largest distance between distribution functions of posterior draws and normal
+        (`prior.learned.distance_from_normal` of the whitened draws).
+    out_of_order : share of the normal's draws in which ordered parameters do not ascend, by group
+        of names.
+    opposed : share of the normal's draws in which two parameters have different signs although
+        the posterior gives them the same sign, by pair.
     """
 
     names: tuple[str, ...]
@@ -49,10 +51,10 @@ class PriorNormal:
 
 
 def prior_normal(tree: xr.DataTree) -> PriorNormal:
-    """Fit it to the draws of the material and specimen parameters.
+    """Fit a normal to the draws of the material and specimen parameters.
 
-    A parameter that is positive (its draws, and its prior's support or one that must have its
-    sign) counts by its logarithm.
+    The logarithm of a parameter is used if all draws are positive and, in addition, the prior's
+    support is not negative or another parameter must have the same sign.
 
     Raises
     ------
@@ -85,11 +87,11 @@ def prior_normal(tree: xr.DataTree) -> PriorNormal:
 
 
 def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
-    """Cholesky factor of the draws' covariance, by way of their correlation.
+    """Cholesky factor of the draws' covariance, computed from their correlation.
 
     Raises
     ------
-    UserError : draws that are all alike, or one of which follows from others.
+    UserError : all draws of a parameter are equal, or a parameter follows from others.
     """
     fixed = [name for name, drawn in zip(names, values.T, strict=True) if np.ptp(drawn) == 0.0]
     if fixed:
@@ -112,7 +114,7 @@ def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
 
 
 def _ordered(names: Sequence[str], parameters: dict[str, Parameter]) -> tuple[tuple[str, ...], ...]:
-    """Names of parameters that ascend, group by group."""
+    """Names of ordered parameters, by group."""
     groups: dict[str, list[str]] = {}
     for name in names:
         if name in parameters and parameters[name].ordered is not None:
@@ -123,7 +125,7 @@ def _ordered(names: Sequence[str], parameters: dict[str, Parameter]) -> tuple[tu
 def _of_one_sign(
     names: Sequence[str], parameters: dict[str, Parameter]
 ) -> tuple[tuple[str, str], ...]:
-    """Pairs of parameters whose product is positive."""
+    """Pairs of parameters whose product is positive, so that they have the same sign."""
     return tuple(
         (name, other)
         for name, parameter in parameters.items()
@@ -132,7 +134,7 @@ def _of_one_sign(
 
 
 def _drawn(names: Sequence[str], mean: FloatArray, factor: FloatArray) -> dict[str, FloatArray]:
-    """Draws of the normal, logarithms of what counts by them."""
+    """Draws of the normal by name, with logarithms where the normal uses them."""
     drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
     return {name: drawn[:, k] for k, name in enumerate(names)}
 
@@ -140,7 +142,7 @@ def _drawn(names: Sequence[str], mean: FloatArray, factor: FloatArray) -> dict[s
 def _opposed(
     pairs: Sequence[tuple[str, str]], positive: Collection[str], columns: dict[str, FloatArray]
 ) -> tuple[tuple[tuple[str, str], float], ...]:
-    """The share of the normal's draws in which the signs of a pair differ."""
+    """Share of the normal's draws in which the signs of a pair differ, by pair."""
     signs = {n: np.ones(len(v)) if n in positive else np.sign(v) for n, v in columns.items()}
     return tuple(((a, b), float(np.mean(signs[a] != signs[b]))) for a, b in pairs)
 
@@ -148,7 +150,10 @@ def _opposed(
 def _out_of_order(
     groups: Sequence[tuple[str, ...]], columns: dict[str, FloatArray]
 ) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """The share of the normal's draws in which a group does not ascend (logarithms ascend too)."""
+    """Share of the normal's draws in which a group does not ascend, by group.
+
+    Logarithms ascend if the parameters do.
+    """
     found = []
     for group in groups:
         wrong = [columns[one] >= columns[next_one] for one, next_one in pairwise(group)]
@@ -157,7 +162,7 @@ def _out_of_order(
 
 
 def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
-    """What the prior is of, how well it fits, and what it does not keep."""
+    """Describe the prior: its origin, how well it fits, and what it does not preserve."""
     attrs = tree.attrs
     simulated = attrs["provenance"] == "simulated"
     said = [
@@ -191,7 +196,7 @@ def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
 
 
 def write_python(tree: xr.DataTree, path: Path, program: str, imports: str, prior: str) -> None:
-    """Write a module with the normal's numbers, then `prior`, a function in `program`."""
+    """Write a module with the normal's numbers and then `prior`, the text of a function."""
     normal = prior_normal(tree)
     said = "\n".join(in_words(tree, normal))
     names = "".join(f"    {name!r}: {unit!r},\n" for name, unit in _units(normal))
@@ -231,7 +236,7 @@ def prior():
 
 
 def write_pymc(tree: xr.DataTree, path: Path) -> None:
-    """`prior()` of the material and specimen parameters; see `prior_normal`.
+    """Write `prior()` for the material and specimen parameters in PyMC; see `prior_normal`.
 
     Raises
     ------
@@ -259,7 +264,7 @@ def prior():
 
 
 def write_numpyro(tree: xr.DataTree, path: Path) -> None:
-    """`prior()` of the material and specimen parameters; see `prior_normal`.
+    """Write `prior()` for the material and specimen parameters in NumPyro; see `prior_normal`.
 
     Raises
     ------

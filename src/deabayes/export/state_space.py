@@ -1,4 +1,4 @@
-"""Linear models for control: A, B, C, D of draws, as JSON and MATLAB files."""
+"""Export of linear models for control: A, B, C, D of draws, as JSON or MATLAB files."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Content = Mapping[str, Any]
 
 
 def write_json(content: Content, path: Path) -> None:
-    """Arrays as nested lists, draws first; numbers with every digit they have."""
+    """Write arrays as nested lists with the draws as first axis, and numbers with all digits."""
     text = json.dumps(content, default=lambda array: array.tolist(), allow_nan=False)
     path.write_text(text, encoding="utf-8")
 
 
 def write_mat(content: Content, path: Path) -> None:
-    """One struct `model`; draws last, so that ss(A, B, C, D) is an array of systems."""
+    """Write a struct `model`; draws are the last axis, so ss(A, B, C, D) is an array of systems."""
     from scipy.io import savemat
 
     with path.open("wb") as stream:
@@ -47,14 +47,14 @@ def _matlab(value: Any) -> Any:
 
 
 WRITERS: Mapping[str, Callable[[Content, Path], None]] = {".json": write_json, ".mat": write_mat}
-"""Ending of the file -> what writes it."""
+"""Ending of the file -> function that writes it."""
 
 
 DRAWS, GRAM = 200, 1e-3
 FITTED_DELAY = "sensor_delay"
 OWN_DELAYS = ("strain.delay", "displacement.delay", "phase.delay")
 STEPS_PER_PERIOD = 10.0
-"""Samples of a resonance's period that are advised."""
+"""Recommended number of samples per period of a resonance."""
 DISCRETISATION = "zero-order hold: exact for an input held between samples (matrix exponential)"
 
 
@@ -68,27 +68,27 @@ def write(
     load_g: float = 0.0,
     bias: str | float | None = None,
 ) -> Sequence[str]:
-    """x' = A x + B u, y = C x + D u of draws taken evenly from all ensembles.
+    """Write x' = A x + B u, y = C x + D u of draws taken evenly from all ensembles.
 
     Parameters
     ----------
-    suffix : `.json` or `.mat`, which says what is written. Arrays have the draws as their
-        first axis in JSON, as their last in MATLAB, where `ss` takes them as they are.
-    rate : sample rate, e.g. ``"10 kHz"``, for the discrete model; none by default.
-    draws : how many; 200 by default, or all if there are fewer.
-    load_g : hung mass [g].
-    bias : voltage to linearise about, e.g. ``"2 kV"``; by default the input is the squared
-        voltage, in which the model is linear as it is.
+    suffix : `.json` or `.mat`, the file's format. Draws are the first axis of arrays in JSON,
+        and the last axis in MATLAB, so that `ss` accepts the arrays.
+    rate : sample rate of the discrete model, e.g. ``"10 kHz"``; by default there is none.
+    draws : number of draws; 200 by default, or all if there are fewer.
+    load_g : mass of the hanging load [g].
+    bias : voltage about which the model is linearised, e.g. ``"2 kV"``. By default the input is
+        the squared voltage, in which the model is linear without an approximation.
 
     Returns
     -------
     list of str
-        That the sample rate is too low for the model's resonance, if so.
+        A warning if the sample rate is too low for the model's resonance; else empty.
 
     Raises
     ------
     UserError
-        If the system is not linear, or an option cannot be.
+        If the system has no linear model, or an option has an impossible value.
     """
     if suffix not in WRITERS:
         raise UserError(
@@ -119,7 +119,7 @@ def _positive(given: str | float | None, unit: str, option: str) -> float | None
 
 
 def _linear_model(system: System, values: Draws, load_g: float, bias: float | None) -> LinearModel:
-    """Of a system that has one, with finite matrices."""
+    """Return the linear model of a system; refuse systems without one, or non-finite matrices."""
     if not 0.0 <= load_g < np.inf:
         raise UserError(f"--load-g must be a mass in g, zero or more; found {load_g:g}")
     model = system.linear_model(values, GRAM * load_g, bias)
@@ -139,7 +139,7 @@ def _linear_model(system: System, values: Draws, load_g: float, bias: float | No
 def _content(
     tree: xr.DataTree, system: System, model: LinearModel, load: float
 ) -> dict[str, object]:
-    """What the matrices are of."""
+    """Return the description of the model: origin, equations, signals, operating point."""
     simulated = tree.attrs["provenance"] == "simulated"
     content: dict[str, object] = {
         "candidate": tree.attrs["candidate"],
@@ -164,7 +164,7 @@ def _content(
 
 
 def _sensor_delay(specimen: Specimen) -> dict[str, object] | None:
-    """What the sensor of the motion lags by, wherever the specimen states it."""
+    """Return the delay of the motion sensor; None if the specimen does not state one."""
     note = "the sensor's, not in the matrices"
     fitted = specimen.quantities.get(FITTED_DELAY)
     if fitted is not None and fitted.sd is not None:
@@ -184,7 +184,7 @@ def _signals(*signals: Signal) -> list[dict[str, str]]:
 def _draws(
     tree: xr.DataTree, system: System, values: Draws, picked: np.ndarray
 ) -> dict[str, object]:
-    """Where in the posterior each draw stands, and its parameters."""
+    """Return the position of every draw in the posterior, and the draws' parameters."""
     ensemble, draw = np.divmod(picked, tree["posterior"].sizes["draw"])
     units = {parameter.name: parameter.unit for parameter in system.parameters()}
     parameters = {n: {"unit": units[n], "values": drawn} for n, drawn in values.items()}
@@ -192,7 +192,7 @@ def _draws(
 
 
 def _matrices(space: StateSpace) -> dict[str, FloatArray]:
-    """A (W, n, n), B (W, n, 1), C (W, 1, n) and D (W, 1, 1)."""
+    """Return A (W, n, n), B (W, n, 1), C (W, 1, n) and D (W, 1, 1)."""
     return {
         "A": space.a,
         "B": space.b[:, :, None],
@@ -211,7 +211,7 @@ def _discrete(space: StateSpace, rate: float) -> dict[str, object]:
 
 
 def _too_slow(space: StateSpace, rate: float) -> list[str]:
-    """That half the sample rate is below the fastest oscillation, by the median of all draws."""
+    """Warn if the model's fastest oscillation (median of draws) exceeds half the sample rate."""
     turns = np.abs(np.linalg.eigvals(space.a).imag).max(axis=1) / (2.0 * np.pi)
     resonance = float(np.median(turns))
     if resonance <= 0.5 * rate:

@@ -1,4 +1,4 @@
-"""Draws of a posterior file as a table, as exports take them."""
+"""Read draws, units and provenance of a posterior file for exports."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from deabayes.systems import Draws, System, build
 
 
 def evenly(total: int, size: int) -> NDArray[np.intp]:
-    """Indices of `size` of `total` draws in a row, each the middle of an equal part of it."""
+    """Return indices of `size` evenly spaced draws out of `total`."""
     if not 1 <= size <= total:
         raise UserError(f"--draws {size}: the posterior holds {total} draws; take 1 to {total}")
     return (2 * np.arange(size) + 1) * total // (2 * size)
 
 
 def candidate_of(tree: xr.DataTree) -> System:
-    """The candidate of the posterior's specimen."""
+    """Build the posterior's candidate for the posterior's specimen."""
     restore(tree.attrs)
     specimen = specimen_from_json(tree.attrs["specimen"])
     return build(specimen.system, tree.attrs["candidate"], specimen)
 
 
 def whose(tree: xr.DataTree) -> str:
-    """The specimen that the draws are of, in words."""
+    """Describe the specimen to which the draws belong."""
     specimen = specimen_from_json(tree.attrs["specimen"]).name
     if "population" not in tree.attrs:
         return f"specimen {specimen}"
@@ -43,7 +43,7 @@ def whose(tree: xr.DataTree) -> str:
 def system_and_draws(
     tree: xr.DataTree, picked: NDArray[np.intp] | None = None
 ) -> tuple[System, Draws]:
-    """The candidate, and draws of its parameters: those picked, or all."""
+    """Return the candidate and draws of its parameters; `picked` selects draws, by default all."""
     system = candidate_of(tree)
     names = [parameter.name for parameter in system.parameters()]
     draws = {name: stacked(tree["posterior"], name) for name in names}
@@ -56,7 +56,7 @@ STATED = ("candidate", "system", "provenance", "deabayes_version")
 
 
 def draws_table(tree: xr.DataTree, kinds: tuple[str, ...] | None = None) -> pd.DataFrame:
-    """All draws, ensembles one after the other, with the ensemble's number as a column.
+    """Tabulate all draws, one ensemble after the other; a column holds the ensemble's number.
 
     `kinds` limits the columns to material, specimen, noise or derived quantities.
     """
@@ -73,15 +73,15 @@ def draws_table(tree: xr.DataTree, kinds: tuple[str, ...] | None = None) -> pd.D
 
 
 def stated(tree: xr.DataTree) -> dict[str, str]:
-    """Where draws come from, as texts; `provenance` is that of the records."""
+    """Return candidate, system, provenance of the records and version of deabayes, as texts."""
     return {name: str(tree.attrs[name]) for name in STATED}
 
 
 def converged(tree: xr.DataTree) -> bool:
-    """Whether draws may be used."""
+    """Whether the posterior has converged, so that its draws may be used."""
     return bool(json.loads(tree.attrs["convergence"])["converged"])
 
 
 def units(tree: xr.DataTree) -> dict[str, str]:
-    """Quantity -> SI unit."""
+    """Return the SI unit of every quantity."""
     return {str(n): str(v.attrs.get("unit", "1")) for n, v in tree["posterior"].data_vars.items()}

@@ -1,6 +1,6 @@
-"""Several specimens of one material: what they share, how they scatter, what a new one will be.
+"""Populations: mean and spread of several specimens of one material, and a new specimen.
 
-`settings` says which studies make a population, `member` holds one specimen's posterior as a
-likelihood of the population, `model` the population itself, `specimens` what follows for each
-specimen and for a new one, `files` what is written.
+`settings` says which studies form a population. `member` turns one specimen's posterior into a
+likelihood of the population. `model` holds the population itself. `specimens` computes the
+consequences for the specimens and for a new one. `files` writes the results.
 """

@@ -1,4 +1,4 @@
-"""What is asked of a population, held against its studies before anything is run."""
+"""Check a population's settings against its studies before anything runs."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from deabayes.prior.parameter import Parameter
 from deabayes.study import Settings, Study
 
 FEWEST_SPECIMENS = 3
-"""Of two, the spread would be its prior's."""
+"""With two specimens, the prior alone would determine the spread."""
 
 
 def check_population(population: Population, studies: Mapping[str, Study]) -> list[str]:
-    """Faults of a population: too few specimens, one named twice, unknown names, bad priors.
+    """List a population's faults: too few or repeated specimens, unknown names, bad priors.
 
     Parameters
     ----------
-    studies : by name; the population's members are among them.
+    studies : studies by name, including the population's members.
     """
     members = [studies[name] for name in population.studies]
     where = f"populations.{population.name}"
@@ -59,7 +59,7 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
 
 
 def _parameter_faults(population: Population, members: Sequence[Study], where: str) -> list[str]:
-    """What is wrong with the names of parameters, and with the priors of their spread."""
+    """List the faults in the names of parameters and in the priors of their spread."""
     try:
         coordinates = {s.name: _coordinate(s, population.candidate) for s in members}
     except UserError as error:
@@ -88,7 +88,7 @@ def _parameter_faults(population: Population, members: Sequence[Study], where: s
 
 
 def _coordinate(study: Study, candidate: str) -> Coordinate:
-    """Of all parameters of a candidate, whose priors are the study's own."""
+    """Return the coordinate of all parameters of a candidate, with the study's priors."""
     from deabayes.records.specimen import read_specimen
     from deabayes.systems import build
 
@@ -102,7 +102,7 @@ def _coordinate(study: Study, candidate: str) -> Coordinate:
 def _sign_faults(
     population: Population, coordinates: Mapping[str, Coordinate], where: str
 ) -> list[str]:
-    """Parameters that one study's priors keep positive and another's do not."""
+    """List parameters that are positive under one study's priors but not under another's."""
     signed: dict[str, list[str]] = {}
     for study, coordinate in coordinates.items():
         for name, logarithmic in zip(coordinate.names, coordinate.logarithmic, strict=True):
@@ -140,17 +140,17 @@ def _spread_faults(population: Population, coordinate: Coordinate, where: str) -
 
 
 def _bare_numbers(settings: Settings) -> bool:
-    """Whether a setting that has a unit was given without one."""
+    """Whether a setting that needs a unit was given as a plain number."""
     plain = {"distribution", *REGISTRY[str(settings["distribution"])].dimensionless}
     return any(not isinstance(value, str) for key, value in settings.items() if key not in plain)
 
 
 def check_whole_groups(parameters: Sequence[Parameter], names: Sequence[str]) -> None:
-    """Refuse a part of what has one joint prior: ordered groups, parts of a total, products.
+    """Check that groups with a joint prior (ordered, total, product) are named completely.
 
     Raises
     ------
-    Faults : one sentence per group.
+    Faults : one sentence per incomplete group.
     """
     faults = []
     for group in dict.fromkeys(p.ordered or p.part_of for p in parameters):
@@ -169,15 +169,15 @@ def check_whole_groups(parameters: Sequence[Parameter], names: Sequence[str]) ->
 
 
 def marginal(prior: Prior, names: Sequence[str]) -> Prior:
-    """The prior of some of the parameters alone, the others integrated over.
+    """Return the marginal prior of some of the parameters.
 
-    Blocks of the default prior are independent of each other, so those of the names are the
-    marginal; an inherited mixture's is the mixture of its part, in the coordinate z of `names`,
+    Blocks of the default prior are independent, so the blocks of `names` are the marginal. The
+    marginal of an inherited mixture is the mixture of its part in the coordinate z of `names`,
     which depends on no other parameter.
 
     Raises
     ------
-    Faults : a group with one joint prior is only partly named.
+    Faults : `names` contains only a part of a group with a joint prior.
     """
     check_whole_groups(prior.parameters, names)
     kept = [p for p in prior.parameters if p.name in names]

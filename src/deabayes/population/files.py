@@ -1,4 +1,4 @@
-"""What is written of a population: posterior file, summary and shrinkage tables."""
+"""Results of a population: posterior file, summary table, shrinkage table."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.engine import Sampled
 
 HANDED_ON = ("study", "specimen", "noise", "experiments", "system", "order")
-"""Attributes of the first member's file: a new specimen is predicted as one like it."""
+"""Attributes copied from the first member's file, since a new specimen is predicted like it."""
 QUANTILES = {"median": 0.5, "q05": 0.05, "q95": 0.95}
 REFERENCE = "reference"
-"""Kind of the first member's own parameters, which no other study takes over as a prior."""
+"""Kind of parameters copied from the first member; no other study takes them over as a prior."""
 
 
 @dataclass(frozen=True)
 class PopulationContent:
-    """Draws of a population, and what is said of them.
+    """Draws of a population, with all that its files state about them.
 
-    `theta` (E, S, 2 d) are means and spreads, `new` (E, S, d) a new specimen's parameters;
-    `rows` (E S,) the draws of the first member that complete the new specimen's; `counted` the
-    records that any member knows.
+    `theta` (E, S, 2 d) are means and spreads. `new` (E, S, d) are the parameters of a new
+    specimen. `rows` (E S,) are the draws of the first member that supply the new specimen's other
+    parameters. `counted` are the records that any member has used.
     """
 
     population: Population
@@ -51,7 +51,7 @@ class PopulationContent:
 
     @property
     def convergence(self) -> dict[str, object]:
-        """As of a candidate; a member that did not converge makes the population one too."""
+        """Convergence as for a candidate; the population needs every member to have converged."""
         found = convergence_summary(self.pooled)
         lost = [member.study for member in self.model.members if not member.converged]
         reasons = [f"{name}: its own posterior has not converged" for name in lost]
@@ -62,10 +62,10 @@ class PopulationContent:
 
 
 def population_tree(content: PopulationContent) -> xr.DataTree:
-    """The DataTree of a population: a posterior file of a new specimen.
+    """Build the DataTree of a population, which is the posterior file of a new specimen.
 
-    Group `posterior` holds a new specimen's parameters, the population's means and spreads
-    (kind `population`), and all that predictions need beside them, from the first member (kind
+    The group `posterior` holds the new specimen's parameters, the population's means and spreads
+    (kind `population`), and the first member's other parameters, which predictions need (kind
     `reference`).
     """
     summary = summary_table(content)
@@ -111,7 +111,7 @@ def _new_label(attributes: Mapping[str, str], content: PopulationContent) -> dic
 
 
 def _specimens(content: PopulationContent) -> xr.Dataset:
-    """Draws of every member with the population for a prior, in SI."""
+    """Draws of every member with the population as prior, in SI."""
     model, rng = content.model, np.random.default_rng(content.population.sampling.seed)
     drawn = np.stack(
         [
@@ -147,7 +147,7 @@ def _attributes(content: PopulationContent) -> dict[str, str]:
 
 
 def summary_table(content: PopulationContent) -> pd.DataFrame:
-    """summary.csv, indexed by quantity: a new specimen's parameters, then means and spreads."""
+    """Return the table of summary.csv: a new specimen's parameters, then means and spreads."""
     model = content.model
     new = {name: content.new[..., k, None] for k, name in enumerate(model.coordinate.names)}
     parameters = [*model.coordinate.parameters, *model.prior.parameters]
@@ -159,7 +159,10 @@ def summary_table(content: PopulationContent) -> pd.DataFrame:
 
 
 def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
-    """shrinkage.csv: every specimen's estimate by itself, and with the population, in SI."""
+    """Return the table of shrinkage.csv: estimates of specimens without and with the population.
+
+    Values are in SI.
+    """
     rows = []
     coordinate = content.model.coordinate
     for member, each in zip(content.model.members, content.shrunken, strict=True):
@@ -191,7 +194,7 @@ def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
 def weighted_quantiles(
     values: FloatArray, weights: FloatArray, probabilities: Sequence[float]
 ) -> FloatArray:
-    """Quantiles of draws (K,) with weights that sum to one."""
+    """Quantiles of draws (K,) with weights (K,) that sum to one."""
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order]) - 0.5 * weights[order]
     return np.asarray(np.interp(probabilities, cumulative, values[order]))

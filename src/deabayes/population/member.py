@@ -1,4 +1,4 @@
-"""One specimen of a population: its posterior, prior and likelihood."""
+"""One specimen of a population with posterior, prior and likelihood."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ from deabayes.prior.joint import Prior
 from deabayes.sampling.tempering import systematic
 
 SILENT = 0.1
-"""Contraction, 1 - var_posterior / var_prior, below which records may say nothing."""
+"""Contraction, 1 - var_posterior / var_prior, below which records may give no information."""
 DISTANCE = 1.36
-"""Kolmogorov's: one in twenty of the distances of n draws' distribution from its law, times the
-root of n, is larger."""
+"""95 % quantile of the Kolmogorov distance of n draws from their distribution, times sqrt(n)."""
 NORMAL = 0.02
-"""The same of a prior's draws, about twice what 20 000 scatter by; 0.06 of a uniform."""
+"""Kolmogorov distance from a normal below which a prior's draws count as normal. It is about twice
+the scatter of 20 000 draws; a uniform prior has 0.06."""
 
 
 def telling(phi: FloatArray, prior_phi: FloatArray, independent: float) -> NDArray[np.bool_]:
-    """Which of a specimen's parameters (d,) its records tell anything of.
+    """Find the parameters (d,) about which a specimen's records give information.
 
-    Not one of which the draws are as wide as the prior's, and distributed like them as far as
-    their number can show. One with a normal prior always counts: dividing by it is exact, so that
-    the little that many specimens tell adds up to what it is.
+    A parameter is not informed if its posterior draws are about as wide as the prior's, and their
+    distribution does not differ from the prior's beyond chance. A parameter with a normal prior
+    always counts as informed: dividing by a normal prior is exact, so that even weak information
+    from many specimens adds up correctly.
 
     Parameters
     ----------
-    phi : (K, d), draws of the posterior, worth `independent` ones.
-    prior_phi : (N, d), draws of the prior.
+    phi : (K, d) draws of the posterior.
+    prior_phi : (N, d) draws of the prior.
+    independent : effective sample size of the K draws.
     """
     return np.array(
         [
@@ -57,13 +59,13 @@ def _normal(draws: FloatArray) -> bool:
 
 
 def _contraction(after: FloatArray, before: FloatArray) -> float:
-    """By half the distance of the 16 and 84 % quantiles: tails do not count."""
+    """Contraction from the 16 and 84 % quantiles, so that tails do not count."""
     new, old = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (after, before))
     return float(1.0 - (new / old) ** 2)
 
 
 def _distance(after: FloatArray, before: FloatArray) -> float:
-    """The largest of the two draws' distribution functions."""
+    """Largest distance between the distribution functions of two sets of draws."""
     from scipy.stats import ks_2samp
 
     return float(ks_2samp(after, before).statistic)
@@ -71,10 +73,10 @@ def _distance(after: FloatArray, before: FloatArray) -> float:
 
 MOST_COMPONENTS = 4
 SPLIT_GAIN = 6.0
-"""Of the BIC: strong evidence (Kass and Raftery 1995)."""
+"""Decrease of the BIC for one more component: strong evidence (Kass and Raftery 1995)."""
 LARGEST_SHARE = 0.999
-"""Of a component's variance in the prior's: equal ones say that the records are silent, and
-noise of the draws must not make them say less than nothing."""
+"""Largest ratio of a component's variance to the prior's. A ratio of 1 means that the records give
+no information; noise of the draws must not make the ratio exceed 1."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,9 @@ class Likelihood:
     Attributes
     ----------
     log_weights, means, covariances : (J,), (J, d), (J, d, d): log v_j, a_j, B_j.
-    effective_draws : independent draws that the posterior's are worth once the prior is
-        taken out.
-    misfit : largest distance of distribution functions, over the parameters, between the draws
-        and the mixture.
+    effective_draws : effective sample size of the posterior's draws after division by the prior.
+    misfit : largest distance between the distribution functions of draws and mixture, over all
+        parameters.
     """
 
     log_weights: FloatArray
@@ -98,7 +99,7 @@ class Likelihood:
 
     @property
     def variances(self) -> FloatArray:
-        """Of every parameter, (d,)."""
+        """Variance of the mixture for every parameter, (d,)."""
         weights = np.exp(self.log_weights - self.log_weights.max())
         weights /= weights.sum()
         centre = weights @ self.means
@@ -114,23 +115,25 @@ def fit(
     independent: float,
     rng: np.random.Generator,
 ) -> Likelihood:
-    r"""Divide a posterior by its prior.
+    r"""Divide a posterior by its prior to get the likelihood.
 
-    The prior is written as a normal times a rest, pi = N(p, P) r. The posterior's draws are
-    weighted by 1 / r and a Gaussian mixture is fitted to them; each of its components N(mu_j,
-    C_j), divided by N(p, P), is a normal again with B_j^{-1} = C_j^{-1} - P^{-1} and a_j =
-    B_j (C_j^{-1} mu_j - P^{-1} p). Of normal and log-normal priors r is 1 and the division
-    exact; where records are silent B_j grows without bound, instead of 1 / pi as a weight.
+    The prior is written as a normal times a remainder, pi = N(p, P) r. The posterior's draws are
+    weighted by 1 / r, and a Gaussian mixture is fitted to them. Every component N(mu_j, C_j),
+    divided by N(p, P), is again a normal, with B_j^{-1} = C_j^{-1} - P^{-1} and
+    a_j = B_j (C_j^{-1} mu_j - P^{-1} p). For normal and log-normal priors r is 1, and the
+    division is exact. Where records give no information, B_j becomes very large; weights 1 / pi
+    would become very large instead.
 
-    Bounds and order of another prior cut off the normal's tails, in the draws too, so that they
-    look narrower than it. Parameters of which nothing is told are therefore left flat.
+    Other priors have bounds or an order, which cut off the tails of the normal. The draws then
+    look narrower than the normal even without information. Parameters without information
+    therefore get a flat likelihood.
 
     Parameters
     ----------
-    phi, log_prior : (K, d) and (K,), draws and their prior's log density as one of phi.
+    phi, log_prior : (K, d) and (K,), draws, and the log density of their prior in phi.
     prior_phi : (N, d) draws of the prior.
-    told : (d,), of which parameters the records say anything (`silence.telling`).
-    independent : how many independent draws the K are worth.
+    told : (d,) whether the records give information about a parameter (`telling`).
+    independent : effective sample size of the K draws.
     """
     from scipy.linalg import solve_triangular
 
@@ -160,7 +163,10 @@ def _flat(
     centre: FloatArray,
     covariance: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Means about the prior's centre and covariances of all parameters: flat where not told."""
+    """Means and covariances of all parameters, flat for those without information.
+
+    `means` of the informed parameters are relative to `centre`.
+    """
     widest = LARGEST_SHARE / (1.0 - LARGEST_SHARE)
     all_means = np.tile(centre, (len(means), 1))
     all_covariances = np.tile(np.diag(widest * np.diag(covariance)), (len(means), 1, 1))
@@ -172,7 +178,7 @@ def _flat(
 def _divided(
     shares: FloatArray, means: FloatArray, covariances: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """log v_j, a_j and B_j of a mixture over N(0, I)."""
+    """log v_j, a_j and B_j of a mixture divided by N(0, I)."""
     values, vectors = np.linalg.eigh(covariances)
     values = np.minimum(values, LARGEST_SHARE)
     wide = values / (1.0 - values)
@@ -186,11 +192,12 @@ def _divided(
 def _mixture(
     white: FloatArray, effective: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Shares, means and covariances of as many components as the draws clearly show.
+    """Fit a mixture: shares, means and covariances of as many components as the draws justify.
 
-    Judged on as many draws as they are worth: correlated ones would show too many. Fitted on the
-    draws' own scale, since scikit-learn adds 1e-6 to every variance: on the prior's scale that is
-    more than the width of draws that are a thousand times as narrow.
+    The number of components is chosen with `effective` draws, since correlated draws would
+    suggest too many. The fit uses draws standardised by their own covariance, because
+    scikit-learn adds 1e-6 to every variance. On the prior's scale, this would exceed the variance
+    of draws a thousand times narrower than the prior.
     """
     import warnings
 
@@ -222,7 +229,7 @@ def _mixture(
 def _misfit(
     draws: FloatArray, shares: FloatArray, means: FloatArray, covariances: FloatArray
 ) -> float:
-    """Largest distance of a column's empirical distribution from the mixture's."""
+    """Largest distance between a column's empirical distribution and the mixture's."""
     from scipy.special import ndtr
 
     ordered = np.sort(draws, axis=0)[:, None]
@@ -238,16 +245,17 @@ SEED = 20261122
 
 @dataclass(frozen=True)
 class Member:
-    """A specimen's draws, seen from the population.
+    """One specimen as a member of a population.
 
     Attributes
     ----------
-    phi : (K, d) draws of the population's parameters in its coordinate.
-    log_prior : (K,) log density, as one of phi, of the prior that they were sampled under.
-    prior : of the population's parameters; its mean and sd in phi are `prior_mean`, `prior_sd`.
-    independent : how many independent draws the K are worth.
-    told : (d,), of which parameters its records say anything.
-    contraction : of every parameter, by its own records.
+    phi : (K, d) draws of the population's parameters in the population's coordinate.
+    log_prior : (K,) log density in phi of the prior under which the draws were sampled.
+    prior : prior of the population's parameters; `prior_mean` and `prior_sd` are its mean and
+        standard deviation in phi.
+    independent : effective sample size of the K draws.
+    told : (d,) whether the specimen's records give information about a parameter.
+    contraction : contraction of every parameter by the specimen's records.
     """
 
     study: str
@@ -267,7 +275,7 @@ class Member:
     def of(
         cls, study: str, theta: FloatArray, prior: Prior, coordinate: Coordinate, independent: float
     ) -> Member:
-        """From draws theta (K, d) of the parameters whose prior `prior` is."""
+        """Create a member from draws theta (K, d) of parameters with the prior `prior`."""
         rng = np.random.default_rng(SEED)
         phi, prior_phi = (
             coordinate.forward(draws) for draws in (theta, prior.sample(rng, PRIOR_DRAWS))
@@ -285,16 +293,17 @@ def read_members(
     priors: Sequence[Prior],
     names: Sequence[str],
 ) -> tuple[Coordinate, list[Member]]:
-    """The members of a population, and the coordinate of their parameters.
+    """Read the members of a population and the coordinate of their parameters.
 
     Parameters
     ----------
-    trees : their posterior files.
-    priors : of all parameters of each, as they were sampled under.
+    trees : posterior files of the members.
+    priors : prior of all parameters of every member, under which it was sampled.
+    names : the population's parameters.
 
     Raises
     ------
-    UserError : a parameter is missing from a posterior, or its prior is not the one given.
+    UserError : a parameter is missing from a posterior, or the posterior has another prior.
     """
     ordered = [p for p in priors[0].parameters if p.name in names]
     coordinate = Coordinate.of(ordered)
@@ -321,7 +330,7 @@ def _draws(tree: xr.DataTree, names: Sequence[str]) -> FloatArray:
 
 
 def _check(study: str, tree: xr.DataTree, prior: Prior, names: Sequence[str]) -> None:
-    """The posterior has the parameters, and was sampled under this prior."""
+    """Check that a posterior has the parameters and was sampled under this prior."""
     missing = [name for name in names if name not in tree["posterior"].data_vars]
     if missing:
         raise UserError(f"study {study}: its posterior has no {missing[0]}; fit it again")

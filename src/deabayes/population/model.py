@@ -39,9 +39,11 @@ def log_marginals(
 
     Parameters
     ----------
-    centres, spreads : (W, d) m and s.
-    log_weights, means, covariances : (J,), (J, d), (J, d, d) of the components of all members.
-    member : (J,) whose component it is.
+    centres, spreads : m and s, (W, d).
+    log_weights, means, covariances : (J,), (J, d), (J, d, d): log v_j, a_j and B_j of the
+        components of all members.
+    member : (J,) index of the member to which a component belongs.
+    members : number of members.
     """
     walkers, dimension = centres.shape
     result = np.full((walkers, members), -inf)
@@ -72,29 +74,31 @@ def log_marginals(
 
 
 RELATIVE_SPREAD = 0.5
-"""Scale of the default half-normal prior of a logarithm's sd: from alike to a factor apart."""
+"""Scale of the default half-normal prior for the standard deviation of a logarithm. Specimens may
+be equal, or differ by a factor of two or three."""
 SPREAD_OF_PRIOR = 0.5
-"""The same for a parameter that changes its sign, in sds of the members' own prior."""
+"""Scale of the default half-normal prior for the spread of a parameter that can change its sign,
+in standard deviations of the members' prior."""
 MEAN, SPREAD = "mean_", "spread_"
 
 
 @dataclass(frozen=True)
 class PopulationModel:
-    r"""p(m, s | y_1..S) of specimens that scatter as phi_i ~ N(m, diag(s^2)).
+    r"""Posterior p(m, s | y_1..S) of mean and spread, for specimens with phi_i ~ N(m, diag(s^2)).
 
-    Every specimen was fitted alone, under a prior pi_i of its own. Put in the population's
-    place, its records say of m and s
+    Every specimen was fitted alone, under its own prior pi_i. If the population replaces this
+    prior, the likelihood of m and s is
 
-    p(y_i | m, s) ~ int N(phi; m, s^2) p(phi | y_i) / pi_i(phi) dphi,
+    p(y_i | m, s) ~ int N(phi; m, s^2) p(phi | y_i) / pi_i(phi) dphi.
 
-    without running a forward model again: the first stage's posteriors, divided by their
-    priors, are the second stage's likelihoods (Lunn, Barrett, Sweeting and Thompson 2013,
-    J. R. Stat. Soc. C 62, 551). With that ratio as a mixture of normals (see `likelihood.fit`)
-    the integral is sum_j v_j N(m; a_j, B_j + diag(s^2)), exact and smooth down to s = 0, where
-    averages over draws rest on the few within s of m.
+    No forward model runs again: the posteriors of the first stage, divided by their priors, are
+    the likelihoods of the second stage (Lunn, Barrett, Sweeting and Thompson 2013, J. R. Stat.
+    Soc. C 62, 551). This ratio is written as a mixture of normals (see `member.fit`). The
+    integral is then sum_j v_j N(m; a_j, B_j + diag(s^2)), exact and smooth down to s = 0. An
+    average over draws would depend on the few draws within s of m instead.
 
-    Parameters that are not the population's keep their prior, which is taken to be independent
-    of the population's parameters.
+    Parameters outside the population keep their prior, which is assumed to be independent of the
+    population's parameters.
     """
 
     coordinate: Coordinate
@@ -108,7 +112,10 @@ class PopulationModel:
         members: Sequence[Member],
         spread: Mapping[str, Settings] | None = None,
     ) -> PopulationModel:
-        """With the members' own prior, on average, for the means, and `spread` for the sds."""
+        """Create the model; the prior of the means is the average of the members' priors.
+
+        `spread` are the priors of the standard deviations between specimens, by parameter.
+        """
         mean = np.mean([member.prior_mean for member in members], axis=0)
         sd = np.sqrt(np.mean([member.prior_sd**2 for member in members], axis=0))
         centres = [
@@ -134,18 +141,18 @@ class PopulationModel:
         return len(self.prior.names)
 
     def split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """m and s, each (W, d), of theta (W, 2 d), whose means are those of `inverse(m)`."""
+        """Split theta (W, 2 d) into m and s, each (W, d); theta holds the means as `inverse(m)`."""
         half = len(self.coordinate.names)
         return self.coordinate.forward(theta[:, :half]), np.ascontiguousarray(theta[:, half:])
 
     def log_likelihood(self, centres: FloatArray, spreads: FloatArray) -> FloatArray:
-        """log p(y_i | m, s) of every member, (W, members), up to a constant each."""
+        """log p(y_i | m, s) of every member, (W, members), up to a constant per member."""
         return log_marginals(
             np.ascontiguousarray(centres), spreads, *self._components, len(self.members)
         )
 
     def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
-        """Their sum, (W,), at the standard-normal coordinate z (W, 2 d)."""
+        """Log-likelihood of all members, (W,), at the standard-normal coordinate z (W, 2 d)."""
         return self.log_likelihood(*self.split(self.prior.to_parameters(z))).sum(axis=1)
 
     @cached_property
@@ -166,7 +173,7 @@ def sample(
     seed: np.random.SeedSequence,
     progress: bool = False,
 ) -> Sampled:
-    """Sample mean and spread as a candidate's parameters are."""
+    """Sample mean and spread with the same sampler as a candidate's parameters."""
     problem = Problem(
         model.log_likelihood_of_normal,
         model.dimension,

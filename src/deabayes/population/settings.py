@@ -1,4 +1,4 @@
-"""Which studies make a population: the entries of `populations:` in config.yaml."""
+"""Read and write populations: the entries of `populations:` in config.yaml."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from deabayes.studies import load_studies
 from deabayes.study import Sampling, Settings, Study
 
 FOLDER = "populations"
-"""Of the results, beside those of the studies."""
+"""Folder for results of populations, beside the folders of the studies."""
 SETTINGS = "population.yaml"
-"""File by which a population's folder is known."""
+"""File that marks the folder of a population."""
 
 
 @dataclass(frozen=True)
 class Population:
-    """One entry of `populations:`, with the sampling settings it is run under.
+    """One entry of `populations:` with its sampling settings.
 
     Attributes
     ----------
-    studies : names of the members' studies, `split_by` resolved; predictions of a new specimen
-        are of the first one's records.
-    candidate : whose posteriors are put together.
-    parameters : those that scatter between specimens.
+    studies : names of the members' studies, with `split_by` resolved. Predictions of a new
+        specimen are made for the records of the first study.
+    candidate : candidate whose posteriors are combined.
+    parameters : parameters that differ between specimens.
     spread : priors of the standard deviation between specimens, by parameter.
     """
 
@@ -41,7 +41,7 @@ class Population:
 def load_populations(
     config: Path | Mapping[str, Any], where: str | None = None
 ) -> tuple[Population, ...]:
-    """Every population of a config, in order; none where it has no `populations:`.
+    """Load all populations of a config in order; empty if it has no `populations:`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def load_populations(
 
     Raises
     ------
-    Faults : every violation of the schema, and every study that the config does not have.
+    Faults : all violations of the schema, and all studies that the config does not have.
     """
     from deabayes.records.schema import read_yaml
 
@@ -76,7 +76,7 @@ def load_populations(
 
 
 def load_population(path: Path) -> Population:
-    """A population by its own file (`results/populations/NAME/population.yaml`).
+    """Load a population from its own file (`results/populations/NAME/population.yaml`).
 
     Raises
     ------
@@ -95,7 +95,7 @@ def load_population(path: Path) -> Population:
 
 
 def from_settings(settings: Mapping[str, Any]) -> Population:
-    """The population that `to_settings` gave, or a config entry with its `name` put in."""
+    """Create a population from the output of `to_settings`, or a config entry plus its `name`."""
     given = {key: value for key, value in settings.items() if value is not None}
     for key in ("studies", "parameters"):
         given[key] = tuple(given[key])
@@ -104,13 +104,13 @@ def from_settings(settings: Mapping[str, Any]) -> Population:
 
 
 def to_settings(population: Population) -> dict[str, Any]:
-    """The population as plain lists, mappings, texts and numbers, ready for YAML or JSON."""
+    """Return the population as lists, mappings, texts and numbers for YAML or JSON."""
     settings = asdict(population)
     return settings | {key: list(settings[key]) for key in ("studies", "parameters")}
 
 
 def write_population(population: Population, path: Path) -> None:
-    """Write a population.yaml; one that says the same already is left alone, time stamp and all."""
+    """Write population.yaml, unless the file already has this content (keeps its time stamp)."""
     import yaml
 
     from deabayes.files import write_text_atomically
@@ -123,7 +123,7 @@ def write_population(population: Population, path: Path) -> None:
 def _members(
     names: Sequence[str], entries: Mapping[str, Any], studies: Sequence[Study]
 ) -> list[str]:
-    """The studies named, one with `split_by` replaced by its parts."""
+    """Names of the members' studies; a study with `split_by` is replaced by its parts."""
     known = {study.name: study for study in studies}
     found: list[str] = []
     unknown = []

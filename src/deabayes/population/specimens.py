@@ -1,4 +1,4 @@
-"""What a population says of its specimens, and of a new one."""
+"""Estimates of a population's specimens and of a new specimen."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ LARGEST_OUTSIDE = 0.01
 
 @dataclass(frozen=True)
 class Shrunken:
-    """One specimen's posterior with the population for a prior.
+    """One specimen's posterior with the population as prior.
 
     Attributes
     ----------
-    weights : (K,) of its own draws, summing to one.
-    effective_draws : independent draws that the weighted ones are worth.
+    weights : (K,) weights of the specimen's own draws; they sum to one.
+    effective_draws : effective sample size of the weighted draws.
     k_hat : Pareto shape of the weights.
-    shrinkage : (d,) share by which the population replaces the specimen's own records: 0 where
-        these decide alone, 1 where they are silent.
-    tail_probability : (d,) two-sided, of its own estimate in what the others lead to expect.
+    shrinkage : (d,) share of the population in the estimate: 0 if the specimen's own records
+        alone determine the estimate, 1 if they give no information.
+    tail_probability : (d,) two-sided tail probability of the specimen's own estimate in the
+        distribution predicted from the other specimens.
     """
 
     weights: FloatArray
@@ -53,7 +54,7 @@ def shrink(
     spreads: FloatArray,
     others: tuple[FloatArray, FloatArray],
 ) -> Shrunken:
-    r"""Weigh a member's draws by what the population says of them.
+    r"""Weight a member's draws so that the population replaces its prior.
 
     p(phi_i | y) = p(phi_i | y_i) / pi_i(phi_i) E_{m, s | y} [N(phi_i; m, s^2) / p(y_i | m, s)],
 
@@ -67,8 +68,9 @@ def shrink(
 
     Parameters
     ----------
+    index : index of the member.
     centres, spreads : (T, d) draws of m and s.
-    others : the same of what all members but this one say of them (see `without`).
+    others : draws of m and s given all members except this one (see `without`).
     """
     member = model.members[index]
     evidence = model.log_likelihood(centres, spreads)[:, index]
@@ -93,10 +95,11 @@ def shrink(
 def without(
     model: PopulationModel, index: int, z: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Draws (T, d) of m and s as all members but one have them, from draws z (T, 2 d) of all.
+    """Draws (T, d) of m and s given all members except one, from draws z (T, 2 d) given all.
 
-    Weighting the draws does not do: a specimen that does not belong has widened the population
-    for all of them, and those that the others alone would give are not there.
+    Tempering is needed; weights would not suffice. A specimen that does not belong to the
+    population has widened all draws, so that draws as the other members alone would give them are
+    missing.
     """
     from deabayes.sampling.problem import log_standard_normal
     from deabayes.sampling.tempering import temper
@@ -114,10 +117,11 @@ def without(
 
 
 def tail_probability(phi: FloatArray, centres: FloatArray, spreads: FloatArray) -> FloatArray:
-    r"""How far out a specimen lies among the others, (d,): 2 min(P, 1 - P).
+    r"""Two-sided tail probability of a specimen among the others, (d,): 2 min(P, 1 - P).
 
-    P = E[Phi((phi_i - m) / s)] over its own posterior and the others' draws (T, d) of m and s. Its
-    own uncertainty is in it, which keeps a badly known specimen from standing out.
+    P = E[Phi((phi_i - m) / s)] over the specimen's own posterior and the draws (T, d) of m and s
+    given the others. P includes the specimen's own uncertainty, so that a poorly known specimen
+    does not appear as an outlier.
     """
     from scipy.special import ndtr
 
@@ -130,14 +134,15 @@ def tail_probability(phi: FloatArray, centres: FloatArray, spreads: FloatArray) 
 def new_specimens(
     model: PopulationModel, centres: FloatArray, spreads: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
-    """theta (W, d) of one new specimen for every (m, s), and the share first drawn outside.
+    """Draw theta (W, d) of one new specimen for every (m, s); also return the rejected share.
 
-    A draw that no member's prior allows (time constants out of order, beyond a bound) is drawn
-    again; where (m, s) leave hardly room for one, it is another draw's.
+    A draw that no member's prior allows (time constants out of order, beyond a bound) is repeated.
+    If it still fails after `MOST_TRIES` tries, another draw's theta replaces it. The rejected
+    share counts the first try.
 
     Raises
     ------
-    UserError : most draws are not allowed.
+    UserError : more than half of the draws are still not allowed after all tries.
     """
     theta = np.empty_like(centres)
     left = np.arange(len(centres))
@@ -161,7 +166,7 @@ def new_specimens(
 
 
 def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
-    """What a reader must know of the members and of the new specimen, in sentences."""
+    """Return warnings about the members and the new specimen, in sentences."""
     found = []
     for member, each in zip(model.members, shrunken, strict=True):
         if not each.reliable:
@@ -192,7 +197,7 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
 
 
 def _little_told(member: Member, names: tuple[str, ...]) -> list[str]:
-    """Of which parameters a member's records say nothing, or hardly anything."""
+    """Return warnings about parameters on which a member's records give little information."""
     silent = [name for name, told in zip(names, member.told, strict=True) if not told]
     faint = [n for n, c in member.contraction.items() if c < SILENT and n not in silent]
     found = []

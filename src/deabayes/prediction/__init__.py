@@ -1,1 +1,1 @@
-"""What a fitted candidate predicts, with bands; where it extrapolates; how far off it is."""
+"""Predictions of a fitted candidate: bands, extrapolation warnings, and prediction errors."""

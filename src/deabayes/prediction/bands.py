@@ -1,4 +1,4 @@
-"""Predictions of a fitted candidate, with three separate bands."""
+"""Predictions of a fitted candidate with three bands: parameter, discrepancy, predictive."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LEVELS = (0.5, 0.9)
 TAILS = tuple((0.5 - level / 2, 0.5 + level / 2) for level in LEVELS)
 BANDS = ("parameter", "discrepancy", "predictive")
 AT_ONCE = 2**17
-"""Draws times points of one piece, which a processor's cache holds."""
+"""Draws times points computed at once, so that they fit into a processor's cache."""
 NEAR = 1e-8
-"""By how many standard scores a quantile's share may differ from the one asked."""
+"""Tolerance of a quantile, in standard scores."""
 TRIES = 100
 Cumulative = Callable[[FloatArray], FloatArray]
 
@@ -36,14 +36,15 @@ def bands(
 ) -> dict[str, FloatArray]:
     """Equal-tailed intervals (level, bound, N) of the model alone, with discrepancy, with noise.
 
-    Of each point by itself, not given any reading. None ends inside the one before it: with few
-    draws beside little noise, quantiles are known to the distance of two draws only.
+    Every point is treated separately, without conditioning on readings. A wider band always
+    contains the narrower one. Without this rule it might not: with few draws and little noise,
+    quantiles are only as precise as the distance between draws.
 
     Parameters
     ----------
-    mean : (S, N) the draws' curves.
-    noise_draws : the noise's parameters, each (S,).
-    weights : (N,) as the noise model takes them.
+    mean : (S, N) curves of the draws.
+    noise_draws : noise parameters by name, each (S,).
+    weights : (N,) weights for the noise model, 1 / samples averaged.
     """
     shape = (len(LEVELS), 2, mean.shape[1])
     found = {name: np.empty(shape) for name in BANDS}
@@ -63,7 +64,7 @@ def bands(
 
 
 def _around(inner: FloatArray, outer: FloatArray) -> FloatArray:
-    """Intervals (level, bound, N) that reach as far as either."""
+    """Return intervals (level, bound, N) that cover both given ones."""
     ends = np.minimum(inner[:, 0], outer[:, 0]), np.maximum(inner[:, 1], outer[:, 1])
     return np.stack(ends, axis=1)
 
@@ -75,7 +76,7 @@ def _band(
     noise_draws: Draws,
     scale: ResidualScale,
 ) -> FloatArray:
-    """The intervals of some points, (level, bound, N)."""
+    """Compute the intervals (level, bound, N) of some points with noise."""
 
     def cumulative(scores: FloatArray) -> FloatArray:
         return noise.cumulative(scores, noise_draws)
@@ -87,16 +88,17 @@ def _band(
 def mixture_quantile(
     location: FloatArray, spread: FloatArray, share: float, cumulative: Cumulative
 ) -> FloatArray:
-    """x (N,) below which lies a `share` of equal parts location + spread times a standard law.
+    """Quantile x (N,) of an equal mixture of the laws location + spread times a standard law.
 
-    Secants of the share's normal score, which is straight in x for a normal mixture; the interval
-    that x is known to lie in is halved at every third try and where a secant leaves it.
+    A secant search on the normal score of the share below x, which is nearly linear in x. The
+    search halves its bracket at every third step, and whenever a secant leaves the bracket.
 
     Parameters
     ----------
     location : (S, N).
-    spread : (S, N) or (S, 1); NaN where it is not known, as x then is.
-    cumulative : distribution function of the standard law, of (S, n) values.
+    spread : (S, N) or (S, 1); x is NaN where the spread is NaN.
+    share : probability below x.
+    cumulative : distribution function of the standard law, for (S, n) values.
     """
     from scipy.special import ndtri
 
@@ -116,18 +118,18 @@ def mixture_quantile(
 def _below(
     x: FloatArray, location: FloatArray, spread: FloatArray, cumulative: Cumulative
 ) -> FloatArray:
-    """The share of the mixture below x (n,), never 0 or 1."""
+    """Share of the mixture below x (n,), kept away from 0 and 1."""
     with np.errstate(over="ignore"):
         scores = (x - location) / np.maximum(spread, np.finfo(float).tiny)
     return np.clip(cumulative(scores).mean(axis=0), 1e-15, 1.0 - 1e-15)
 
 
 class _Search:
-    """Zeros of increasing functions, one per point; `x` is moved in place.
+    """Search for the zeros of increasing functions, one per point; `x` is updated in place.
 
     Attributes
     ----------
-    open : points whose zero is not found yet.
+    open : indices of points whose zero is not found yet.
     """
 
     def __init__(self, x: FloatArray, slope: FloatArray) -> None:
@@ -137,7 +139,7 @@ class _Search:
         self.open = np.flatnonzero(np.isfinite(x))
 
     def move(self, values: FloatArray, halve: bool) -> None:
-        """To where the functions, now with `values` at the open points, are expected to be zero."""
+        """Move the open points to the expected zeros, given the functions' current `values`."""
         points = self.open
         x = self.x[points]
         self.low[points] = np.where(values < 0.0, x, self.low[points])
@@ -162,12 +164,12 @@ class _Search:
 class Samples:
     """Samples (S, N) of the response: of the model alone, with discrepancy, with all noise.
 
-    `bands` are the intervals (level, bound, N) of the three, of the law that the samples are of.
-    `failed` counts the draws without a finite response, which are left out, and
-    `failure` says why; where all failed, the samples are NaN. `log_density` is log p(y | theta_s)
-    where the response was observed, of all draws: -inf of those that failed.
-    `pit` (N,) are probability integral transforms (see `transforms`), NaN where unknown.
-    `noise_note` says what a reader must know of the noise (see `NoiseOrigin.note_on`).
+    `bands` are the intervals (level, bound, N) of the three distributions. `failed` counts the
+    draws without a finite response, which are left out, and `failure` says why they failed. If
+    all draws failed, the samples are NaN. `log_density` is log p(y | theta_s) of every draw, -inf
+    for a failed draw, or None if the response was not observed. `pit` (N,) are probability
+    integral transforms (see `transforms`), NaN where unknown. `noise_note` says what a reader
+    must know about the noise (see `NoiseOrigin.note_on`).
     """
 
     parameter: FloatArray
@@ -184,7 +186,7 @@ class Samples:
     def none(
         cls, size: int, log_density: FloatArray | None, failed: int, failure: str, note: str
     ) -> Samples:
-        """Of a record of `size` points that no draw has a response to."""
+        """Return NaN samples for a record of `size` points for which every draw failed."""
         nothing = np.full((2, size), np.nan)
         none = dict.fromkeys(BANDS, np.full((len(LEVELS), 2, size), np.nan))
         pit = np.full(size, np.nan)
@@ -202,14 +204,13 @@ def sample_response(
     rng: np.random.Generator,
     seen: bool = False,
 ) -> Samples:
-    """Sample what one record may read under the posterior.
+    """Sample the readings of one record from the posterior predictive distribution.
 
     Parameters
     ----------
-    noise_draws : the noise parameters of the group whose noise this record is
-        taken to have, without prefix.
-    origin : whose noise that is, and what it is relative to.
-    along : (N,) the coordinate along which the noise is correlated, in the group's terms.
+    noise_draws : noise parameters, without prefix, of the group whose noise this record has.
+    origin : which group's noise the record has, and the scale of that noise.
+    along : (N,) coordinate along which the noise is correlated, stretched for that group.
     seen : whether the draws were fitted to this record.
     """
     mean = system.simulator_of(experiment)(draws)
@@ -250,7 +251,7 @@ def _judged(
     noise_draws: Draws,
     seen: bool,
 ) -> tuple[FloatArray, FloatArray]:
-    """log p(y | theta_s) of what was read, (W,), and its PIT, (N,)."""
+    """log p(y | theta_s) of the observed response, (W,), and its PIT, (N,)."""
     weights = 1.0 / experiment.samples_averaged
     residuals = scale.residuals(experiment.response, mean)
     each = noise.pointwise_log_prob(residuals, along, weights, noise_draws)
@@ -264,7 +265,7 @@ def _judged(
 def _why_failed(
     system: System, experiment: Experiment, draws: Draws, failed: NDArray[np.bool_]
 ) -> str:
-    """What the system says of the draws that failed on a record; empty if none did."""
+    """Say how many draws failed on a record, and why; empty if none failed."""
     if not failed.any():
         return ""
     lost = {name: np.ascontiguousarray(values[failed]) for name, values in draws.items()}
@@ -275,7 +276,7 @@ def _why_failed(
 def to_dataset(
     experiment: Experiment, samples: Samples, attributes: Mapping[str, object]
 ) -> xr.Dataset:
-    """The bands of one record as they are stored in predictions/{experiment}.nc."""
+    """Return the dataset of one record for predictions/{experiment}.nc."""
     dataset = xr.Dataset(_curves(experiment, samples), _coordinates(experiment))
     return dataset.assign_attrs(
         experiment=experiment.name,

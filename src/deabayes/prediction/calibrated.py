@@ -1,4 +1,4 @@
-"""The region that calibration records span; outside it a prediction is flagged."""
+"""The region that calibration records span, and warnings for predictions outside that region."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ Held = Mapping[str, float | str]
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What a system was calibrated on.
+    """The calibration records of a system.
 
     Attributes
     ----------
-    system : says which signs make no difference, and on which conditions responses depend.
-    records : as a posterior file remembers them; what older files lack is not compared.
+    system : defines the channels whose sign makes no difference, and the conditions on which
+        responses depend.
+    records : the records as a posterior file stores them. Entries that older files lack are not
+        compared.
     """
 
     system: System
     records: Sequence[CalibratedRecord]
 
     def extrapolation(self, experiment: Experiment) -> str:
-        """Say in which respects a prediction leaves the calibrated region; empty if in none."""
+        """Say how a prediction leaves the calibrated region; empty if the prediction is inside."""
         notes = (
             self._range(experiment),
             *self._conditions(experiment),
@@ -85,7 +87,7 @@ class Calibrated:
         return f"{name} {value[0]:.5g}{unit} lies outside the calibrated {' to '.join(ends)}{unit}"
 
     def _held(self, excitation: str, conditions: Held) -> Held:
-        """The conditions that responses depend on, as far as they are known."""
+        """Return the conditions that responses depend on, as far as they are known."""
         names = (self.system.conditions or {}).get(excitation, {})
         held = {name: conditions.get(name, unstated) for name, unstated in names.items()}
         return {name: value for name, value in held.items() if value is not None}
@@ -119,7 +121,7 @@ class Calibrated:
         )
 
     def _folded(self, channel: str, values: FloatArray) -> FloatArray:
-        """Magnitudes where the sign makes no difference; between two signs lies zero."""
+        """Return magnitudes if the sign makes no difference; add zero if both signs occur."""
         if channel not in self.system.even:
             return values
         crosses = values.min() < 0.0 < values.max()
@@ -127,7 +129,7 @@ class Calibrated:
 
 
 def _from_rest(unit: str, coordinate_name: str) -> bool:
-    """Whether a record began at no excitation: a voltage is zero before its first knot."""
+    """Whether a record starts without excitation: a voltage is zero before its first knot."""
     return unit == "V" and coordinate_name == "time"
 
 

@@ -1,4 +1,4 @@
-"""How far predictions are from observations, and whether bands hold what they promise."""
+"""Errors of predictions, and checks whether bands cover as many observations as they should."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def relative_maximum_error(observed: ArrayLike, predicted: ArrayLike) -> FloatAr
 def relative_rms_error(observed: ArrayLike, predicted: ArrayLike) -> FloatArray:
     """e_rms = sqrt(mean (y - f)^2) / (max y - min y), one value per predicted curve.
 
-    Shapes and errors as in `relative_maximum_error`.
+    Shapes and exceptions are those of `relative_maximum_error`.
     """
     observed, predicted = _curves(observed, predicted)
     return np.sqrt(np.mean((observed - predicted) ** 2, axis=-1)) / np.ptp(observed)
@@ -49,9 +49,9 @@ def relative_rms_error(observed: ArrayLike, predicted: ArrayLike) -> FloatArray:
 def crps(observed: ArrayLike, samples: ArrayLike) -> FloatArray:
     """Continuous ranked probability score of S samples at each point, in the response's unit.
 
-    The fair estimate, unbiased in S (Ferro 2014, Q. J. R. Meteorol. Soc. 140:1917):
-    CRPS = mean_i |x_i - y| - 1 / (2 S (S - 1)) sum_ij |x_i - x_j|, its double
-    sum from the order statistics, O(S log S). It may be slightly negative.
+    The fair estimate is unbiased for every S (Ferro 2014, Q. J. R. Meteorol. Soc. 140:1917):
+    CRPS = mean_i |x_i - y| - 1 / (2 S (S - 1)) sum_ij |x_i - x_j|. The double sum is computed
+    from the order statistics, O(S log S). The estimate may be slightly negative.
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def interval_coverage(observed: ArrayLike, lower: ArrayLike, upper: ArrayLike) -
 
 
 def joint_log_score(log_likelihood: ArrayLike) -> float:
-    """log p(y | data) = log mean_s p(y | theta_s) of a whole record; larger is better.
+    """log p(y | data) = log mean_s p(y | theta_s) of all readings of a record; larger is better.
 
     Parameters
     ----------
-    log_likelihood : log p(y | theta_s) (S,) of the record under each posterior
-        draw; a draw whose response failed has -inf.
+    log_likelihood : log p(y | theta_s) (S,) of the record under each posterior draw; -inf for a
+        draw without a response.
     """
     from scipy.special import logsumexp
 
@@ -97,10 +97,10 @@ def joint_log_score(log_likelihood: ArrayLike) -> float:
 
 
 def draws_behind_joint_log_score(log_likelihood: ArrayLike) -> float:
-    """How many draws carry log mean_s p(y | theta_s): (sum_s p_s)^2 / sum_s p_s^2 (Kish 1965).
+    """Effective number of draws in the joint log score, (sum_s p_s)^2 / sum_s p_s^2 (Kish 1965).
 
-    Near 1 the score is that of the best draw, too low by an unknown amount and another with
-    other draws. Zero where no draw has a response.
+    Near 1, the best draw alone determines the score. The score is then too low by an unknown
+    amount, and would differ with other draws. The number is zero if no draw has a response.
 
     Parameters
     ----------
@@ -117,11 +117,11 @@ def draws_behind_joint_log_score(log_likelihood: ArrayLike) -> float:
 def uniformity_p(pit: ArrayLike) -> float:
     """p-value of a Kolmogorov-Smirnov test that values (N,) are uniform on [0, 1].
 
-    They are taken to be independent. NaN where one is not finite.
+    The test assumes that the values are independent. NaN if a value is not finite.
 
-    Below 0.1, and for distances of 0.5 and more, p is twice the exact one-sided probability, less
-    than 1e-4 off. Else it is the limiting law at a corrected distance (Vrbik 2018, Pioneer J.
-    Theor. Appl. Stat. 15), less than 1e-3 off from 20 points on.
+    If p is below 0.1, or the distance is at least 0.5, p is twice the exact one-sided probability
+    (error below 1e-4). Otherwise p follows from the limiting law at a corrected distance (Vrbik
+    2018, Pioneer J. Theor. Appl. Stat. 15), with an error below 1e-3 for 20 or more points.
     """
     from scipy.special import kolmogorov, smirnov
 
@@ -164,14 +164,15 @@ def _same_length(observed: ArrayLike, other: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> dict[str, object]:
-    """Errors of the posterior median curve with their posterior intervals, and band scores.
+    """Errors of the posterior median curve with their posterior intervals, and scores of bands.
 
-    e_rms and e_m are those of equations.md section 4, in percent, NaN where the record does not
-    vary; their intervals come from the draws' own errors. Coverage is that of the
-    predictive band, CRPS that of one sample per draw of the same law, both NaN where fewer than two
-    draws have a response or the noise is not known; `joint_log_score` is log mean_s p(y | theta_s),
-    a failed draw's p being zero, and `joint_log_score_draws` how many draws carry that mean;
-    `pit_p` tests whether the probability integral transforms are uniform.
+    e_rms and e_m are defined in equations.md section 4. They are in percent, and NaN if the
+    record does not vary. Their intervals are quantiles of the draws' errors. Coverage refers to
+    the predictive band, and CRPS to one predictive sample per draw. Both are NaN if fewer than
+    two draws have a response, or if the noise is not known. `joint_log_score` is log mean_s
+    p(y | theta_s), where p is zero for a failed draw. `joint_log_score_draws` is the effective
+    number of draws in that mean. `pit_p` tests whether the probability integral transforms are
+    uniform.
     """
     observed = experiment.response
     median = np.median(samples.parameter, axis=0)
@@ -203,35 +204,36 @@ def error_row(experiment: Experiment, samples: Samples, extrapolation: str) -> d
 
 
 NARROW_COVERAGE = 0.7
-"""Share of a record's points in its 90 % band below which the band is too narrow."""
+"""If a smaller share of a record's points lies in its 90 % band, the band is too narrow."""
 REJECTED = 1e-3
-"""p of the probability integral transforms of a record that was fitted, below which its own
-residuals reject the model."""
+"""If the `pit_p` of a fitted record is smaller, the record's residuals reject the model."""
 MOST_NAMED = 4
 SCORED_DRAWS = "posterior_draws"
-"""Column of errors.csv: of which draws the scores are."""
+"""Column of errors.csv that identifies the draws which were scored."""
 UNCHECKED = "so nothing tells here whether bands on records that were not fitted are wide enough"
 
 
 def missed(errors: pd.DataFrame) -> pd.DataFrame:
-    """The rows of errors.csv of held-out records that the 90 % predictive band misses."""
+    """Select the rows of errors.csv of held-out records that the 90 % predictive band misses."""
     held_out = errors[errors["role"] == "validate"]
     return held_out[held_out["coverage_90"] < NARROW_COVERAGE]
 
 
 def rejected(errors: pd.DataFrame) -> pd.DataFrame:
-    """The rows of errors.csv of fitted records whose residuals, or bands, reject the model."""
+    """Select the rows of errors.csv of fitted records whose residuals or bands reject the model."""
     fitted = errors[errors["role"] == "calibrate"]
     return fitted[(fitted["coverage_90"] < NARROW_COVERAGE) | (fitted["pit_p"] < REJECTED)]
 
 
 def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
-    """What the errors.csv beside a posterior.nc says of its bands; nothing if they hold.
+    """Warn if the errors.csv beside a posterior.nc shows too narrow bands; empty if it does not.
+
+    A missing errors.csv, or one of other draws, gives a warning too.
 
     Parameters
     ----------
-    draws : what tells the posterior's draws from others (`sum_of_draws`).
-    none_held_out : the study names no record to hold out, so that there is nothing to score.
+    draws : text that identifies the posterior's draws (`sum_of_draws`).
+    none_held_out : the study holds out no record, so that there is nothing to score.
     """
     table = posterior.with_name("errors.csv")
     errors = _scores(table, draws)
@@ -251,19 +253,19 @@ def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
 
 
 def _scores(table: Path, draws: str) -> pd.DataFrame | None:
-    """An errors.csv, if it is there and of these draws."""
+    """Read errors.csv; None if it is missing or scores other draws."""
     import pandas as pd
 
     try:
         errors = pd.read_csv(table)
-    except (OSError, ValueError):  # not there, or no table
+    except (OSError, ValueError):  # no file, or not a table
         return None
     of_these = SCORED_DRAWS in errors and bool((errors[SCORED_DRAWS] == draws).all())
     return errors if of_these else None
 
 
 def _too_narrow(errors: pd.DataFrame) -> str:
-    """How many held-out records the bands miss, and which; nothing if they miss none."""
+    """Say how many held-out records the bands miss, and which; empty if they miss none."""
     rows = missed(errors).sort_values("coverage_90")
     if rows.empty:
         return ""

@@ -1,4 +1,4 @@
-"""Values and drives that are given in Python, checked and in SI units."""
+"""Check values and excitations given in Python, and convert them to SI units."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ IN_PARENTHESES = re.compile(r"\((?P<unit>[^()]*)\)\s*$")
 BETWEEN_WORDS = re.compile(r"[\s_\-/.,:()]+")
 COMPOSED = re.compile(r"[*/^]")
 SPELT_OUT = 5
-"""Letters from which a word that is a unit to pint (`kilovolt`) is taken for one; of shorter words
-too many are (`av`, an attovolt)."""
+"""Shortest word that counts as a unit because pint knows it (`kilovolt`). Pint takes too many
+shorter words for units (`av`, an attovolt)."""
 
 
 def without_unit(values: Any, expected: str, where: str) -> tuple[Any, str | None]:
-    """Values, and the unit that they carry; None if they carry none.
+    """Return the values and the unit that they carry; None if they carry none.
 
     Raises
     ------
-    UserError : values that are called after another unit than `expected`, but not as `name [unit]`.
+    UserError : the name of the values contains a unit other than `expected`, but not as
+        `name [unit]`.
     """
     if hasattr(values, "magnitude") and hasattr(values, "units"):
         return values.magnitude, str(values.units)
@@ -46,7 +47,7 @@ def without_unit(values: Any, expected: str, where: str) -> tuple[Any, str | Non
 
 
 def _refuse_another_unit(name: str, expected: str, where: str) -> None:
-    """Refuse `voltage (kV)`, `voltage_kV`, `kV` and the like: volts, or kilovolts?"""
+    """Refuse ambiguous names such as `voltage (kV)`, `voltage_kV` or `kV`: volts or kilovolts?"""
     within = IN_PARENTHESES.search(name)
     meant = [_unit_meant(within["unit"].strip(), expected, anything=True)] if within else []
     words = [word for word in BETWEEN_WORDS.split(name) if word[:1].isalpha() or word == "%"]
@@ -64,15 +65,15 @@ def _refuse_another_unit(name: str, expected: str, where: str) -> None:
 
 
 def _unit_meant(word: str, expected: str, anything: bool = False) -> str | None:
-    """The unit that a word of a name is, if it is one of what is expected.
+    """Return the unit that a word of a name means, if its dimension is that of `expected`.
 
     Parameters
     ----------
-    anything : a usual unit of something else is meant as one, too.
+    anything : a usual unit of another dimension counts too.
     """
     if word.lower() in DIMENSIONLESS:
         return None
-    word = word.replace("\u03bc", "\u00b5")  # two letters that look alike: mu, and micro
+    word = word.replace("\u03bc", "\u00b5")  # the letters mu and micro look alike
     alike = [usual for usual in USUAL_UNITS if usual.lower() == word.lower()]
     usual = [word] if word in alike else alike
     fitting = [each for each in usual if same_dimension(each, expected)]
@@ -89,15 +90,16 @@ COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
 
 
 def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
-    """Values as floats in the SI unit `unit`: numbers, texts with a unit, spans of time.
+    """Convert numbers, texts with a unit or time spans to floats in the SI unit `unit`.
 
-    A unit that numbers carry counts: a pint quantity's, `units` of a DataArray, that in the name of
-    a pandas Series (`voltage [kV]`). Others are in SI, and may not be called otherwise.
+    Numbers may carry a unit: a pint quantity, `units` of a DataArray, or the name of a pandas
+    Series (`voltage [kV]`). Other numbers are taken as SI, and their name must not contain
+    another unit.
 
     Raises
     ------
-    UserError : dates, anything else that is no number, masked values, texts without unit, a
-        carried unit of another dimension, a name that tells of another unit.
+    UserError : dates or other values that are not numbers, masked values, texts without a unit,
+        a carried unit of another dimension, a name that contains another unit.
     """
     if callable(values) and not hasattr(values, "__array__"):
         raise UserError(f"{where}: expected numbers in {unit}, found a function; give its values")
@@ -136,7 +138,7 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
 
 
 def _refuse_masked(values: Any, where: str) -> None:
-    """numpy hands on what lies under a mask as if it were known."""
+    """Refuse masked values, since numpy would use the numbers under the mask."""
     rows = values if isinstance(values, list | tuple) else (values,)
     masked = sum(np.ma.count_masked(row) for row in rows if np.ma.isMaskedArray(row))
     if masked:
@@ -149,16 +151,17 @@ def excitation_of(
     channels: Mapping[str, ArrayLike],
     conditions: Mapping[str, float | str],
 ) -> tuple[Excitation, str]:
-    """The excitation, and what its coordinate is: `time`, or the channel itself without one.
+    """Return the excitation and the name of its coordinate: `time`, or the channel without time.
 
-    A single value (no array of one) is held over the time.
+    A single value (not an array of one value) is held over the time.
 
     Raises
     ------
     UserError
-        Unknown or more than one channel, a drive in time without time or one without time with
-        it, values that are no finite numbers, a coordinate that does not ascend or is empty, a
-        frequency that is not positive, unknown conditions.
+        No channel, several channels or an unknown one; `time` missing although the channel needs
+        it, or given although the channel has none; values that are not finite numbers; a
+        coordinate that does not ascend or is empty; a frequency that is not positive; unknown
+        conditions.
     """
     if not isinstance(conditions, Mapping):
         found = repr(conditions)

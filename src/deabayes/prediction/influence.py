@@ -1,4 +1,4 @@
-"""How parameters shape a response before any data: curves and Sobol' indices."""
+"""How parameters affect a response under the prior: curves and Sobol' indices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from deabayes.prior.joint import Prior
 from deabayes.systems.base import System
 
 HALF_WIDTH = 1.96
-"""Of a 95 % interval, in standard deviations."""
+"""Half-width of a 95 % interval in standard deviations."""
 RESAMPLES = 100
 
 
@@ -21,16 +21,17 @@ RESAMPLES = 100
 class Indices:
     r"""Shares of the variance of Y, each (d,), with half-widths of their 95 % intervals.
 
-    First order, S_i = V[E(Y | u_i)] / V(Y): what is explained by u_i alone; total,
-    S_Ti = E[V(Y | u_not i)] / V(Y): what is left unexplained when u_i alone is unknown
-    (Sobol' 1993; Homma & Saltelli 1996). Estimators: Saltelli et al. 2010, Table 2, (b)
-    and (f). The half-widths bootstrap the groups of the design as if they were random;
-    its points are spread more evenly than that, so they err on the wide side.
+    The first-order index S_i = V[E(Y | u_i)] / V(Y) is the share that u_i alone explains. The
+    total index S_Ti = E[V(Y | u_not i)] / V(Y) is the share that remains unexplained if only u_i
+    is unknown (Sobol' 1993; Homma & Saltelli 1996). Estimators: Saltelli et al. 2010, Table 2,
+    (b) and (f). The half-widths come from a bootstrap over the groups of the design, as if the
+    groups were random. The design is more even than random points, so the half-widths are
+    rather too wide.
 
     Attributes
     ----------
-    groups, left_out : groups of d + 2 points in the design, and those of them left out
-        because a point failed.
+    groups, left_out : number of groups of d + 2 points in the design, and number of groups left
+        out because a point failed.
     """
 
     first_order: FloatArray
@@ -42,9 +43,10 @@ class Indices:
 
 
 def design(dimension: int, groups: int, rng: np.random.Generator) -> FloatArray:
-    """Saltelli's points in the unit cube, (groups (d + 2), d); `groups` is a power of two.
+    """Return Saltelli's points in the unit cube, (groups (d + 2), d).
 
-    A group is a point A, then A with one coordinate after another from a point B, then B.
+    `groups` must be a power of two. A group holds a point A, then d copies of A, then a point B.
+    Copy i takes its coordinate i from B.
     """
     from scipy.stats import qmc
 
@@ -55,15 +57,15 @@ def design(dimension: int, groups: int, rng: np.random.Generator) -> FloatArray:
 
 
 def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Indices | None:
-    """Indices of the values (n,) at a design's points; NaN marks a point that failed.
+    """Compute the indices of values (n,) at a design's points; NaN marks a point that failed.
 
-    The estimators pair a group's points, so a group with a failed point is left out whole.
-    What is left is no product design any more: keep its share small (see
-    `Indices.left_out`), by asking about a region in which hardly any point fails.
+    The estimators pair the points of a group, so a group with a failed point is left out
+    entirely. Without those groups the design is no longer a product design. Keep their number
+    (`Indices.left_out`) small by choosing a region in which hardly any point fails.
 
     Returns
     -------
-    None where there is nothing to explain: fewer than two groups, or one value throughout.
+    None if there are fewer than two groups, or if all values are equal.
     """
     by_group = np.asarray(values, dtype=float).reshape(-1, dimension + 2)
     kept = by_group[np.all(np.isfinite(by_group), axis=1)]
@@ -73,14 +75,14 @@ def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Ind
     first, total = _estimates(centred, np.ones((1, len(kept))))
     picked = rng.integers(len(kept), size=(RESAMPLES, len(kept)))
     counts = np.array([np.bincount(row, minlength=len(kept)) for row in picked], dtype=float)
-    with np.errstate(divide="ignore", invalid="ignore"):  # of a resample with one value throughout
+    with np.errstate(divide="ignore", invalid="ignore"):  # a resample may have equal values only
         spread = [HALF_WIDTH * each.std(axis=0, ddof=1) for each in _estimates(centred, counts)]
     left_out = len(by_group) - len(kept)
     return Indices(first[0], spread[0], total[0], spread[1], len(by_group), left_out)
 
 
 def _estimates(values: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First-order and total indices (R, d) of groups (G, d + 2), each counted so often (R, G)."""
+    """First-order and total indices (R, d) of groups (G, d + 2), counted `counts` (R, G) times."""
     a, mixed, b = values[:, :1], values[:, 1:-1], values[:, -1:]
     shares = counts / counts.sum(axis=1, keepdims=True)
     mean, square = (shares @ (0.5 * (a**power + b**power)) for power in (1, 2))
@@ -93,22 +95,23 @@ def _estimates(values: FloatArray, counts: FloatArray) -> tuple[FloatArray, Floa
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 QUANTILE_POINTS = 14
-"""Of two: points from which marginal quantiles of the prior are read."""
+"""Exponent of two: marginal quantiles of the prior are computed from 2^14 points."""
 REGIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 MOST_LEFT_OUT = 0.01
 PILOT, CLEARLY_TOO_MANY = 128, 0.05
-"""Groups that are tried first in a region, and the share of them left out at which it is passed
-over: by chance that happens to a region with 1 % left out once in three thousand."""
+"""In each region, `PILOT` groups are tried first. The region is skipped if a larger share of them
+than `CLEARLY_TOO_MANY` has a failed point. A region in which 1 % of the groups fail is skipped
+wrongly once in three thousand."""
 STAGES = 4
 LOST = "lost"
 
 
 @dataclass(frozen=True)
 class PriorModel:
-    """A candidate's response to one record's excitation, as a function of its prior's z.
+    """A candidate's response to one record's excitation, as a function of the prior's z.
 
-    The response is taken at `at`, by default where the record was. Parameters of the prior
-    that the forward model does not know (noise) stay at z = 0.
+    The response is computed at the coordinates `at`, by default those of the record. Parameters
+    that the forward model does not have (noise) stay at z = 0.
     """
 
     system: System
@@ -118,17 +121,17 @@ class PriorModel:
 
     @property
     def coordinate(self) -> FloatArray:
-        """(N,) where the response is taken."""
+        """Coordinates (N,) at which the response is computed."""
         return self.experiment.coordinate if self.at is None else self.at
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The forward model's parameters, in the prior's order."""
+        """Names of the forward model's parameters, in the order of the prior."""
         known = {p.name for p in self.system.parameters()}
         return tuple(name for name in self.prior.names if name in known)
 
     def parameters(self, z: FloatArray) -> dict[str, FloatArray]:
-        """Parameters (W,) by name of z (W, d), d the forward model's."""
+        """Parameters (W,) by name at z (W, d), where d counts the forward model's parameters."""
         columns = [self.prior.names.index(name) for name in self.names]
         every = np.zeros((len(z), len(self.prior.names)))
         every[:, columns] = z
@@ -136,14 +139,14 @@ class PriorModel:
         return {name: theta[:, k] for name, k in zip(self.names, columns, strict=True)}
 
     def drawn(self, rng: np.random.Generator, count: int) -> dict[str, FloatArray]:
-        """Draws (count,) of the prior itself, by name."""
+        """Draw parameters (count,) from the prior, by name."""
         theta = self.prior.sample(rng, count)
         return {name: theta[:, self.prior.names.index(name)] for name in self.names}
 
     def response(
         self, draws: Mapping[str, FloatArray], coordinate: FloatArray | None = None
     ) -> FloatArray:
-        """The response (W, N), there or at another coordinate; failed rows all NaN."""
+        """Response (W, N) at `coordinate`, or at the model's own; rows of failed draws are NaN."""
         record = self.experiment
         at = self.coordinate if coordinate is None else coordinate
         values = self.system.predict(record.excitation, at, record.response_name, draws)
@@ -152,24 +155,24 @@ class PriorModel:
 
 
 Stages = Callable[[PriorModel, FloatArray], Mapping[str, FloatArray]]
-"""What the response to z (W, d) does at each stage, (W,) each; NaN where it failed."""
+"""Function of the model and z (W, d): change of the response (W,) by stage; NaN if a draw fails."""
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Responses (W, N) and the parameters (W,) that gave them; failed draws are NaN rows."""
+    """Responses (W, N) and their parameters (W,) by name; rows of failed draws are NaN."""
 
     draws: Mapping[str, FloatArray]
     response: FloatArray
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        """(W,)"""
+        """Whether each draw failed, (W,)."""
         return np.isnan(self.response[:, 0])
 
 
 def prior_curves(model: PriorModel, count: int, rng: np.random.Generator) -> Curves:
-    """The response of `count` draws from the prior, failed ones kept (the paper's Fig. 7)."""
+    """Responses of `count` draws from the prior, including failed draws (the paper's Fig. 7)."""
     draws = model.drawn(rng, count)
     return Curves(draws, model.response(draws))
 
@@ -177,11 +180,12 @@ def prior_curves(model: PriorModel, count: int, rng: np.random.Generator) -> Cur
 def marginal_quantiles(
     model: PriorModel, quantiles: Sequence[float] = QUANTILES
 ) -> dict[str, FloatArray]:
-    """Quantiles (Q,) of each parameter's marginal prior, whatever its dependence on others.
+    """Quantiles (Q,) of each parameter's marginal prior, also if parameters are dependent.
 
-    Read from 2^14 evenly spread points (a Sobol' sequence, each coordinate of which is
-    stratified), so to about 1e-3 of the prior's standard deviation; from as many draws (1e-2)
-    where another posterior is the prior of some and is no normal of z.
+    They are computed from 2^14 evenly spread points, a Sobol' sequence with stratified
+    coordinates. Their error is about 1e-3 of the prior's standard deviation. If some parameters
+    have another posterior as prior which is not normal in z, they are computed from 2^14 random
+    draws (error 1e-2).
     """
     from scipy.special import ndtri
     from scipy.stats import qmc
@@ -200,14 +204,14 @@ def one_at_a_time(
     quantiles: Sequence[float] = QUANTILES,
     centre: Mapping[str, float] | None = None,
 ) -> dict[str, Curves]:
-    """Each parameter moved over its prior's quantiles, the others held (Figs. 8 and 10).
+    """Vary each parameter over its prior quantiles and hold the others (Figs. 8 and 10).
 
-    Values are those of the marginal priors; where a member of an ordered group passes its
-    neighbour, the units have merely changed names.
+    The quantiles are those of the marginal priors. If a member of an ordered group passes its
+    neighbour, the relaxation units have only swapped names.
 
     Parameters
     ----------
-    centre : values at which the others are held; prior medians for those not given.
+    centre : values at which the other parameters are held; prior medians where not given.
     """
     moved = marginal_quantiles(model, quantiles)
     medians = {name: float(v[0]) for name, v in marginal_quantiles(model, [0.5]).items()}
@@ -220,14 +224,14 @@ def one_at_a_time(
 
 
 def stage_times(experiment: Experiment, count: int = STAGES) -> FloatArray:
-    """Times after the onset, ..., 5, 50, 500 s: the last `count` 5 x 10^k s in the record."""
+    """Last `count` times 5 x 10^k s (..., 5, 50, 500 s) after the onset within the record."""
     span = float(experiment.coordinate.max()) - experiment.excitation.onset
     last = int(np.floor(np.log10(span / 5.0) + 1e-9))
     return np.asarray(5.0 * 10.0 ** np.arange(last - count + 1, last + 1))
 
 
 def stage_changes(model: PriorModel, z: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
-    """The response's change since the onset at each time, and the creep between, (W,) each."""
+    """Change of the response from the onset to each time, and between the times, (W,) each."""
     start = model.experiment.excitation.onset
     response = model.response(model.parameters(z), np.concatenate([[start], start + times]))
     change = response[:, 1:] - response[:, :1]
@@ -245,7 +249,7 @@ class Sensitivity:
     Attributes
     ----------
     region : probability of the region in each coordinate z (0.9: from 5 to 95 %).
-    runs, failed : model runs in the region, and those that failed.
+    runs, failed : number of model runs in the region, and number of failed runs.
     """
 
     region: float
@@ -257,23 +261,23 @@ class Sensitivity:
 def stage_sensitivity(
     model: PriorModel, stages: Stages, groups: int, rng: np.random.Generator
 ) -> Sensitivity:
-    r"""Which parameters decide what the response does at each stage.
+    r"""Compute which parameters determine the change of the response at each stage.
 
-    The indices are those of the independent coordinates z of the prior, one per
-    parameter. For an independent parameter that is the parameter. Within an ordered group
-    (built from its smallest member) or an inherited, correlated prior, z_k moves parameter
-    k given those before it: the first member's indices include what it entails for the
-    later ones (its full effect), the last member's are those left to it once the others
-    are known (its independent effect; Mara & Tarantola 2012). With `ordered_from` the
-    largest, the order is reversed.
+    The indices refer to the independent coordinates z of the prior, one per parameter. For an
+    independent parameter, its coordinate stands for the parameter. In an ordered group (built
+    from its smallest member) or an inherited, correlated prior, z_k moves parameter k given the
+    parameters before it. The first member's indices then include its influence on the later
+    members (full effect). The last member's indices contain only its own influence once the
+    others are known (independent effect; Mara & Tarantola 2012). With `ordered_from` the largest,
+    the order is reversed.
 
-    Of a prior handed on that is no normal of its z, the normal with its mean and covariance
-    is taken.
+    If an inherited prior is not normal in z, the normal with the same mean and covariance
+    replaces it.
 
-    Indices are not defined where draws fail. They are taken over the widest central region
-    u in [(1 - r)/2, (1 + r)/2]^d, r of `REGIONS`, in which at most 1 % of the groups have
-    a failed member; those are left out. A narrower region weighs the parameters
-    with long-tailed priors less.
+    Indices are not defined where draws fail. They are computed over the widest central region
+    u in [(1 - r)/2, (1 + r)/2]^d, r of `REGIONS`, in which at most 1 % of the groups have a
+    failed member; those groups are left out. In a narrower region, parameters with long-tailed
+    priors count less.
     """
     from scipy.special import ndtri
 
@@ -293,7 +297,7 @@ def stage_sensitivity(
 
 
 def _left_out(model: PriorModel, stages: Stages, points: FloatArray, region: float) -> float:
-    """The share of a design's groups that have a failed member in a region."""
+    """Share of a design's groups that have a failed member in a region."""
     from scipy.special import ndtri
 
     reached = stages(model, ndtri(0.5 + region * (points - 0.5)))
@@ -302,7 +306,7 @@ def _left_out(model: PriorModel, stages: Stages, points: FloatArray, region: flo
 
 
 def failure_sensitivity(model: PriorModel, groups: int, rng: np.random.Generator) -> Sensitivity:
-    """Which parameters decide whether a draw fails: indices of 1 (failed) or 0, whole prior."""
+    """Indices of whether a draw fails (1) or not (0), over the whole prior."""
     from scipy.special import ndtri
 
     dimension = len(model.names)

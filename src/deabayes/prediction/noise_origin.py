@@ -1,4 +1,4 @@
-"""Whose noise a predicted record is taken to have."""
+"""Which calibrated record's noise a predicted record is assumed to have."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from deabayes.systems.base import Draws, System
 from deabayes.systems.specimen_quantities import instrument
 
 SHARE = 0.2
-"""Of an excitation's range: noise of a monitor must not count as change."""
+"""Share of an excitation's range that counts as a change, so that monitor noise does not count."""
 SINE = 2.0 * math.asin(SHARE)
-"""Phase [rad] in which a sine changes by that share of its range, where it is steepest."""
+"""Phase [rad] in which a sine changes by `SHARE` of its range where the sine is steepest."""
 BISECTIONS = 12
 INSTANT = 1e-9
 LATE = 1.1
-"""What takes this many times as long is still as fast."""
+"""Tolerance factor on times: a change that takes up to 1.1 times as long counts as equally fast."""
 
 
 def fastest(experiment: Experiment) -> float:
-    r"""Highest frequency that a record's response can tell of [Hz]; NaN without a time axis.
+    r"""Highest frequency that a record's response gives information on [Hz]; NaN without time.
 
-    An excitation that needs the time t for a fifth of its range, where it is steepest, is as
-    fast as a sine of 2 arcsin(1/5) / (2 pi t): exact for sines, 0.32 / T for a ramp that lasts
-    T. A step has no such end; there it is what was read soonest after it, at the time t, that
-    decides, and creep at t is what a sine with omega = 1 / t shows. Changes that nothing was
-    read soon after, such as a step before a cropped sine, leave the word to slower ones.
+    Let t be the shortest time in which the excitation changes by a fifth of its range. The
+    excitation is then as fast as a sine with the frequency 2 arcsin(1/5) / (2 pi t). This is
+    exact for sines, and 0.32 / T for a ramp that lasts T. For a step, t has no lower limit. The
+    first reading after the step limits the frequency instead: creep at the time t after a step
+    shows what a sine with omega = 1 / t shows. If nothing was read soon after a change (a step
+    before a cropped sine), slower changes determine the frequency.
     """
     if experiment.coordinate_name != "time":
         return float("nan")
@@ -49,7 +50,7 @@ def fastest(experiment: Experiment) -> float:
 
 
 def _rapidity_from_rest(excitation: Excitation, span: float) -> Excitation:
-    """A voltage is zero before its first knot: a first value other than that is a step."""
+    """Let a voltage rise from zero at its first knot: a nonzero first value is a step."""
     if excitation.unit != "V":
         return excitation
     knots, first = excitation.coordinate, excitation.coordinate[0]
@@ -62,7 +63,7 @@ def _rapidity_from_rest(excitation: Excitation, span: float) -> Excitation:
 
 
 def _shortest_change(excitation: Excitation) -> float:
-    """The shortest time in which it changes by `SHARE` of its range [s]."""
+    """Shortest time in which an excitation changes by `SHARE` of its range [s]."""
     spacing = np.diff(excitation.coordinate)
     wanted = SHARE * float(np.ptp(excitation.values))
     longer = SHARE * float(spacing[spacing > 0.0].min())
@@ -79,14 +80,14 @@ def _shortest_change(excitation: Excitation) -> float:
 
 
 def _changes(excitation: Excitation, time: float) -> FloatArray:
-    """Changes within `time` that begin at a knot, and those that end at one, (2, K)."""
+    """Absolute changes within `time` after each knot and before each knot, (2, K)."""
     knots, values = excitation.coordinate, excitation.values
     after, before = excitation.at(knots + time) - values, values - excitation.at(knots - time)
     return np.abs(np.stack([after, before]))
 
 
 def _soonest(excitation: Excitation, read: FloatArray, time: float) -> float:
-    """From the beginning of a change within about `time` to a reading after it, at least [s]."""
+    """Shortest time from the start of a change within about `time` to a reading after it [s]."""
     time *= LATE
     begins, ends = _changes(excitation, time) >= SHARE * float(np.ptp(excitation.values))
     knots = excitation.coordinate
@@ -99,12 +100,12 @@ def _soonest(excitation: Excitation, read: FloatArray, time: float) -> float:
 
 
 STILL = 1e-9
-"""Of its size: a response that varies by less does not vary."""
+"""Share of a response's largest magnitude; a response that varies by less counts as constant."""
 
 
 @dataclass(frozen=True)
 class CalibratedRecord:
-    """What a posterior file remembers of a record it was calibrated on."""
+    """What a posterior file stores about a record that the candidate was calibrated on."""
 
     name: str
     protocol: str
@@ -117,15 +118,15 @@ class CalibratedRecord:
     lowest: float
     highest: float
     response_range: float = float("nan")
-    """NaN in files written before it was kept."""
+    """NaN in older files, which do not store it."""
     fastest: float = float("nan")
-    """Likewise; the highest frequency it tells of [Hz] (see `rapidity.fastest`)."""
+    """Highest frequency that the record gives information on [Hz] (`fastest`); NaN in old files."""
     proportional: bool = False
-    """Whether its residuals, and so its noise, are of the logarithm (see `ResidualScale`)."""
+    """Whether residuals and noise refer to the response's logarithm (see `ResidualScale`)."""
     elapsed: float = float("nan")
-    """From the onset of the excitation to its last reading [s]; NaN also in older files."""
+    """Time from the onset of the excitation to the last reading [s]; NaN also in older files."""
     conditions: Mapping[str, float | str] | None = None
-    """What was held; None in files written before it was kept."""
+    """Conditions held during the record; None in older files, which do not store them."""
 
     @classmethod
     def of(cls, experiment: Experiment, group: str, scale: ResidualScale) -> CalibratedRecord:
@@ -150,29 +151,29 @@ class CalibratedRecord:
 
 
 def records_to_json(records: list[CalibratedRecord]) -> str:
-    """The calibrated records as a JSON list, kept in a posterior file's attributes."""
+    """Return the calibrated records as a JSON list for a posterior file's attributes."""
     return json.dumps([asdict(record) for record in records])
 
 
 @dataclass(frozen=True)
 class NoiseOrigin:
-    """Whose noise a record is taken to have, and what its residuals are divided by.
+    """The noise that a record is assumed to have, and the scale that divides its residuals.
 
     Attributes
     ----------
-    group : of calibrated records, whose noise parameters are taken.
-    scale : what the noise is relative to; None takes each draw's own predicted range over
-        `calibrated_range`, since a new record's range is not known beforehand.
-    smallest : range of the calibrated record that varied least; below it noise does not shrink
-        with the range any more. Zero where none measured this response's unit.
-    calibrated_range : range of the group's records, where noise in their response's unit is
-        carried over to another response.
+    group : group of calibrated records whose noise parameters are used.
+    scale : the scale that divides residuals. None means: each draw's predicted range divided by
+        `calibrated_range`, since the range of a new record is not known beforehand.
+    smallest : smallest range of a calibrated record of the group. A smaller predicted range does
+        not make the noise smaller. Zero if no calibrated record has this response's unit.
+    calibrated_range : mean range of the group's records, used if absolute noise of their response
+        is carried over to another response; else 1.
     proportional : whether residuals are logarithms of ratios (see `ResidualScale`).
-    white : standard deviation of the white noise of one raw sample, in the response's unit,
-        where the sensor's own noise takes the place of the group's.
-    stretch : what the record's coordinate is multiplied by before the group's correlation
-        length applies to it, where the group's records have another coordinate.
-    note : what a reader must know; empty where nothing was carried over.
+    white : standard deviation of the white noise of one raw sample, in the response's unit, if
+        the sensor's stated noise replaces that of the group.
+    stretch : factor on the record's coordinate before the group's correlation length applies, if
+        the group's records have another coordinate.
+    note : what a reader must know about the noise; empty if no noise was carried over.
     """
 
     group: str
@@ -185,7 +186,7 @@ class NoiseOrigin:
     note: str = ""
 
     def scales(self, mean: FloatArray) -> FloatArray:
-        """What each draw's residuals (W, N) are divided by, (W,); NaN where nothing tells."""
+        """Scale that divides each draw's residuals, (W,); NaN where the scale is unknown."""
         if self.scale is not None:
             return np.full(mean.shape[0], self.scale)
         ranges = np.maximum(np.ptp(mean, axis=1), self.smallest)
@@ -193,7 +194,7 @@ class NoiseOrigin:
         return np.where(varies, ranges, np.nan) / self.calibrated_range
 
     def note_on(self, mean: FloatArray, unit: str) -> str:
-        """`note`, and what became of the scale for curves (W, N) with too small a range."""
+        """Return `note`, or a note on the scale if the curves (W, N) vary too little."""
         if self.scale is None and np.median(np.ptp(mean, axis=1)) < self.smallest:
             size = f"{self.smallest:.3g}" + ("" if unit == "1" else f" {unit}")
             return (
@@ -205,7 +206,7 @@ class NoiseOrigin:
         return self.note
 
     def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
-        """The group's noise parameters, the sensor's own white noise in place of theirs."""
+        """Noise parameters of the group, with the sensor's stated white noise if it is known."""
         if self.white is None or "sigma_white" not in noise_draws:
             return noise_draws
         return {**noise_draws, "sigma_white": self.white / scales}
@@ -218,20 +219,22 @@ def find_noise(
     relative: bool,
     along: str,
 ) -> NoiseOrigin:
-    """Whose noise an experiment is taken to have.
+    """Choose the calibrated records whose noise an experiment is assumed to have.
 
-    A calibrated record has its own. Another one takes the group of a calibrated
-    record of its response's unit, of its protocol if there is one, and of those of one with its
-    coordinate; relative noise then scales with each draw's predicted range, but is no smaller than
-    that of the calibrated record that varied least. Where none has that unit, noise is carried over
-    (see `NoiseOrigin`) from a record of its protocol, else from the first. Where that
-    record has another coordinate, the noise's length is in proportion to the records'.
+    A calibrated record has its own noise. Another record gets the noise of the group of a
+    calibrated record with the same unit of the response. A record of the same protocol is
+    preferred, and among those a record with the same coordinate. Relative noise then scales with
+    each draw's predicted range, but no less than with the smallest range in the group.
+
+    If no calibrated record has that unit, noise is carried over (see `NoiseOrigin`) from a record
+    of the same protocol, else from the first record. If the chosen record has another coordinate,
+    the correlation length scales with the ratio of the records' extents.
 
     Parameters
     ----------
-    records : the calibrated ones.
-    relative : whether noise is in proportion to a record's range (`noise_scale: range`).
-    along : along what it is correlated (`noise_coordinate`).
+    records : the calibrated records.
+    relative : whether noise is proportional to a record's range (`noise_scale: range`).
+    along : coordinate along which the noise is correlated (`noise_coordinate`).
 
     Raises
     ------
@@ -261,7 +264,7 @@ def find_noise(
 def _carried_over(
     experiment: Experiment, source: CalibratedRecord, calibrated: float, system: System
 ) -> NoiseOrigin:
-    """The noise of a record that measured something else, over a range `calibrated`."""
+    """Carry over the noise of a record of another response, whose mean range is `calibrated`."""
     name, unit = experiment.response_name, experiment.response_unit
     if not np.isfinite(calibrated):
         raise UserError(
@@ -290,7 +293,7 @@ def _carried_over(
 
 
 def _stretch(experiment: Experiment, source: CalibratedRecord) -> float:
-    """From a record's coordinate to another's whose noise it is taken to have."""
+    """Factor from an experiment's coordinate to the coordinate of the record that gives noise."""
     extent = float(np.ptp(experiment.coordinate))
     if source.coordinate_name == experiment.coordinate_name or extent == 0.0:
         return 1.0

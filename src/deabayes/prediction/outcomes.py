@@ -1,4 +1,4 @@
-"""What an experiment may read under a candidate, and probability integral transforms."""
+"""Outcomes of an experiment under a candidate, and probability integral transforms."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from deabayes.experiment import FloatArray
 from deabayes.noise.base import NoiseModel
 
 NOISE_DRAWS = 8
-"""Draws of the noise's parameters about which a normal predictive is formed."""
+"""Number of draws of the noise parameters; a normal predictive is formed for every one of them."""
 SLIGHT = 1e-6
-"""Of the noise: where its normal scores are taken to be straight."""
+"""Size of residuals, relative to the noise, at which normal scores are taken to be linear."""
 LOG_2PI = float(np.log(2.0 * np.pi))
 Readings = tuple[FloatArray, ...]
-"""One array (Y, N) per record of an experiment."""
+"""Outcomes of an experiment: one array (Y, N) per record."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What one record may read under one candidate: its curves and the law of noise about them.
+    """Predictive distribution of one record under one candidate: curves, and noise about them.
 
     Attributes
     ----------
-    curves : (S, N) the model's response to the record, one row per draw; its logarithm where
-        errors are in proportion to it.
-    scales : (S,) what each draw's residuals are divided by before the noise's law.
-    noise_draws : the noise's parameters, each (S,).
-    along, weights : (N,) as the noise model takes them.
+    curves : (S, N) the model's response to the record, one row per draw. It is the response's
+        logarithm if errors are proportional to the response.
+    scales : (S,) scale that divides each draw's residuals before the noise model applies.
+    noise_draws : noise parameters by name, each (S,).
+    along, weights : (N,) coordinate and weights for the noise model.
     """
 
     curves: FloatArray
@@ -42,27 +42,27 @@ class Reading:
     weights: FloatArray
 
     def of_draws(self, picked: NDArray[np.intp] | slice) -> Reading:
-        """The same with some of the draws only."""
+        """Return the distribution with some of the draws only."""
         noise_draws = {name: values[picked] for name, values in self.noise_draws.items()}
         curves, scales = self.curves[picked], self.scales[picked]
         return Reading(curves, scales, self.noise, noise_draws, self.along, self.weights)
 
     def sample(self, rng: np.random.Generator) -> FloatArray:
-        """One y of every draw, (S, N)."""
+        """Sample one outcome y per draw, (S, N)."""
         parts = self.noise.sample(rng, self.along, self.weights, self.noise_draws)
         return self.curves + self.scales[:, None] * (parts[0] + parts[1])
 
     def log_density(self, y: FloatArray) -> FloatArray:
-        """log p(y | theta_s) of one y (N,), (S,)."""
+        """log p(y | theta_s) of one outcome y (N,) for every draw, (S,)."""
         residuals = (y - self.curves) / self.scales[:, None]
         total = self.noise.log_prob(residuals, self.along, self.weights, self.noise_draws)
         return total - y.size * np.log(self.scales)
 
     def whitened(self, residuals: FloatArray, draw: int) -> tuple[FloatArray, float]:
-        """Residuals (R, N) made white by one draw's noise, and log |det| of the map.
+        """Residuals (R, N) whitened by one draw's noise, and log |det| of the whitening map.
 
-        The map is the slope, at zero, of the noise's normal scores: all of it for a normal law,
-        the middle of another one.
+        The map is the slope of the noise's normal scores at zero residuals. This is exact for
+        normal noise, and holds for small residuals of other noise.
         """
         noise_draws = {n: np.full(len(residuals), v[draw]) for n, v in self.noise_draws.items()}
         one = {name: values[:1] for name, values in noise_draws.items()}
@@ -76,10 +76,11 @@ class Reading:
 
 @dataclass(frozen=True)
 class Normal:
-    r"""N(y; m, C + F F^T) with C the noise of one draw and F F^T the covariance of the curves.
+    r"""Normal density N(y; m, C + F F^T).
 
-    White residuals u = C^(-1/2) (y - m) have covariance I + G G^T, G = C^(-1/2) F = U s V^T, so
-    that the density needs U and s alone (Woodbury), whatever the number of points.
+    C is the noise covariance of one draw, F F^T the covariance of the curves. White residuals
+    u = C^(-1/2) (y - m) have the covariance I + G G^T, with G = C^(-1/2) F = U s V^T. The density
+    therefore needs only U and s (Woodbury), for any number of points.
     """
 
     draw: int
@@ -97,11 +98,11 @@ class Normal:
 
     @property
     def information(self) -> float:
-        """1/2 log det(I + G G^T): what y tells about theta if the noise is known, in nats."""
+        """1/2 log det(I + G G^T), the information of y about theta for known noise, in nats."""
         return 0.5 * float(np.sum(np.log1p(self.singular**2)))
 
     def log_density(self, readings: Sequence[Reading], y: Readings) -> FloatArray:
-        """log density of Y outcomes, (Y,)."""
+        """Log density of Y outcomes, (Y,)."""
         pairs = zip(readings, y, strict=True)
         found = [r.whitened(each - r.curves.mean(axis=0), self.draw)[0] for r, each in pairs]
         white = np.concatenate(found, axis=1)
@@ -113,16 +114,17 @@ class Normal:
 
 @dataclass(frozen=True)
 class Predictive:
-    """p(y | M) of an experiment, as density from one part of the draws, as samples from another.
+    """Predictive p(y | M) of an experiment; density and samples use different draws.
 
-    The density is half the mean of p(y | theta_s) over draws, which is right where y tells little
-    about theta, and half a mean of `Normal` over noise draws, right where curves are linear in
-    theta. Both halves are normalised, so the whole is within log 2 of the better one.
+    The density is the mean of two densities. The first is the mean of p(y | theta_s) over draws,
+    which is good if y tells little about theta. The second is the mean of `Normal` over noise
+    draws, which is good if the curves are linear in theta. Both are normalised, so the log
+    density is at most log 2 below the larger of the two.
 
     Attributes
     ----------
     known, others : the experiment's records, with the draws for the density and for samples.
-    failed : (draws without a response, draws tried).
+    failed : (number of draws without a response, number of draws tried).
     """
 
     known: tuple[Reading, ...]
@@ -141,16 +143,16 @@ class Predictive:
 
     @property
     def log_failed(self) -> tuple[float, float]:
-        """log probabilities of a failure and of a response; neither is ever held impossible."""
+        """Log probabilities of a failure and of a response; both are always finite."""
         share = (self.failed[0] + 0.5) / (self.failed[1] + 1.0)
         return float(np.log(share)), float(np.log1p(-share))
 
     def sample(self, rng: np.random.Generator) -> Readings:
-        """One outcome per draw kept for it."""
+        """Sample one outcome per draw of `others`."""
         return tuple(reading.sample(rng) for reading in self.others)
 
     def log_density(self, y: Readings) -> FloatArray:
-        """log p(y | M) of Y outcomes with a response, (Y,)."""
+        """log p(y | M) of Y outcomes, (Y,), given that there is a response."""
         from scipy.special import logsumexp
 
         normal = np.stack([each.log_density(self.known, y) for each in self.normals])
@@ -164,27 +166,28 @@ class Predictive:
 
 
 ENOUGH_DRAWS = 20.0
-"""Effective draws below which weights stay as they are."""
+"""Smallest number of effective draws; `transforms` does not update weights any further below."""
 
 
 def transforms(
     scores: FloatArray, log_density: FloatArray | None = None, enough: float = ENOUGH_DRAWS
 ) -> FloatArray:
-    r"""PIT (N,) of points, uniform and independent if model and noise hold.
+    r"""PIT (N,) of a record's points, uniform and independent if model and noise are right.
 
     .. math:: u_k = \sum_s w_{sk} \Phi(e_{sk}), \quad w_{sk} \propto p(y_1, ..., y_{k-1} | theta_s)
 
-    where e are a draw's innovations: p(y_k | y_1..k-1) is a mean over the posterior *given those
-    points*, so a record that the fit has not seen is learned from point by point. With equal
-    weights a right model's error, smooth along a record, would count at each point anew.
+    Here e are the innovations of a draw. p(y_k | y_1..k-1) is a mean over the posterior *given
+    the points before k*. For a held-out record, the weights therefore update the draws point by
+    point. With equal weights, a right model's error, which is smooth along the record, would
+    count again at every point.
 
     Parameters
     ----------
     scores : (S, N) innovations, standard normal for a right draw; rows with NaN do not count.
-    log_density : (S, N) log p(y_k | y_1..k-1, theta_s) of a held-out record; None where the
-        draws have seen the record: equal weights.
-    enough : effective draws; from the first point with fewer weights stay what they were, as a
-        few draws would be all that is left.
+    log_density : (S, N) log p(y_k | y_1..k-1, theta_s) of a held-out record. None if the draws
+        were fitted to the record; all weights are then equal.
+    enough : number of effective draws. From the first point with fewer, the weights stay as they
+        are at the point before, since otherwise only a few draws would count.
     """
     from scipy.special import ndtr
 
@@ -200,7 +203,7 @@ def transforms(
 
 
 def _weights(log_density: FloatArray, enough: float) -> FloatArray:
-    """(S, N), each point's sum is 1; the first point's are equal."""
+    """Weights (S, N) of the draws; they sum to 1 at every point, and are equal at the first."""
     before = np.cumsum(log_density, axis=1) - log_density
     weights = np.exp(before - before.max(axis=0))
     weights /= weights.sum(axis=0)

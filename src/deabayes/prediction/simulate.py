@@ -1,4 +1,4 @@
-"""`deabayes.simulate`: a candidate's response for given parameters, no records needed."""
+"""`deabayes.simulate`: a candidate's response for given parameters, without records."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ def simulate(
     conditions: Mapping[str, float | str] | None = None,
     **excitation: ArrayLike,
 ) -> xr.Dataset:
-    """The response of a candidate to an excitation, for one or many parameter values.
+    """Compute a candidate's response to an excitation, for one or many parameter values.
 
     Parameters
     ----------
     system : e.g. ``"tubular"``.
     candidate : e.g. ``"voigt_kelvin_2"``.
-    parameters : SI, or with a unit (``"1.5 MPa"``); one value, or an array of draws (W,),
-        per parameter; a mapping, a DataFrame of draws or a row of it
-        (``posterior.draws(kinds=("material", "specimen"))``). A quantity of the
-        specimen that carries an sd may be given too, else its value is taken.
-    specimen : a study folder, or a mapping of its quantities
+    parameters : one value or an array of draws (W,) per parameter, in SI or with a unit
+        (``"1.5 MPa"``). Give a mapping, a DataFrame of draws or one of its rows
+        (``posterior.draws(kinds=("material", "specimen"))``). You may also give a quantity of
+        the specimen that has an sd; otherwise its value in `specimen` is used.
+    specimen : a study folder, or a mapping of the specimen's quantities
         (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
-    time : (N,) [s] or time spans, ascending; without it the excitation is quasi-static.
-    response : response channel; the system's first by default.
-    conditions : what is held during the record (`deformation`, `load_g`).
-    **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...;
-        linear between its values, or the smooth curve that a voltage's many values are samples
-        of (twelve neighbours on one polynomial); one value is held.
+    time : (N,) [s] or time spans, ascending; without `time` the excitation is quasi-static.
+    response : response channel; by default the system's response to this excitation.
+    conditions : conditions held during the record (`deformation`, `load_g`).
+    **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...
+        It is linear between its values. If many values of a voltage sample a smooth curve
+        (twelve neighbours on one polynomial), that curve is used. A single value is held.
 
     Returns
     -------
     xarray.Dataset
-        The response (draw, time), the excitation (time) and the parameters (draw),
-        each with `units`; without the dimension `draw` where every parameter is one
-        value. A draw that fails is NaN, counted in the attribute `failed_draws` and
-        explained in `failure` (pull-in: at which time and voltage).
+        The response (draw, time), the excitation (time) and the parameters (draw), all with
+        `units`. There is no dimension `draw` if every parameter is a single value. The response
+        of a failed draw is NaN. The attribute `failed_draws` counts failed draws, and `failure`
+        explains them (pull-in: at which time and voltage).
 
     Raises
     ------
     UserError
-        Missing, unknown or impossible parameters (all of them listed), channels,
-        conditions or quantities; arrays of unlike length.
+        Missing, unknown or impossible parameters (all are listed), channels, conditions or
+        quantities; arrays of different lengths.
 
     Examples
     --------
@@ -115,14 +115,14 @@ def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
 
 
 def _by_name(given: Mapping[str, ArrayLike]) -> Mapping[str, ArrayLike]:
-    """Parameters by name; a pandas Series too, which is walked through by its values."""
+    """Return the parameters as a dictionary, from a mapping, DataFrame or Series."""
     if not hasattr(given, "items"):
         raise UserError(f"parameters: give names with values, as {{'E_0': 1.5e6}}; found {given!r}")
     return dict(given.items())
 
 
 def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
-    """Every parameter as (W,), and whether each was given as a single value."""
+    """Return every parameter as (W,), and whether all were given as single values."""
     needed = {p.name: p for p in model.parameters()}
     quantities = {n: q.value for n, q in model.stated().items() if n in needed}
     faults = _name_faults(model.candidate, needed, given, quantities)
@@ -153,7 +153,7 @@ def _name_faults(
     given: Mapping[str, ArrayLike],
     quantities: Mapping[str, float],
 ) -> list[str]:
-    """Parameters that are missing, and names that none has."""
+    """List missing parameters and unknown names."""
     lacking = [
         f"{candidate} lacks parameter {name!r} [{parameter.unit}]: {parameter.description}"
         for name, parameter in needed.items()
@@ -167,7 +167,7 @@ def _name_faults(
 
 
 def _impossible(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
-    """Single values that no draw can have; among many draws they are draws that fail."""
+    """Yield single values that are impossible; in an array of draws they make that draw fail."""
     for parameter in parameters:
         value = arrays.get(parameter.name, np.ones(2))
         if value.ndim > 0 or (np.isfinite(value) and (value >= 0.0 or _signed(parameter))):
@@ -181,7 +181,7 @@ def _signed(parameter: Parameter) -> bool:
 
 
 def _opposed(parameters: Iterable[Parameter], arrays: Mapping[str, FloatArray]) -> Iterator[str]:
-    """Terms whose product is negative; they have a response, so that no draw would fail."""
+    """Yield pairs with a negative product, which is wrong although such draws have a response."""
     for parameter in parameters:
         name, other = parameter.name, parameter.half_product_with
         if other is None or name not in arrays or other not in arrays:
@@ -206,7 +206,7 @@ def _dataset(
     values: FloatArray,
     draws: Mapping[str, FloatArray],
 ) -> xr.Dataset:
-    """Response, excitation and parameters with their units."""
+    """Return the dataset of response, excitation and parameters with their units."""
     unit = "s" if coordinate_name == "time" else excitation.unit
     variables: dict[str, Any] = {
         response: (("draw", coordinate_name), values, {"units": model.responses[response]})
