@@ -1,4 +1,4 @@
-"""What other code uses: open a posterior, read it, predict with it, make it a prior."""
+"""Interface for other code: open a posterior, read it, predict with it, use it as a prior."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from deabayes.prior.from_posterior import PriorFromPosterior
 
 KINDS = ("material", "specimen", "noise", "derived")
-"""Of quantities; not every posterior has all."""
+"""Kinds of quantities; not every posterior has all of them."""
 
 
 class Posterior:
@@ -49,42 +49,46 @@ class Posterior:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Sampled parameters, then derived quantities."""
+        """Names of the sampled parameters, followed by the derived quantities."""
         return tuple(str(name) for name in self._tree["posterior"].data_vars)
 
     @property
     def units(self) -> dict[str, str]:
-        """Quantity -> SI unit."""
+        """SI unit of every quantity by name."""
         variables = self._tree["posterior"].data_vars
         return {str(name): str(variable.attrs["unit"]) for name, variable in variables.items()}
 
     @property
     def converged(self) -> bool:
-        """Whether every convergence gate was passed; if not, the numbers are not to be trusted."""
+        """Whether every convergence gate was passed; if not, do not trust the numbers."""
         return bool(self._tree["summary"]["converged"].values.all())
 
     @property
     def leaning(self) -> tuple[str, ...]:
-        """A sentence on every parameter that leans on a bound of its prior, with what to write."""
+        """One sentence per parameter whose draws lean on a bound of its prior, with the remedy."""
         return tuple(json.loads(self._tree.attrs.get("leaning", "[]")))
 
     def summary(self) -> pd.DataFrame:
-        """One row per quantity: mean, sd, quantiles, diagnostics, units (as summary.csv)."""
+        """Return one row per quantity: mean, sd, quantiles, diagnostics, units (as summary.csv)."""
         table = self._tree["summary"].to_dataset().to_dataframe().reset_index()
         return table.rename(columns={"quantity": "parameter"}).set_index("parameter")
 
     def draws(
         self, size: int | None = None, seed: int = 1, *, kinds: str | Collection[str] | None = None
     ) -> pd.DataFrame:
-        """Draws, one row each and one column per quantity, SI; `units` says which units.
+        """Return posterior draws in SI units, one row per draw and one column per quantity.
+
+        `units` gives the unit of every column.
 
         Parameters
         ----------
-        size, seed : how many, and the seed that picks them at random; `predict` uses the same
-            for the same two. Without a size all stored draws, ensemble after ensemble.
-        kinds : of ``"material"``, ``"specimen"``, ``"noise"`` and ``"derived"`` (``"prior"`` with
-            `predict_with`, ``"population"`` and ``"reference"`` of a population), all by default;
-            the first two are the parameters that `simulate` takes.
+        size, seed : number of draws, and the seed that picks them at random. `predict` uses the
+            same draws for the same size and seed. Without a size, all stored draws are returned,
+            ensemble after ensemble.
+        kinds : kinds of quantities to return, all by default: ``"material"``, ``"specimen"``,
+            ``"noise"`` and ``"derived"``. There is also ``"prior"`` with `predict_with`, and
+            ``"population"`` and ``"reference"`` in a population. `simulate` takes the parameters
+            of the first two kinds.
         """
         import pandas as pd
 
@@ -117,32 +121,32 @@ class Posterior:
 
         Parameters
         ----------
-        response : response channel; by default that of the calibration records.
+        response : response channel; by default the one of the calibration records.
         size, seed : number of posterior draws, and the seed that picks them.
-        conditions : what is held (`deformation`, `load_g`).
-        protocol : of which protocol it is (`sine`, `frequency_response`, ...): it is solved by
-            the wider candidate where the study names one for it (`predict_with`), and has the
-            noise of calibrated records of that protocol; by default the fitted candidate solves
-            it.
-        **channels : `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...),
-            linear between its values, or the smooth curve that a voltage's many values are
-            samples of (twelve neighbours on one polynomial); one value is held. Without `time`
-            the excitation is quasi-static. Numbers are SI unless they carry a unit: ``"1.8 kV"``,
-            a pint quantity, a DataArray with `units`, a Series called ``voltage [kV]``.
+        conditions : conditions held during the experiment (`deformation`, `load_g`).
+        protocol : protocol of the experiment (`sine`, `frequency_response`, ...). If the study
+            names a wider candidate for this protocol (`predict_with`), that candidate solves the
+            prediction. The noise is that of calibrated records of this protocol. By default, the
+            fitted candidate solves the prediction.
+        **channels : `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...). The
+            excitation is linear between its values. If the many values of a voltage are samples of
+            a smooth curve, this curve is used (twelve neighbours on one polynomial). A single
+            value is held. Without `time`, the excitation is quasi-static. Numbers are SI unless
+            they carry a unit: ``"1.8 kV"``, a pint quantity, a DataArray with `units`, a Series
+            called ``voltage [kV]``.
 
         Returns
         -------
         xarray.Dataset
             ``["median"]``, ``["mean"]`` and the bands `parameter`, `discrepancy` and
             `predictive` (level, bound, coordinate), with levels 0.5 and 0.9 and bounds
-            `lower` and `upper`; `coordinate` is the time. The attribute
-            `extrapolation` is not empty where the excitation leaves the
-            calibrated region, `noise_note` where no calibration record measured
-            this response and the noise is another one's, or where its size is a
-            calibration record's. `model_note` says which candidate solved it, where the
-            study names a wider one for some protocols. `held_out_note` says where the
-            study's held-out records were missed by their bands, or that their scores
-            (errors.csv) are not beside the file.
+            `lower` and `upper`; `coordinate` is the time. Four attributes are notes, which are
+            empty if there is nothing to say. `extrapolation` says where the excitation leaves the
+            calibrated region. `noise_note` says that the noise comes from another response,
+            because no calibration record measured this one, or that its size comes from a
+            calibration record. `model_note` says which candidate solved the prediction, if the
+            study names a wider candidate for some protocols. `held_out_note` says where the bands
+            missed held-out records, or that the scores (errors.csv) are not beside the file.
         """
         from deabayes.posteriors.fitted import Fitted
         from deabayes.prediction.bands import to_dataset
@@ -164,7 +168,7 @@ class Posterior:
         return dataset.drop_vars(["observed", "pit"])
 
     def _held_out_note(self) -> str:
-        """What held-out records say of the bands; a tree without a file has nothing beside it."""
+        """Say what held-out records show about the bands; empty for a tree without a file."""
         from deabayes.prediction.errors import note_beside
 
         if self._path is None:
@@ -173,7 +177,7 @@ class Posterior:
         return note_beside(self._path, sum_of_draws(self._tree), none_held_out)
 
     def as_prior(self) -> PriorFromPosterior:
-        """The material and specimen parameters as a prior for another study, correlations kept."""
+        """Return material and specimen parameters, with correlations, as another study's prior."""
         from deabayes.posteriors.inheritance import handed_on
 
         return handed_on(self._tree)
@@ -185,8 +189,8 @@ def open_posterior(path: str | Path) -> Posterior:
     Raises
     ------
     UserError
-        If the file is missing, is no posterior file, or one of another version that keeps what
-        this one does not know.
+        If the file is missing, is no posterior file, or comes from another version whose content
+        this version does not know.
     """
     return Posterior(read_tree(path), Path(path))
 

@@ -1,1 +1,1 @@
-"""Posterior files: what is in them, how they are written and read, how they become priors."""
+"""Posterior files: their content, how to write and read them, and how to use them as priors."""

@@ -1,4 +1,4 @@
-"""The pieces of a posterior file."""
+"""The content of a posterior file, with warnings for the reader."""
 
 from __future__ import annotations
 
@@ -21,21 +21,20 @@ from deabayes.study import Study
 STORED_DRAWS = 2000
 PRIOR_DRAWS = 4000
 SLOW = 0.95
-"""Quantile of a time constant's draws that ought to be within the longest record."""
+"""Quantile of a time constant's draws that should not exceed the longest record."""
 RIM = 0.01
-"""Share of an inherited prior's draws that are as unlikely, below which it is said."""
+"""Warn if a smaller share of the inherited prior's draws is as unlikely as the posterior's."""
 
 
 @dataclass(frozen=True)
 class PosteriorContent:
-    """Draws, and what is said of them.
+    """The draws of a candidate, with diagnostics and warnings.
 
-    `z` (E, S, d) are thinned draws of the E independent ensembles in the
-    prior's standard-normal coordinate, `log_posterior` (E, S) their density;
-    `diagnostics` is indexed by quantity; `convergence` says in words what failed; `further`
-    is the prior of parameters that only predictions need (see `predict_with.further_prior`);
-    `counted_before` are the records that the prior knows; `leaning` says which parameters lean on
-    a bound of their prior.
+    `z` (E, S, d) are thinned draws of the E independent ensembles in the prior's standard-normal
+    coordinate. `log_posterior` (E, S) is their log density. `diagnostics` is indexed by quantity.
+    `convergence` says in words what failed. `further` is the prior of parameters that only
+    predictions need (see `default_priors.further_prior`). `counted_before` are the records that
+    the prior already uses. `leaning` says which parameters lean on a bound of their prior.
     """
 
     study: Study
@@ -64,9 +63,9 @@ class PosteriorContent:
         inherited: Inheritance | None = None,
         unexpected: Sequence[str] = (),
     ) -> PosteriorContent:
-        """With at most `STORED_DRAWS` of the draws per ensemble.
+        """Collect the content, with at most `STORED_DRAWS` draws per ensemble.
 
-        `unexpected` says which records are not what the prior expects.
+        `unexpected` says which records the prior does not expect.
         """
         z, log_posterior = sampled.thinned(STORED_DRAWS)
         theta = target.prior.to_parameters(z.reshape(-1, z.shape[2]))
@@ -95,11 +94,11 @@ class PosteriorContent:
 
 
 def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
-    """Relaxation units that by the draws theta (W, d) may outlast every calibrated record.
+    """Warn of relaxation times that, by draws theta (W, d), may exceed every calibrated record.
 
-    Such a unit's stiffness and time constant trade along a long ridge: little more of it is seen
-    than their ratio, and sampling is slow for want of data, not of steps. What another study
-    handed on may have been told by longer records.
+    Stiffness and time constant of such a unit trade along a long ridge: the records show little
+    more than their ratio. Sampling is slow because data are missing, not steps. Inherited
+    parameters are not checked, because longer records of another study may have determined them.
     """
     experiments = [record.experiment for record in target.records]
     durations = [each.elapsed for each in experiments if each.coordinate_unit == "s"]
@@ -121,7 +120,7 @@ def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
 def _with_doubts(
     convergence: dict[str, object], inherited: Inheritance | None
 ) -> dict[str, object]:
-    """Nothing has converged that builds on what has not."""
+    """Mark a posterior as not converged if its inherited prior did not converge."""
     if inherited is None or not inherited.doubts:
         return convergence
     reasons = convergence["reasons"]
@@ -130,7 +129,7 @@ def _with_doubts(
 
 
 def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
-    """What is to be known of a prior from another posterior."""
+    """Return the warnings about a prior that comes from another posterior."""
     notes = [] if inherited is None else list(inherited.notes)
     return notes + [
         "prior_from: what is fitted to the draws handed on does not describe them (largest "
@@ -141,10 +140,11 @@ def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
 
 
 def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
-    """That new records pull what was handed on to where hardly any draw of it had been.
+    """Warn if new records pull inherited parameters to where their prior has hardly any draws.
 
-    How many draws of the inherited prior are no likelier under it than the median of the
-    posterior's draws theta (W, d) is (Box 1980, J. R. Stat. Soc. A 143).
+    The check computes the density of the inherited prior. It counts the prior draws whose density
+    is at most the median over the posterior's draws theta (W, d) (Box 1980, J. R. Stat. Soc. A
+    143).
     """
     if not prior.inherited:
         return []
@@ -162,7 +162,7 @@ def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
 
 
 def convergence_summary(sampled: Sampled) -> dict[str, object]:
-    """What a reader needs to know of how the draws were made."""
+    """Summarise for a reader how the draws were made, and whether they converged."""
     convergence, table = sampled.convergence, sampled.convergence.table
     shares = convergence.mode_shares
     kept = sampled.steps - sampled.burn_in

@@ -1,4 +1,4 @@
-"""What goes into a posterior file, and the summary of its parameters."""
+"""Build the content of a posterior file, and the summary of its parameters."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SUMMARY_COLUMNS = (
 
 
 def quantities(target: LogPosterior, theta: FloatArray) -> dict[str, FloatArray]:
-    """Every sampled parameter and derived quantity by name, each (W,), for theta (W, d)."""
+    """Return every sampled parameter and derived quantity, (W,) by name, for theta (W, d)."""
     draws = target.draws(theta)
     derived = {name: d.values for name, d in target.system.derived(draws).items()}
     return {**draws, **derived}
@@ -38,10 +38,10 @@ def quantities(target: LogPosterior, theta: FloatArray) -> dict[str, FloatArray]
 def summary_table(
     content: PosteriorContent, theta: FloatArray, prior_theta: FloatArray
 ) -> pd.DataFrame:
-    """The table of summary.csv, indexed by quantity.
+    """Return the table of summary.csv, indexed by quantity.
 
-    contraction: see `contractions`.
-    prior_sensitivity and likelihood_sensitivity: see `power_sensitivities`.
+    `contractions` explains the column contraction. `power_sensitivities` explains the columns
+    prior_sensitivity and likelihood_sensitivity.
     """
     target = content.target
     table = content.diagnostics.copy()
@@ -63,13 +63,12 @@ def power_sensitivities(
     posterior: Mapping[str, FloatArray],
     prior: Mapping[str, FloatArray],
 ) -> dict[str, dict[str, float]]:
-    """Column of the summary -> quantity -> `power_scaling.sensitivities`.
+    """Return the sensitivities of the summary: column -> quantity -> value (see `sensitivities`).
 
-    The prior's density that is raised to a power is N(z; 0, I), corrected where it is not quite
-    the prior (`Prior.log_correction`): a power of a density depends
-    on the coordinate, and in this one a power above 1 draws every prior together about its
-    median, those with bounds and inherited ones too. How far a quantity moves is measured on
-    the scale of `contraction` for derived quantities.
+    The prior density that is raised to a power is N(z; 0, I). `Prior.log_correction` corrects it
+    where it is not quite the prior. A power of a density depends on the coordinate. In z, a power
+    above 1 contracts every prior about its median, also priors with bounds and inherited priors.
+    The movement of a quantity is measured on the scale of `contraction` for derived quantities.
 
     Parameters
     ----------
@@ -92,15 +91,16 @@ def contractions(
     posterior: Mapping[str, FloatArray],
     before: Mapping[str, FloatArray],
 ) -> dict[str, float]:
-    """1 - var_posterior / var_prior of every quantity.
+    """Return 1 - var_posterior / var_prior of every quantity.
 
-    On the scale on which its law is normal for a sampled parameter: by z, or, where z tells of it
-    only what others leave open (`Prior.scored_alone`), by its own draws. Parts, products and
-    derived quantities are taken on their logarithm or, where they change sign, their value.
+    A sampled parameter is compared on the scale on which its prior is normal. This scale is z if z
+    depends on this parameter alone (`Prior.scored_alone`). Otherwise the normal scores of its own
+    draws are used. Parts, products and derived quantities are compared by their logarithm, or by
+    their value if they change sign.
 
     Parameters
     ----------
-    z : (S, d), of the posterior's draws.
+    z : (S, d), z of the posterior's draws.
     posterior, before : draws of every quantity, after and before the data.
     """
     gained = {name: contraction(posterior[name], before[name]) for name in posterior}
@@ -115,18 +115,18 @@ def contractions(
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:
-    """That of draws, on their logarithm where they are positive."""
+    """Return the contraction from prior to posterior draws, by their logarithm if positive."""
     return _narrower(*_scaled(posterior, prior))
 
 
 def _narrower(after: FloatArray, before: FloatArray) -> float:
-    """By half the distance of the 16 and 84 % quantiles: tails do not count."""
+    """Return the contraction by the distance of the 16 and 84 % quantiles, which ignores tails."""
     new, old = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (after, before))
     return float(1.0 - (new / max(old, 1e-300)) ** 2)
 
 
 def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Draws, of the prior only finite ones, on their logarithm where all are positive."""
+    """Return posterior draws and finite prior draws, as logarithms if all are positive."""
     prior = prior[np.isfinite(prior)]
     if np.all(posterior > 0) and np.all(prior > 0):
         return np.log(posterior), np.log(prior)
@@ -134,7 +134,7 @@ def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, Float
 
 
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:
-    """Symbol, unit, description, prior and kind of every quantity."""
+    """Return symbol, unit, description, prior and kind of every quantity."""
     target = content.target
     quantity_names = set(target.system.stated())
     found = {
@@ -162,12 +162,12 @@ def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, 
 
 STORED_PRIOR_DRAWS = 1000
 COMPARED_PRIOR_DRAWS = 10_000
-"""With which the posterior's widths are compared: their contraction scatters by 0.02."""
+"""Prior draws with which the posterior's widths are compared; contraction scatters by 0.02."""
 PRIOR_PREDICTIVE_DRAWS = 50
 
 
 def posterior_tree(content: PosteriorContent) -> xr.DataTree:
-    """The ArviZ DataTree of a fitted candidate (groups as in interface.md, Results)."""
+    """Return the ArviZ DataTree of a fitted candidate (groups as in interface.md, Results)."""
     theta = content.target.prior.to_parameters(content.z.reshape(-1, content.z.shape[2]))
     rng = np.random.default_rng(content.seed)
     prior_theta = content.target.prior.sample(rng, COMPARED_PRIOR_DRAWS)
@@ -213,7 +213,7 @@ def _draws(content: PosteriorContent, theta: FloatArray, shape: tuple[int, int])
 
 
 def _further(content: PosteriorContent) -> xr.Dataset:
-    """Draws of what no fitted record tells of: those of its prior."""
+    """Return prior draws of the parameters that no fitted record informs."""
     if content.further is None:
         return xr.Dataset()
     shape = content.z.shape[:2]

@@ -1,4 +1,4 @@
-"""A candidate with its posterior draws: what a posterior file turns into when it is used."""
+"""A candidate with its posterior draws, rebuilt from a posterior file for predictions."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Fitted:
     """A candidate, its noise model and its draws, ready to predict.
 
     `draws` maps every parameter, noise included, to (S,) values in SI. `predicts_with` maps a
-    protocol to the system that its records are predicted with, where that is a wider one than
-    the fitted `system` (`predict_with` of a study). `new_specimen`: the draws are of none that
-    the records were taken of, but of another of its population.
+    protocol to the wider system that predicts its records instead of the fitted `system`
+    (`predict_with` of a study). `new_specimen` says that the draws describe a new specimen of the
+    population, and none of the measured ones.
     """
 
     candidate: str
@@ -55,7 +55,7 @@ class Fitted:
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, size: int | None = None, seed: int = 0) -> Fitted:
-        """Rebuild from a posterior file; `size` draws are picked at random, all by default."""
+        """Rebuild from a posterior file, with `size` random draws or, by default, all draws."""
         restore(tree.attrs)
         specimen = specimen_from_json(tree.attrs["specimen"])
         settings = json.loads(tree.attrs["study"])
@@ -83,22 +83,26 @@ class Fitted:
         )
 
     def has_seen(self, experiment: Experiment) -> bool:
-        """Whether the draws were fitted to a record."""
+        """Whether the draws were fitted to this record."""
         named = any(record.name == experiment.name for record in self.records)
         return named and not self.new_specimen
 
     def system_for(self, experiment: Experiment) -> System:
-        """The forward model of a record: the fitted one, unless its protocol has a wider one."""
+        """Return the forward model of a record.
+
+        This is the fitted model, unless the record is not calibrated and its protocol has a wider
+        model.
+        """
         if any(record.name == experiment.name for record in self.records):
             return self.system
         return self.predicts_with.get(experiment.protocol, self.system)
 
     def model_note(self, experiment: Experiment, protocol: str | None) -> str:
-        """Which model solves a prediction; empty where the study knows but the fitted one.
+        """Say which model solves a prediction; empty if the study has only the fitted model.
 
         Parameters
         ----------
-        protocol : as which it was asked for; None if none was named.
+        protocol : protocol that the user named for the prediction; None without one.
         """
         if protocol in self.predicts_with:
             return f"solved by {self.system_for(experiment).candidate} (predict_with)"
@@ -111,11 +115,11 @@ class Fitted:
         return f"solved by {self.candidate}, the fitted candidate; {wider}: give the protocol"
 
     def responses(self, experiment: Experiment) -> FloatArray:
-        """The model's response to a record, (S, N)."""
+        """Return the model's response to a record, (S, N)."""
         return self.system_for(experiment).simulator_of(experiment)(self.draws)
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
-        """Whose noise an experiment is taken to have (see `find_noise`)."""
+        """Return the origin of the noise that an experiment should have (see `find_noise`)."""
         return find_noise(
             experiment, self.records, self.system, self.relative_noise, self.noise_along
         )
@@ -136,7 +140,7 @@ class Fitted:
         )
 
     def reading(self, experiment: Experiment) -> tuple[Reading, NDArray[np.bool_]]:
-        """What an experiment may read, and which draws have a response; rows of others are NaN."""
+        """Return the curves and noise law of an experiment, and which draws have a response."""
         curves, origin = self.responses(experiment), self.noise_of(experiment)
         finite = np.all(np.isfinite(curves), axis=1)
         scales = origin.scales(curves)
@@ -154,12 +158,12 @@ class Fitted:
         return reading, finite & np.all(np.isfinite(curves), axis=1) & np.isfinite(scales)
 
     def _noise_draws(self, origin: NoiseOrigin) -> dict[str, FloatArray]:
-        """The noise parameters of an origin's group, without its prefix."""
+        """Return the noise parameters of an origin's group, with names without the prefix."""
         prefix = f"{origin.group}."
         return {n[len(prefix) :]: v for n, v in self.draws.items() if n.startswith(prefix)}
 
     def extrapolation(self, experiment: Experiment) -> str:
-        """In which respects an experiment leaves the calibrated region; empty if in none."""
+        """Say in which respects an experiment leaves the calibrated region; empty if in none."""
         return Calibrated(self.system, self.records).extrapolation(experiment)
 
     def experiment(
@@ -169,7 +173,7 @@ class Fitted:
         conditions: Mapping[str, float | str],
         protocol: str | None = None,
     ) -> Experiment:
-        """A new experiment from arrays: `time` and one excitation channel."""
+        """Build a new experiment from arrays: `time` and one excitation channel."""
         if protocol is not None and protocol not in self.system.protocols:
             raise UserError(
                 f"protocol {protocol!r} is unknown{nearest(protocol, self.system.protocols)}"
@@ -199,7 +203,7 @@ class Fitted:
 
 
 def _noise_of(attributes: Mapping[str, str]) -> NoiseModel:
-    """The noise model that a posterior file names."""
+    """Return the noise model that a posterior file names."""
     name = attributes["noise"]
     if name not in NOISE_MODELS:
         raise UserError(_elsewhere(attributes, "the noise model", name))
@@ -208,10 +212,10 @@ def _noise_of(attributes: Mapping[str, str]) -> NoiseModel:
 
 
 def _records_of(attributes: Mapping[str, str]) -> tuple[CalibratedRecord, ...]:
-    """The calibrated records that a posterior file remembers."""
+    """Return the calibrated records that a posterior file stores."""
     try:
         return tuple(CalibratedRecord(**each) for each in json.loads(attributes["experiments"]))
-    except TypeError as error:  # of a key that is not known, or not there
+    except TypeError as error:  # a key is unknown or missing
         words = str(error).partition("() ")[2]
         raise UserError(_elsewhere(attributes, "what is known of a record", words)) from error
 

@@ -1,4 +1,4 @@
-"""Another study's posterior as a prior."""
+"""Use another study's posterior as a prior."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from deabayes.prior.normal_mixture import NormalMixture
 from deabayes.study import Settings
 
 OF_THE_MATERIAL = frozenset({"density", "permittivity", "relative_permittivity"})
-"""Quantities that a specimen states and that its material decides."""
+"""Quantities that a specimen states, but that are properties of its material."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,12 @@ class Inheritance:
 
     Attributes
     ----------
-    same_specimen : whether the draws are of this study's specimen: they know already what was
-        measured on it as a whole (`System.log_likelihood_of_quantities`).
-    notes : what a reader is to know; `doubts`, why nothing that builds on it has converged.
-    counted : the records that the draws know.
-    priors : the entries of `priors:` that they were fitted with.
+    same_specimen : whether the draws are of this study's specimen. Such draws already use the data
+        measured on the specimen as a whole (`System.log_likelihood_of_quantities`).
+    notes : warnings for the reader. `doubts` : reasons why no posterior with this prior counts as
+        converged.
+    counted : the records that the draws already use.
+    priors : the entries of `priors:` with which the draws were fitted.
     """
 
     prior: PriorFromPosterior
@@ -49,13 +50,13 @@ class Inheritance:
 def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
     """Read a posterior as the prior of a study of `specimen`.
 
-    The geometry of another specimen says nothing of this one's, and is marginalised; so is a
-    property of the material that the two state differently. A population's posterior is of a
-    new specimen, and is handed on whole.
+    The geometry of another specimen says nothing about this specimen, and is marginalised. A
+    material property that the two specimens state differently is marginalised too. A population's
+    posterior describes a new specimen, and all its parameters are inherited.
 
     Raises
     ------
-    UserError : no posterior file, or nothing in it that holds here.
+    UserError : the file is no posterior file, or none of its parameters applies here.
     """
     tree = read_tree(path)
     theirs = specimen_from_json(tree.attrs["specimen"])
@@ -86,7 +87,7 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
 
 
 def handed_on(tree: xr.DataTree, without: tuple[str, ...] = ()) -> PriorFromPosterior:
-    """The material and specimen parameters of a posterior file, correlations kept."""
+    """Return the material and specimen parameters of a posterior file, with correlations."""
     group = tree["posterior"]
     kept = [
         str(name)
@@ -104,7 +105,10 @@ def _is_same(one: Specimen, other: Specimen) -> bool:
 
 
 def foreign_quantities(names: Iterable[str], theirs: Specimen, own: Specimen) -> tuple[str, ...]:
-    """Those of what `theirs` states that are only its own, and none of the common material's."""
+    """Return which of `names` apply only to the specimen `theirs`, and not to `own`.
+
+    A quantity of the material applies to both specimens if both state it equally.
+    """
     if _is_same(theirs, own):
         return ()
     there, here = _stated(theirs), _stated(own)
@@ -116,7 +120,7 @@ def foreign_quantities(names: Iterable[str], theirs: Specimen, own: Specimen) ->
 
 
 def _stated_in(tree: xr.DataTree) -> list[str]:
-    """The parameters of a posterior file that its specimen states."""
+    """Return the parameters of a posterior file that its specimen states."""
     variables = tree["posterior"].data_vars.items()
     return [str(name) for name, variable in variables if variable.attrs["kind"] == "specimen"]
 
@@ -132,9 +136,9 @@ GROUP = "inherited_prior"
 
 
 def inherited_prior(target: LogPosterior) -> xr.Dataset:
-    """Weights, means and factors of the mixture; none where only predictions inherit.
+    """Return weights, means and factors of the inherited mixture; none if only predictions inherit.
 
-    With a learned likelihood also what it is a quadratic of: see `learned.Learned`.
+    With a learned likelihood, the dataset also holds its arrays (see `learned.Learned`).
     """
     found = xr.Dataset(attrs={"quantities_counted": int(target.quantities_counted)})
     for block in target.prior.inherited:
@@ -155,7 +159,7 @@ def inherited_prior(target: LogPosterior) -> xr.Dataset:
 
 
 def with_inherited_prior(target: LogPosterior, tree: xr.DataTree) -> LogPosterior:
-    """A candidate's log-posterior under the prior that its posterior file holds."""
+    """Return a candidate's log-posterior with the prior that its posterior file holds."""
     if GROUP not in tree.children:
         return target
     found, prior = tree[GROUP].to_dataset(), target.prior

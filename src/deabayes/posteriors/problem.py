@@ -1,4 +1,4 @@
-"""A log-posterior as the sampler is given it: functions of z, with what helps to sample it."""
+"""Turn a log-posterior into a problem for the sampler: functions of z, and sampling hints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deabayes.systems.base import Batch
 
 
 def problem_of(target: LogPosterior) -> Problem:
-    """The problem of a candidate: coordinates of prior, noise model and system, and its hops."""
+    """Return a candidate's problem, with hops and coordinates of prior, noise model and system."""
     from deabayes.posteriors.file import quantities
 
     prior, system = target.prior, target.system
@@ -45,9 +45,10 @@ def problem_of(target: LogPosterior) -> Problem:
 
 
 def split_log_likelihood(target: LogPosterior, z: FloatArray) -> Split:
-    """log [L(theta) p(theta) / q(theta)] of z (W, d) by the points of all records.
+    """Return log [L(theta) p(theta) / q(theta)] for z (W, d) by the points of all records.
 
-    A point's score is its innovation; its scale is what the noise's density leaves beside it.
+    A point's score is its innovation. Its log scale is chosen so that score and log scale together
+    give the point's log density.
     """
     with np.errstate(all="ignore"):
         theta = target.prior.to_parameters(z)
@@ -70,7 +71,7 @@ def _record_split(
 
 
 def _weights(target: LogPosterior) -> dict[str, FloatArray]:
-    """Weights of white noise at all points of each noise group."""
+    """Return the weights of white noise at all points of each noise group."""
     groups = dict.fromkeys(record.group for record in target.records)
     return {
         group: np.concatenate([r.weights for r in target.records if r.group == group])

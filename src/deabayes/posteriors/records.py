@@ -1,4 +1,4 @@
-"""Which records a posterior was fitted to, and that none counts twice."""
+"""Records that a posterior was fitted to, and checks that no record counts twice."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ ATTRIBUTE = "counted_records"
 
 @dataclass(frozen=True)
 class CountedRecord:
-    """A record that was calibrated on, in `study`; by its file, and by its prepared points.
+    """A calibration record of `study`, identified by checksums of its file and prepared points.
 
-    Either sum may be unknown, and is empty then.
+    An unknown checksum is empty.
     """
 
     study: str
@@ -31,14 +31,14 @@ class CountedRecord:
 
     @classmethod
     def of(cls, study: str, experiment: Experiment) -> CountedRecord:
-        """That of a prepared record."""
+        """Return the counted record of a prepared record."""
         points = _sum(experiment.coordinate, experiment.response)
         return cls(
             study, experiment.name, experiment.response_name, experiment.record_sha256, points
         )
 
     def is_same(self, other: CountedRecord) -> bool:
-        """Whether both are the same measurement, whatever they are called."""
+        """Whether both records are the same measurement, even under different names."""
         if self.response_name != other.response_name:
             return False
         pairs = (
@@ -49,9 +49,9 @@ class CountedRecord:
 
 
 def counted_records(tree: xr.DataTree) -> tuple[CountedRecord, ...]:
-    """The records that a posterior file's draws know.
+    """Return the records that the draws of a posterior file already use.
 
-    A file from before they were kept knows its own points only.
+    An older file without this attribute gives only its own records, identified by their points.
     """
     if ATTRIBUTE in tree.attrs:
         return tuple(CountedRecord(**each) for each in json.loads(tree.attrs[ATTRIBUTE]))
@@ -72,14 +72,14 @@ def counted_records(tree: xr.DataTree) -> tuple[CountedRecord, ...]:
 
 
 def to_json(records: Sequence[CountedRecord]) -> str:
-    """The attribute of a posterior file, each record once."""
+    """Return the attribute of a posterior file as JSON, with every record once."""
     return json.dumps([asdict(record) for record in dict.fromkeys(records)])
 
 
 def counted_twice(
     study: str, own: Sequence[CountedRecord], known: Sequence[CountedRecord], source: str
 ) -> list[str]:
-    """A sentence on each of a study's own records that the posterior `source` knows already."""
+    """Return one sentence per own record of a study that the posterior `source` already uses."""
     found = []
     for record in own:
         before = next((each for each in known if each.is_same(record)), None)
@@ -96,11 +96,11 @@ def counted_twice(
 def refuse_counted_twice(
     study: str, experiments: Sequence[Experiment], known: Sequence[CountedRecord], source: str
 ) -> None:
-    """Refuse prepared records to calibrate on that the prior of their study knows already.
+    """Refuse calibration records that the prior of their study already uses.
 
     Raises
     ------
-    Faults : each of them.
+    Faults : one for each such record.
     """
     own = [CountedRecord.of(study, each) for each in experiments if each.role == "calibrate"]
     if found := counted_twice(study, own, known, source):
@@ -115,17 +115,18 @@ def _sum(*arrays: FloatArray) -> str:
 
 
 ROUNDING = 1e-9
-"""Of a channel's largest value: records prepared on two machines differ by less."""
+"""Tolerance as a share of a channel's largest value; two machines differ by less."""
 
 
 def check_fitted_records(tree: xr.DataTree, experiments: Sequence[Experiment]) -> None:
-    """Refuse records to calibrate on that are not those of the fit, held-out ones aside.
+    """Refuse calibration records that differ from those of the fit.
 
-    A population's posterior has no records of its own, and is passed over.
+    Held-out records are ignored. A population's posterior has no records of its own and is not
+    checked.
 
     Raises
     ------
-    Faults : each record that was added, taken out or changed since.
+    Faults : one for each record that was added, removed or changed since the fit.
     """
     if "observed_data" not in tree.children:
         return
@@ -147,7 +148,7 @@ def check_fitted_records(tree: xr.DataTree, experiments: Sequence[Experiment]) -
 
 
 def _is_same(experiment: Experiment, observed: xr.Dataset, record: dict[str, object]) -> bool:
-    """The record's points, and of its excitation what a posterior file remembers."""
+    """Whether a record's points and excitation agree with those that a posterior file stores."""
     driven, conditions = experiment.excitation, record.get("conditions")
     return (
         _near(observed[experiment.name].values, experiment.response)

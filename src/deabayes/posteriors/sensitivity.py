@@ -1,4 +1,4 @@
-"""What decides a posterior: its prior, its likelihood, a bound of its prior."""
+"""Find out what decides a posterior: its prior, its likelihood, or a bound of its prior."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from deabayes.prior.parameter import Parameter
 from deabayes.quantities import with_unit
 
 UNRELIABLE_K_HAT = 0.7
-"""Weights with a larger Pareto shape are not relied on (Vehtari et al. 2024, JMLR 25(72))."""
+"""Weights with a larger Pareto shape are not used (Vehtari et al. 2024, JMLR 25(72))."""
 EVEN = 0.01
-"""Log-weights that differ by less have no tail to smooth: a component that is constant but for
-rounding leaves only its rounding to fit one to."""
+"""If log-weights differ by less than this, no tail is fitted and smoothed.
+
+The tail of a component that is constant up to rounding would consist of rounding errors."""
 
 
 def smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
-    """Logarithms of smoothed weights (S,) that sum to one, and the Pareto shape of their tail.
+    """Return logs of smoothed weights (S,) that sum to one, and the Pareto shape of their tail.
 
-    arviz's `psislw` takes a log-likelihood to be left out, the weights' logarithm with the
-    other sign. The shape is infinite where no tail can be fitted: too few draws, or a tail of
-    equal ones.
+    arviz's `psislw` expects the log-likelihood that is left out, which is minus the log weights.
+    The shape is infinite if no tail can be fitted: too few draws, or equal weights in the tail.
     """
     from arviz_stats.base import array_stats
     from scipy.special import logsumexp
@@ -42,7 +42,7 @@ def smoothed(log_weights: FloatArray) -> tuple[FloatArray, float]:
 
 ALPHAS = (0.99, 1.01)
 SENSITIVE = 0.05
-"""From here on a quantity counts as moved (Kallioinen et al. 2024)."""
+"""Sensitivity from which a quantity counts as moved (Kallioinen et al. 2024)."""
 BY_CHANCE = 0.5
 """Of quantities that do not move, 95 % show less than this times sd(log c) / sqrt(draws).
 
@@ -54,31 +54,31 @@ def sensitivities(
     quantities: Mapping[str, FloatArray],
     effective_draws: Mapping[str, float],
 ) -> dict[str, float]:
-    r"""Power-scaling sensitivity of every quantity to one component of the posterior.
+    r"""Return the power-scaling sensitivity of every quantity to one component of the posterior.
 
-    The component's density is raised to alpha, so that p_alpha(theta) ~ p(theta | y)
-    c(theta)^{alpha-1}; draws of the posterior become draws of p_alpha with the weights
-    c(theta)^{alpha-1}, Pareto-smoothed. With the cumulative Jensen-Shannon distance
+    The component's density is raised to alpha: p_alpha(theta) ~ p(theta | y) c(theta)^{alpha-1}.
+    Draws of the posterior become draws of p_alpha with the Pareto-smoothed weights
+    c(theta)^{alpha-1}. The distance of two distribution functions is the cumulative
+    Jensen-Shannon distance D (the larger of its values for x and for -x):
 
     D(P, Q)^2 = [int P log2(2P/(P+Q)) + Q log2(2Q/(P+Q)) dx] / int (P + Q) dx
 
-    of two distribution functions (the larger of it for x and for -x), the sensitivity is its
-    slope against log2 alpha at alpha = 1, from an alpha on either side (Kallioinen, Paananen,
-    Buerkner and Vehtari 2024, Statistics and Computing 34, 57; computed by arviz_stats). A
-    shift of x or another unit leaves D as it is, a logarithm does not.
+    The sensitivity is the slope of D against log2 alpha at alpha = 1, from one alpha on either
+    side (Kallioinen, Paananen, Buerkner and Vehtari 2024, Statistics and Computing 34, 57;
+    computed by arviz_stats). A shift of x or another unit does not change D, but a logarithm does.
 
     Parameters
     ----------
     log_component : (S,) log c of every draw, up to a constant.
     quantities : draws (S,) by name.
-    effective_draws : how many independent draws those are worth, by name.
+    effective_draws : effective sample size of these draws, by name.
 
     Returns
     -------
     dict
-        NaN where it is not known: weights too unequal (Pareto k-hat above 0.7), no more than
-        chance would show where that may reach `SENSITIVE` (too few draws), draws that are no
-        number or do not vary.
+        Sensitivity by name. It is NaN if the weights are too unequal (Pareto k-hat above 0.7), or
+        if draws are not finite or do not vary. It is also NaN with too few draws: chance alone may
+        reach `SENSITIVE`, and the value is not above chance.
     """
     weights = [_weights((alpha - 1.0) * log_component) for alpha in ALPHAS]
     found = {}
@@ -90,7 +90,7 @@ def sensitivities(
 
 
 def _weights(log_weights: FloatArray) -> FloatArray | None:
-    """Pareto-smoothed weights that sum to 1; None where they cannot be relied on."""
+    """Return Pareto-smoothed weights that sum to 1; None if they are not reliable."""
     weights, k_hat = smoothed(log_weights)
     return np.exp(weights) if k_hat <= UNRELIABLE_K_HAT else None
 
@@ -117,16 +117,16 @@ def _varies(draws: FloatArray) -> bool:
 
 
 OUTERMOST, LEANS = 0.02, 0.25
-"""Share of the prior next to its bound, and share of the draws in it, from which this is said."""
+"""Outermost share of the prior at a bound, and the least share of draws there that is reported."""
 FURTHER = 10.0
-"""Times what the bound is, in the line to write."""
+"""Factor by which the proposed log-uniform prior has its bound further out."""
 
 
 def leaning(prior: Prior, theta: FloatArray) -> list[str]:
-    """A sentence on every material parameter whose draws theta (W, d) lean on a bound.
+    """Return one sentence per material parameter whose draws theta (W, d) lean on a bound.
 
-    Where a quarter of them and more lie in the outermost 2 % of a prior with bounds, the records
-    ask for values beyond, and everything else makes up for them.
+    Draws lean on a bound if at least a quarter of them lie in the outermost 2 % of the prior. The
+    records then ask for values beyond the bound, and other parameters make up for them.
     """
     inherited = {name for block in prior.inherited for name in block.names}
     return [
@@ -158,7 +158,7 @@ def _of_parameter(parameter: Parameter, draws: FloatArray) -> Iterator[str]:
 
 
 def _line(parameter: Parameter, law: Distribution, end: str) -> str:
-    """The prior with this bound moved outwards, as config.yaml takes it."""
+    """Return the line for config.yaml that moves this bound of the prior outwards."""
     bounds = {name: float(getattr(law, name)) for name in ("lower", "upper")}
     if isinstance(law, LogUniform):
         bounds[end] *= FURTHER if end == "upper" else 1.0 / FURTHER
@@ -179,11 +179,11 @@ MOVED_BY_BOTH = "moved by prior and data"
 
 
 def in_words(row: Mapping[str, float]) -> str:
-    """The words for a row of summary.csv; empty where the data decided, or it is not known.
+    """Return the words for a row of summary.csv; empty if the data decided, or if unknown.
 
-    Contraction alone does not tell that the prior set a number: data may shift a posterior
-    and leave it as wide as the prior. So where the likelihood's sensitivity is known, it has
-    to be small. Files without sensitivities (NaN or no column) go by contraction.
+    Contraction alone does not show that the prior set a number: data may shift a posterior that
+    stays as wide as the prior. The likelihood's sensitivity must therefore be small too, if it is
+    known. Files without sensitivities (NaN or no column) are judged by contraction.
     """
     prior = float(row.get("prior_sensitivity", float("nan")))
     likelihood = float(row.get("likelihood_sensitivity", float("nan")))

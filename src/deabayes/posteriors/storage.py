@@ -25,7 +25,7 @@ ATTRIBUTES = (
     *("study", "study_name", "candidate", "system", "specimen", "provenance", "noise"),
     *("experiments", "convergence", "deabayes_version"),
 )
-"""What every posterior file has, a population's too."""
+"""Attributes of every posterior file, also of a population's."""
 
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
@@ -39,11 +39,11 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
 
 
 def write_datasets(datasets: Mapping[str, xr.Dataset], folder: Path, mark: str) -> None:
-    """Write `{name}.nc` of each; what an earlier run left of other names is removed.
+    """Write each dataset as `{name}.nc`; remove files of other names from an earlier run.
 
     Parameters
     ----------
-    mark : attribute that such a file has, so that nothing else in the folder is touched.
+    mark : attribute that marks such files. Other files in the folder are not touched.
     """
     for name, dataset in datasets.items():
         write_dataset(dataset, folder / f"{name}.nc")
@@ -56,16 +56,16 @@ def _has(path: Path, attribute: str) -> bool:
     try:
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             return attribute in dataset.attrs
-    except (OSError, ValueError):  # no netCDF file
+    except (OSError, ValueError):  # not a netCDF file
         return False
 
 
 def read_tree(path: str | Path, groups: Collection[str] | None = None) -> xr.DataTree:
-    """Read a posterior file into memory, or say why it is none.
+    """Read a posterior file into memory, or raise an error that says what is wrong.
 
     Parameters
     ----------
-    groups : those of its groups that are wanted, the others stay empty; all by default.
+    groups : groups to read, all by default; the other groups stay empty.
     """
     path = Path(path)
     if path.is_dir():
@@ -97,7 +97,7 @@ def _read(path: Path, groups: Collection[str] | None) -> xr.DataTree:
 
 
 def _check_content(tree: xr.DataTree, path: Path) -> None:
-    """Refuse what is no posterior file of this package, or of a version that keeps other things."""
+    """Refuse files that are no posterior file, or whose specimen this version cannot read."""
     lacking = [f"group {name}" for name in GROUPS if name not in tree.children]
     lacking += [f"attribute {name}" for name in ATTRIBUTES if name not in tree.attrs]
     if lacking:
@@ -110,7 +110,7 @@ def _check_content(tree: xr.DataTree, path: Path) -> None:
 
 
 def of_another_version(attributes: Mapping[str, Any], what: str, found: object) -> str:
-    """That a file keeps something as this version does not, for a message."""
+    """Return the message that another version stored something in a different way."""
     return (
         f"{what} ({found}) is not as this deabayes, {deabayes.__version__}, keeps it; the file "
         f"was written by {attributes['deabayes_version']}: use that version, or fit again"
@@ -118,7 +118,7 @@ def of_another_version(attributes: Mapping[str, Any], what: str, found: object) 
 
 
 def _posteriors_in(folder: Path) -> str:
-    """What to give in place of a folder: the posterior files of a candidate, study or results."""
+    """Say which posterior files to give instead of a folder of a candidate, study or results."""
     found = sorted(
         file for depth in ("", "*/", "*/*/") for file in folder.glob(f"{depth}posterior.nc")
     )
@@ -126,11 +126,11 @@ def _posteriors_in(folder: Path) -> str:
 
 
 def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
-    """Which of `total` draws to take: `size` at random, or all in their order where it is None.
+    """Return which of `total` draws to take: `size` at random, or all in order if None.
 
     Raises
     ------
-    UserError : a size that is no whole number above 0, a seed that is none.
+    UserError : the size is not a whole number above 0, or the seed is below 0 or not whole.
     """
     try:
         rng = np.random.default_rng(seed)
@@ -145,14 +145,15 @@ def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
 
 
 def stacked(group: xr.DataTree, name: str) -> FloatArray:
-    """A variable of a group as (chain * draw,)."""
+    """Return a variable of a group as (chain * draw,)."""
     return np.asarray(group[name].values, dtype=float).reshape(-1)
 
 
 def sum_of_draws(tree: xr.DataTree) -> str:
-    """What tells a posterior's draws from any others, wherever and whenever its file was written.
+    """Return a checksum of a posterior's draws, whenever and wherever its file was written.
 
-    It begins with letters: of hexadecimal digits alone, some would be read as a number in a table.
+    The text begins with letters. A table reader could take some sums of hexadecimal digits alone
+    for a number.
     """
     group = tree["posterior"]
     digest = hashlib.sha256()
@@ -162,7 +163,7 @@ def sum_of_draws(tree: xr.DataTree) -> str:
 
 
 def specimen_to_json(specimen: Specimen) -> str:
-    """The specimen as JSON, quantities in SI."""
+    """Return the specimen as JSON, with quantities in SI units."""
 
     def quantity(q: Quantity) -> dict[str, object]:
         return {"value": q.value, "unit": q.unit, "sd": q.sd, "source": q.source}
@@ -179,7 +180,7 @@ def specimen_to_json(specimen: Specimen) -> str:
 
 
 def specimen_from_json(text: str) -> Specimen:
-    """The inverse of `specimen_to_json`."""
+    """Return the specimen of a text from `specimen_to_json`."""
     content: Mapping[str, Any] = json.loads(text)
     return Specimen(
         name=content["name"],
@@ -191,11 +192,11 @@ def specimen_from_json(text: str) -> Specimen:
 
 
 def fitted_posteriors(results: Path) -> list[Path]:
-    """`{candidate}/posterior.nc` of each fitted candidate, by name.
+    """Return `{candidate}/posterior.nc` of each fitted candidate, sorted by name.
 
-    A candidate that has been taken out of the study keeps its folder, and is passed over:
-    study.yaml lists those that count. Stages run one by one may have written none, and what
-    is there counts.
+    Only candidates listed in study.yaml count. A candidate that was removed from the study keeps
+    its folder, but is ignored. Stages that run one by one may not have written study.yaml. Then
+    every folder counts.
     """
     found = sorted(results.glob("*/posterior.nc"))
     settings = results / "study.yaml"

@@ -1,5 +1,5 @@
-"""Sampling a posterior: `engine.sample` takes a `problem.Problem` to draws and a verdict on them.
+"""Sample a posterior: `engine.sample` turns a `problem.Problem` into draws and a verdict.
 
-All is in z, where the prior is N(0, I). Nothing here knows a model: coordinates that straighten
-ridges, and hops between modes, come with the problem.
+All draws are in z, where the prior is N(0, I). This package knows no model. The problem brings the
+coordinates that straighten ridges, and the hops between modes.
 """

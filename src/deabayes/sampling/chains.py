@@ -1,13 +1,13 @@
 """Rank-normalised R-hat and effective sample size of many short chains.
 
 The definitions are those of Vehtari, Gelman, Simpson, Carpenter and Bürkner (2021),
-Bayesian Analysis 16(2), 667-718, and are tested against `arviz_stats`. They are
-computed here because hundreds of walkers are treated as chains at every check of a
-running sampler: the autocovariance is averaged over chains before it is transformed
-back, which makes a check about ten times cheaper.
+Bayesian Analysis 16(2), 667-718, and are tested against `arviz_stats`. They are computed here,
+because every check of a running sampler treats hundreds of walkers as chains. The
+autocovariance is averaged over chains before it is transformed back. A check is then about ten
+times cheaper.
 
-Values come as (ensembles, steps, walkers). Walkers of one ensemble interact, so R-hat
-treats an *ensemble* as one chain in time order; effective sample sizes treat every
+Values have the shape (ensembles, steps, walkers). Walkers of one ensemble interact. R-hat
+therefore treats an *ensemble* as one chain in time order. Effective sample sizes treat every
 walker as a chain.
 """
 
@@ -44,9 +44,9 @@ def _potential_scale_reduction(chains: FloatArray) -> float:
 
 
 def r_hat(values: FloatArray) -> float:
-    """Rank-normalised split R-hat of values (E, S, W); the larger of location and scale.
+    """Return the rank-normalised split R-hat of values (E, S, W), the larger of location and scale.
 
-    NaN when a value is NaN or there are fewer than four steps.
+    R-hat is NaN if a value is NaN or if there are fewer than four steps.
     """
     if np.isnan(values).any() or values.shape[1] < 4:
         return float("nan")
@@ -57,7 +57,7 @@ def r_hat(values: FloatArray) -> float:
 
 
 def _autocovariance(chains: FloatArray) -> FloatArray:
-    """Autocovariance averaged over chains (M, N): (N,)."""
+    """Return the autocovariance (N,) averaged over chains (M, N)."""
     from scipy.fft import irfft, next_fast_len, rfft
 
     n = chains.shape[1]
@@ -87,7 +87,7 @@ def effective_sample_size(chains: FloatArray) -> float:
 
 
 def _as_chains(values: FloatArray) -> FloatArray:
-    """(E, S, W) -> split walkers as chains, (2 E W, S // 2)."""
+    """Turn values (E, S, W) into chains, two halves of each walker, (2 E W, S // 2)."""
     chains = np.ascontiguousarray(values.transpose(0, 2, 1)).reshape(-1, values.shape[1])
     return _halves(chains)
 
@@ -117,6 +117,6 @@ def ess_tail(values: FloatArray) -> float:
 
 
 def thin_evenly(steps: int, limit: int) -> NDArray[np.intp]:
-    """Indices of at most `limit` evenly spaced steps, ending with the last one."""
+    """Return indices of at most `limit` evenly spaced steps, ending with the last step."""
     stride = max(1, -(-steps // limit))
     return np.arange(steps - 1, -1, -stride)[::-1]

@@ -1,4 +1,4 @@
-"""Checkpoints that survive a kill at any moment: whole files, written under another name first."""
+"""Checkpoints that survive a kill at any moment: files appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def read_arrays(path: Path) -> Arrays | None:
     try:
         with np.load(path, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except Exception:  # of what a turned bit makes of a header there are many
+    except Exception:  # a damaged header can raise many kinds of exceptions
         return None
 
 
 class Store:
-    """A folder of checkpoints, or the same thing in memory when `folder` is None.
+    """A folder of checkpoints; if `folder` is None, only chunks are kept, in memory.
 
-    Single results are kept by name; chunks of a chain are appended in order, one
-    immutable file each, and a damaged or missing one ends the sequence.
+    Single results are stored by name. Chunks of a chain are appended in order, and each chunk is
+    one file that never changes. A damaged or missing chunk ends the sequence.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -45,11 +45,11 @@ class Store:
         self._chunks: list[Arrays] | None = None
 
     def sub(self, name: str) -> Store:
-        """A store inside this one."""
+        """Return a store in a subfolder of this store."""
         return Store(None if self.folder is None else self.folder / name)
 
     def once(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
-        """The stored result `name`, computed and stored if it is not there yet."""
+        """Return the stored result `name`; compute and store the result if it is missing."""
         if self.folder is None:
             return compute()
         path = self.folder / f"{name}.npz"
@@ -60,7 +60,7 @@ class Store:
         return stored
 
     def chunks(self) -> list[Arrays]:
-        """All chunks stored so far, in order."""
+        """Return all chunks stored so far, in order."""
         if self._chunks is None:
             self._chunks = []
             while self.folder is not None:
@@ -83,7 +83,7 @@ class Store:
 
 
 def random_state_arrays(state: tuple[Any, ...]) -> Arrays:
-    """The state of a Mersenne Twister `RandomState` as arrays."""
+    """Return the state of a Mersenne Twister `RandomState` as arrays."""
     _, key, position, has_gauss, cached = state
     return {
         "random_key": np.asarray(key),
@@ -93,6 +93,6 @@ def random_state_arrays(state: tuple[Any, ...]) -> Arrays:
 
 
 def random_state_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, ...]:
-    """The inverse of `random_state_arrays`, for `RandomState.set_state`."""
+    """Invert `random_state_arrays`; return a state for `RandomState.set_state`."""
     position, has_gauss = (int(value) for value in arrays["random_position"])
     return ("MT19937", arrays["random_key"], position, has_gauss, float(arrays["random_cached"]))

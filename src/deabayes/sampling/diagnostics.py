@@ -1,4 +1,4 @@
-"""Whether the runs may be believed: the gates of convergence, said in plain words."""
+"""Convergence gates that decide whether runs can be trusted, with reasons in plain words."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 GATE_STEPS = 400
-"""Steps per walker that statistics are computed from; more change none of them visibly."""
+"""Most steps per walker from which statistics are computed; more steps hardly change them."""
 
 LONGER = "sample longer"
 
@@ -29,11 +29,11 @@ class Failed:
 
     Attributes
     ----------
-    gate : which one; all of a name are alike and may be said as one.
+    gate : name of the gate. Failures of the same gate may be reported together.
     of : the quantity, run or mode.
-    text : what is the matter with it.
-    badness : how far from the gate; of two of a gate the larger is the worse.
-    longer : more steps of the same kind may help.
+    text : what is wrong.
+    badness : compares failures of the same gate: the larger, the worse.
+    longer : whether more steps of the same kind may help.
     """
 
     gate: str
@@ -52,13 +52,13 @@ class Convergence:
 
     Attributes
     ----------
-    converged : all gates passed.
-    failed : gates that were not passed, one per quantity, run or mode.
+    converged : whether all gates were passed.
+    failed : the failed gates, one per quantity, run or mode.
     table : one row per quantity with columns mean, sd, median, q05, q95, mcse_mean,
         ess_bulk, ess_tail, r_hat.
-    autocorrelation_times : (E,) how many autocorrelation times each run covers.
-    length : the same by the mean of the runs' autocorrelation times.
-    mode_shares : one row per mode, one column per run, the share of its draws there.
+    autocorrelation_times : (E,), number of autocorrelation times that each run covers.
+    length : the same number, computed with the mean autocorrelation time of all runs.
+    mode_shares : share of a run's draws in each mode; one row per mode, one column per run.
     """
 
     converged: bool
@@ -70,7 +70,7 @@ class Convergence:
 
     @property
     def reasons(self) -> list[str]:
-        """One sentence per gate and quantity, run or mode that did not pass it."""
+        """One sentence for each quantity, run or mode that failed a gate."""
         return [str(each) for each in self.failed]
 
     @property
@@ -80,7 +80,7 @@ class Convergence:
 
 
 def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
-    """The table of `Convergence` for quantities (E, S, W)."""
+    """Return the table of `Convergence` for quantities (E, S, W)."""
     import pandas as pd
 
     rows = {name: _summary(np.asarray(values, float)) for name, values in quantities.items()}
@@ -105,10 +105,10 @@ def _summary(values: FloatArray) -> dict[str, float]:
 
 
 def autocorrelation_times(quantities: Mapping[str, FloatArray]) -> FloatArray:
-    """How many autocorrelation times each run (E,) covers, for its slowest quantity.
+    """Return how many autocorrelation times each run (E,) covers, for its slowest quantity.
 
-    With tau = draws / (smallest bulk effective sample size pooled over walkers), the
-    steps divided by tau are that size divided by the number of walkers.
+    With tau = draws / (smallest bulk effective sample size pooled over walkers), steps / tau is
+    that effective sample size divided by the number of walkers.
     """
     covered = []
     for values in quantities.values():
@@ -125,12 +125,12 @@ def assess(
     log_posterior: FloatArray | None = None,
     draws: FloatArray | None = None,
 ) -> Convergence:
-    """Apply every gate to quantities (E, S, W): parameters and derived ones alike.
+    """Apply every gate to quantities (E, S, W), both parameters and derived quantities.
 
     Parameters
     ----------
-    log_posterior : (E, S, W), for the check on stuck walkers.
-    draws : (E, S, W, d) in z, for the check on the shares of modes.
+    log_posterior : (E, S, W), for the check for stuck walkers.
+    draws : (E, S, W, d) in z, for the check of the mode shares.
     """
     table = summarise(quantities)
     times = autocorrelation_times(quantities)
@@ -184,10 +184,11 @@ def _sizes(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
 
 
 def _too_short(length: float, settings: Sampling) -> list[Failed]:
-    """Too short to trust the autocorrelation time, and all that rests on it.
+    """Check that the runs are long enough to trust the autocorrelation time.
 
-    By the mean of the runs: of four, the longest time that one finds in its quarter of the draws is
-    mostly too long. Whether runs differ is for R-hat and the modes to say.
+    The check uses the mean autocorrelation time of the runs. Each run sees only its share of the
+    draws, so the longest time of four runs is mostly too long. R-hat and the mode shares show
+    whether runs differ.
     """
     if length >= settings.autocorrelation_times:
         return []
@@ -199,10 +200,10 @@ def _too_short(length: float, settings: Sampling) -> list[Failed]:
 
 
 def stuck_walkers(log_posterior: FloatArray) -> NDArray[np.bool_]:
-    """Which walkers (E, W) stayed put over half the steps, or far below all the others.
+    """Return which walkers (E, W) did not move in the second half, or stayed far below the others.
 
-    Far below: the time average is under what the median walker goes below in half a per
-    cent of its steps; log_posterior is (E, S, W).
+    Every walker has a level that it goes below in half a per cent of its steps. Far below means
+    that a walker's mean is below the median of these levels. `log_posterior` is (E, S, W).
     """
     half = log_posterior[:, log_posterior.shape[1] // 2 :]
     frozen = (half == half[:, :1]).all(axis=1)
@@ -228,14 +229,16 @@ def _stuck(log_posterior: FloatArray) -> list[Failed]:
 def mode_shares(
     draws: FloatArray, components: int = 8, sample: int = 6000
 ) -> tuple[pd.DataFrame, list[Failed]]:
-    """Share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
+    """Return the share of every run's draws (E, S, W, d) in each mode, and where the runs disagree.
 
-    A mixture is fitted to the pooled draws; components that share more than one per cent
-    of their draws make up one mode. Shares disagree when one is further from the pooled
-    share than four standard errors and half a per cent, or less than a fifth of a pooled
-    share above one per cent: a mode that this run has missed. So may those of the components
-    that make up a mode: of a small one beside a large one, or of runs with one distribution
-    per coordinate and another of all together.
+    A mixture is fitted to the pooled draws. Components that share more than one per cent of their
+    draws form one mode. A run disagrees if its share differs from the pooled share by more than
+    four standard errors plus half a per cent. It also disagrees if it has missed a mode: its share
+    is less than a fifth of a pooled share above one per cent.
+
+    If no mode fails, the same check is made for the components of modes with several components.
+    It finds runs that disagree on a small component beside a large one. It also finds runs that
+    agree in every coordinate, but not in their joint distribution.
     """
     import pandas as pd
 
@@ -279,7 +282,7 @@ def _shares(name: str, inside: FloatArray) -> list[Failed]:
 
 
 def _modes(mixture: Mixture, z: FloatArray, overlap: float = 0.01) -> NDArray[np.intp]:
-    """Mode (K,) of every component: joined when they share some of the draws z (N, d)."""
+    """Return the mode (K,) of every component; components that share draws z (N, d) are joined."""
     terms = mixture.component_log_density(z)
     member = np.exp(terms - terms.max(axis=1, keepdims=True))
     member /= member.sum(axis=1, keepdims=True)

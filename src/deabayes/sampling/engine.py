@@ -1,13 +1,14 @@
-"""One candidate from its prior to its posterior: a state machine over all ensembles.
+"""Sample one candidate from its prior to its posterior: a state machine over all ensembles.
 
 warm-up -> fitted -> sampling -> judged -> (longer: sampling | refitted: fitted) -> ... -> done.
 
-Each state is a function that goes from checkpoint to checkpoint and names the next one. What it
-does depends on nothing but seed, settings and stored checkpoints, so that a run killed at any
-moment goes on to the same bytes.
+Each state is a function that reads and writes checkpoints and returns the next state. A state
+depends only on the seed, the settings and the stored checkpoints. A killed run therefore resumes
+and ends with identical bytes.
 
-A round of sampling has one frozen proposal; what a later round replaces is dropped. Proposals are
-fitted to the draws of all ensembles: given the proposal, ensembles are independent.
+Each round of sampling uses one frozen proposal. The next round replaces the draws of the round
+before. Proposals are fitted to the draws of all ensembles. Given the proposal, the ensembles are
+independent.
 """
 
 from __future__ import annotations
@@ -32,42 +33,45 @@ from deabayes.sampling.warm_up import warm_up
 from deabayes.study import Sampling
 
 WARM_UP, FIT, SAMPLING, RESTART = range(4)
-"""Random streams."""
+"""Numbers of the random streams."""
 FIRST_ROUND, GROWTH = 300, 1.5
-"""Steps of the first round, and of a round over those of the one before."""
+"""Goal of the first round [steps], and the factor by which every refit raises the goal."""
 DROPPED = 1 / 3
-"""Of a round: with 10 autocorrelation times kept, 5 are dropped, and where walkers started counts
-e^-5 of what it did."""
+"""Share of a round that is dropped as burn-in.
+
+If the kept part covers 10 autocorrelation times, the dropped part covers 5. The influence of the
+starting points has then decayed to e^-5."""
 PATIENCE = 2.5
-"""A round goes on where it needs at most so many times the steps it has; else it is refitted."""
+"""Continue a round if it needs at most this multiple of its steps; otherwise refit the proposal."""
 MOST_REFITS = 6
 AIM, AFFORDABLE = 4000.0, 400_000
-"""Effective draws that a run which passes its gates goes on to, so that 5 and 95 % ends of two
-seeds agree within 0.15 standard deviations; but not beyond so many evaluations."""
+"""A run that passes its gates continues to this effective sample size or this many evaluations.
+
+At this size, the 5 and 95 % quantiles of two seeds agree within 0.15 standard deviations."""
 MARGIN, LEAST_GROWTH = 1.05, 1.25
-"""Of the steps that a round is expected to need; and of those it has, before it is judged again."""
+"""Safety factor on the expected steps, and least growth of a round before the next judgement."""
 COMPONENTS = 8
-"""Of the mixtures in a proposal."""
+"""Components of the mixtures in a proposal; the part that covers missed regions has half."""
 CHUNK = 100
 """Stored steps between two checkpoints."""
 MOST_STORED_STEPS = 5000
 PARTICLES_UNTIL = 2
-"""Refits that see the warm-up's particles, which are nearly independent."""
+"""Last refit that also uses the warm-up's particles, which are nearly independent."""
 GATE_STEPS = 250
-"""Steps per walker that a running sampler is judged by."""
+"""Most steps per walker from which a running sampler is judged."""
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """The draws of a candidate in z, and the verdict on them.
+    """The draws of a candidate in z, and the verdict on their convergence.
 
     Attributes
     ----------
     chain : (E, S, W, d), in time order; `log_posterior` (E, S, W).
     convergence : the verdict.
-    steps : all steps of each ensemble after the warm-up; the first `burn_in` are dropped, `thin`
-        is the spacing of those kept.
-    rounds : of sampling, each with a proposal of its own.
+    steps : all steps of each ensemble after the warm-up. The first `burn_in` are dropped. Of the
+        others, every `thin`-th step is kept.
+    rounds : number of sampling rounds, each with its own proposal.
     acceptance : share of proposals accepted in the last round.
     evaluations, failures : likelihood evaluations, and how many gave no finite value.
     """
@@ -84,10 +88,10 @@ class Sampled:
     failures: int
 
     def thinned(self, most: int) -> tuple[FloatArray, FloatArray]:
-        """z (E, S, d) and log-posterior (E, S), at most `most` per ensemble.
+        """Return z (E, S, d) and log-posterior (E, S), at most `most` draws per ensemble.
 
-        They are spread evenly over time and by chance over the walkers: at even distances, where
-        steps are about as many as picks, they would be of a few walkers.
+        The draws are spread evenly over time and randomly over the walkers. If there are about as
+        many steps as picks, evenly spaced picks would come from a few walkers only.
         """
         _, steps, walkers, _ = self.chain.shape
         picked = np.linspace(0, steps * walkers - 1, min(most, steps * walkers), dtype=np.intp)
@@ -108,7 +112,8 @@ def sample(
 
     Parameters
     ----------
-    folder : checkpoints, to be keyed by data, settings and code by the caller; None for none.
+    folder : folder for checkpoints; None stores none. The caller must use another folder for
+        other data, settings or code.
 
     Raises
     ------
@@ -125,7 +130,7 @@ def sample(
 
 @dataclass
 class _Run:
-    """What the states share: all of it follows from seed, settings and checkpoints."""
+    """Data shared by the states; all of it follows from seed, settings and checkpoints."""
 
     problem: Problem
     settings: Sampling
@@ -152,20 +157,20 @@ class _Run:
 
     @property
     def steps(self) -> int:
-        """Of this round."""
+        """Steps of this round."""
         return self.thin * sum(len(chunk["chain"]) for chunk in self.chunks)
 
     @property
     def left(self) -> int:
-        """Steps that the budget leaves, in whole spacings."""
+        """Steps left in the budget, a multiple of `thin`."""
         return (self.settings.max_steps - self.steps_before - self.steps) // self.thin * self.thin
 
     def stream(self, *stage: int) -> np.random.SeedSequence:
-        """The random stream of a stage: depends on nothing but the seed and the stage."""
+        """Return the random stream of a stage; it depends only on the seed and the stage."""
         return np.random.SeedSequence(self.seed.entropy, spawn_key=(*self.seed.spawn_key, *stage))
 
     def draws(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """The last share of this round: (E, S, W, d) and (E, S, W)."""
+        """Return the last `share` of this round: z (E, S, W, d) and log-posterior (E, S, W)."""
         shape = self.settings.ensembles, self.settings.walkers
         chain = np.concatenate([chunk["chain"] for chunk in self.chunks])
         log_posterior = np.concatenate([chunk["log_posterior"] for chunk in self.chunks])
@@ -199,7 +204,7 @@ State = Callable[[_Run], Any]
 
 
 def _warm_up(run: _Run) -> State:
-    """From the prior to populations of the posterior: see `warm_up`."""
+    """Create populations of the posterior from draws of the prior (see `warm_up`)."""
     run.warm = run.store.once("warm_up", lambda: _populations(run))
     run.counts = run.counts + run.warm["counts"]
     return _fitted
@@ -227,7 +232,7 @@ def _warmed_up(run: _Run, problem: Problem) -> tuple[Populations, Target]:
 
 
 def _fitted(run: _Run) -> State:
-    """Fit the round's proposal to all draws so far that are worth it."""
+    """Fit the proposal to the last two rounds' draws and, early on, to the warm-up's particles."""
     run.round = run.store.sub(f"round_{run.refits}")
     arrays = run.round.once("proposal", lambda: _proposal(run).arrays())
     run.proposal = Proposal.from_arrays(arrays, run.problem.coordinates)
@@ -291,7 +296,11 @@ def _chunk(run: _Run, target: Target, sampler: Any, length: int) -> Arrays:
 
 
 def _last_state(run: _Run, target: Target) -> Any:
-    """Where the round is, or where it starts: at the round before's last step, or the warm-up's."""
+    """Return the walkers from which this round continues or starts.
+
+    A round starts at the last step of the previous round. The first round starts at the warm-up's
+    particles.
+    """
     from emcee.state import State as Walkers
 
     if run.chunks:
@@ -309,7 +318,10 @@ def _last_state(run: _Run, target: Target) -> Any:
 
 
 def _first_walkers(run: _Run, target: Target) -> FloatArray:
-    """Walkers (E W, d) from the particles, half of them over-dispersed."""
+    """Return walkers (E W, d) from the particles, half of them over-dispersed.
+
+    A walker without a finite density is replaced by a particle.
+    """
     walkers = run.warm["particles"][:, : run.settings.walkers].copy()
     half = run.settings.walkers // 2
     walkers[:, :half] = run.warm["broad"][:, :half]
@@ -344,7 +356,10 @@ def _judged(run: _Run) -> State | None:
 
 
 def _further_goal(run: _Run) -> int | None:
-    """Steps to which a run that passes its gates goes on: to AIM while that is cheap, else None."""
+    """Return the steps to which a run that passes its gates should continue, or None.
+
+    The run continues to `AIM` while it has used fewer than `AFFORDABLE` evaluations.
+    """
     assert run.convergence is not None
     found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
     if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
@@ -355,10 +370,10 @@ def _further_goal(run: _Run) -> int | None:
 
 
 def _refitted(run: _Run) -> State:
-    """Begin another round; the draws of this one serve for its proposal only.
+    """Begin a new round; the draws of the current round only serve to fit proposals.
 
-    Walkers that were stuck start where others of their ensemble are: in a mode that has next to
-    no mass one walker of 32 would stay for good.
+    Stuck walkers restart at the positions of other walkers of their ensemble. Otherwise, one
+    walker of 32 would stay forever in a mode with almost no mass.
     """
     z, log_posterior = run.draws(0.5)
     run.last = dict(run.chunks[-1])
@@ -379,7 +394,7 @@ def _refitted(run: _Run) -> State:
 
 
 def _verdict(run: _Run) -> Convergence:
-    """By the coordinates of z alone until these pass, then by every quantity."""
+    """Apply the gates to the coordinates of z until these pass, then to every quantity."""
     draws, log_posterior = run.draws(1.0 - DROPPED)
     kept = chains.thin_evenly(draws.shape[1], GATE_STEPS)
     draws, log_posterior = draws[:, kept], log_posterior[:, kept]

@@ -1,4 +1,4 @@
-"""Mixtures of Student-t densities, fitted to draws and then frozen, as proposals."""
+"""Mixtures of Student-t densities that are fitted to draws, frozen and used as proposals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RandomSource = np.random.Generator | np.random.RandomState
 
 DEGREES_OF_FREEDOM = 7.0
 MOST_ITERATIONS = 20
-"""A proposal need not be at the optimum: fits took most of the time of cheap models."""
+"""Most iterations of a fit; a proposal need not be optimal, and fits take much of the run time."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Mixture:
     weights : (K,), summing to one.
     means : (K, d).
     factors : (K, d, d) lower Cholesky factors of the scale matrices.
-    degrees_of_freedom : of every component.
+    degrees_of_freedom : the same for every component.
     """
 
     weights: FloatArray
@@ -52,14 +52,14 @@ class Mixture:
         return np.log(self.weights) + constant - log_root_determinants
 
     def component_log_density(self, z: FloatArray) -> FloatArray:
-        """Log of weight times density of every component at z (W, d): (W, K)."""
+        """Return the log of weight times density of every component at z (W, d): (W, K)."""
         d, df = self.dimension, self.degrees_of_freedom
         scaled = np.matmul(z[None] - self.means[:, None], self._inverse_factors.transpose(0, 2, 1))
         distance = np.einsum("kwd,kwd->wk", scaled, scaled)
         return self._log_normalisation - (df + d) / 2 * np.log1p(distance / df)
 
     def log_density(self, z: FloatArray) -> FloatArray:
-        """Normalised log density at z (W, d): (W,)."""
+        """Return the normalised log density (W,) at z (W, d)."""
         terms = self.component_log_density(np.atleast_2d(z))
         largest = terms.max(axis=1)
         return largest + np.log(np.exp(terms - largest[:, None]).sum(axis=1))
@@ -73,7 +73,7 @@ class Mixture:
         return self.means[component] + step * stretch[:, None]
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Everything needed to rebuild it with `from_arrays`."""
+        """Return all arrays from which `from_arrays` rebuilds the mixture."""
         return {
             "weights": self.weights,
             "means": self.means,
@@ -100,15 +100,14 @@ def fit(
 ) -> Mixture:
     """Fit a mixture to samples (n, d) and freeze it.
 
-    A Gaussian mixture is fitted by expectation maximisation on whitened samples;
-    each covariance is shrunk towards the pooled within-component covariance with
-    the weight of d + 1 samples, and then serves as the scale matrix of a Student-t,
-    so that the proposal is wider than what it was fitted to. Fewer components are
-    used when the distinct samples do not support as many.
+    A Gaussian mixture is fitted by expectation maximisation on whitened samples. Each covariance
+    is shrunk towards the pooled within-component covariance with the weight of d + 1 samples. It
+    then serves as the scale matrix of a Student-t density, so that the mixture is wider than the
+    samples. Fewer components are used if there are too few distinct samples.
 
     Raises
     ------
-    ValueError : when fewer than two samples are finite.
+    ValueError : if fewer than two samples are finite.
     """
     samples = np.asarray(samples, dtype=float)
     samples = samples[np.isfinite(samples).all(axis=1)]
@@ -122,7 +121,7 @@ def fit(
 
 
 def covariance_factor(covariance: FloatArray) -> FloatArray:
-    """Cholesky factor, lifting directions without variance just enough to have one."""
+    """Return the Cholesky factor of a covariance, which is regularised just enough to have one."""
     covariance = np.atleast_2d(covariance)
     scale = np.sqrt(np.diagonal(covariance))
     scale = np.where(scale > 0, scale, max(1e-6 * scale.max(), 1e-8))
@@ -139,7 +138,7 @@ def covariance_factor(covariance: FloatArray) -> FloatArray:
 def _gaussian_mixture(
     white: FloatArray, components: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weights, means and shrunk covariances of a Gaussian mixture on whitened samples."""
+    """Return weights, means and shrunk covariances of a Gaussian mixture on whitened samples."""
     import warnings
 
     from sklearn.exceptions import ConvergenceWarning

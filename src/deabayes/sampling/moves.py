@@ -1,13 +1,13 @@
-"""The moves of all ensembles at once, in the warm-up and in sampling alike.
+"""Moves of all ensembles at once, for the warm-up and for sampling.
 
-Walkers of E ensembles are one array (E W, d), ensemble by ensemble, so that one call of the
-likelihood holds the draws of all. A walker's partners are of its own ensemble. How many random
-numbers a move takes does not depend on where walkers are: with the same stream, an ensemble that
-starts elsewhere leaves the others' draws as they are.
+Walkers of E ensembles form one array (E W, d), ensemble by ensemble. One call of the likelihood
+therefore evaluates the draws of all ensembles. A walker's partners are in its own ensemble. The
+number of random numbers that a move takes does not depend on the positions of walkers. With the
+same stream, an ensemble that starts elsewhere does not change the draws of the others.
 
-emcee 3.1.6's `DESnookerMove` does not leave the target invariant (on a unit Gaussian it gives
-0.70 of the variance in 5 dimensions and 0.61 in 10) and is not used; a test keeps it as the
-negative control of the check that every move here passes.
+`DESnookerMove` of emcee 3.1.6 is not used, because it does not leave the target invariant. (On a
+unit Gaussian it gives 0.70 of the variance in 5 dimensions and 0.61 in 10.) A test uses
+`DESnookerMove` as the negative control of the check that every move here passes.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from deabayes.sampling.problem import Hop
 from deabayes.sampling.proposal import Lines, Proposal
 
 INDEPENDENCE, HOP = 0.4, 0.1
-"""Shares of the steps: independence proposals, and each hop. The rest are differences."""
+"""Shares of the steps: independence proposals, and each hop. The rest are difference moves."""
 JUMP, SHORT = 0.1, 0.45
-"""Of differences: the whole way from walker to walker, which changes modes, and short steps,
-which a tight ridge accepts."""
+"""Shares of the difference moves: full steps from walker to walker, and short steps.
+
+Full steps change modes. A tight ridge accepts short steps."""
 SHORT_STEP = 0.2
 
 
 def _accept(
     state: State, model: Any, which: NDArray[np.intp], proposed: FloatArray, factor: FloatArray
 ) -> NDArray[np.bool_]:
-    """Move the walkers `which` to proposals (M, d) that are accepted; which of them were."""
+    """Move the walkers `which` to accepted proposals (M, d); return which were accepted."""
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     chance = np.log(model.random.rand(which.size))
     with np.errstate(invalid="ignore"):
@@ -53,9 +54,10 @@ def _put(
 
 
 class IndependenceMove(Move):
-    """Proposals from frozen densities g, each accepted with min(1, p(x') g(x) / (p(x) g(x'))).
+    """Independence proposals x' from frozen densities g.
 
-    Tierney (1994), Annals of Statistics 22, 1701, with x' the proposed point.
+    The acceptance probability is min(1, p(x') g(x) / (p(x) g(x'))) (Tierney 1994, Annals of
+    Statistics 22, 1701).
 
     Parameters
     ----------
@@ -81,8 +83,8 @@ class IndependenceMove(Move):
 class DifferenceMove(Move):
     """Differential evolution along straight lines of a frozen map, in steps of several sizes.
 
-    Half of each ensemble moves by gamma (x_a - x_b) with a and b of its other half (ter Braak
-    2006, Statistics and Computing 16, 239); gamma is 2.38 / sqrt(2 d), a fifth, or 1.
+    Half of each ensemble moves by gamma (x_a - x_b), where a and b are in the other half (ter Braak
+    2006, Statistics and Computing 16, 239). Gamma is 2.38 / sqrt(2 d), 0.2 or 1.
     """
 
     def __init__(self, lines: Lines, ensembles: int) -> None:
@@ -108,7 +110,7 @@ class DifferenceMove(Move):
     def _halves(
         self, walkers: int, random: np.random.RandomState
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of the walkers in both halves, (E, W / 2) each."""
+        """Return the indices of the walkers in both halves, (E, W / 2) each."""
         order = np.argsort(random.rand(self.ensembles, walkers), axis=1)
         order += walkers * np.arange(self.ensembles)[:, None]
         return order[:, : walkers // 2], order[:, walkers // 2 :]
@@ -120,7 +122,7 @@ class DifferenceMove(Move):
         resting: NDArray[np.intp],
         random: np.random.RandomState,
     ) -> FloatArray:
-        """Steps (E M, d) of as many walkers as the shape (E, M) says."""
+        """Return steps (E M, d) for walkers of the shape (E, M)."""
         count, dimension = resting.shape[1], x.shape[1]
         first = random.randint(count, size=shape)
         second = (first + random.randint(1, count, size=shape)) % count
@@ -148,14 +150,14 @@ class HopMove(Move):
 def recipe(
     frozen: Sequence[Proposal], hops: Sequence[Hop], ensembles: int, plain: bool = False
 ) -> list[tuple[Move, float]]:
-    """The moves with their shares of the steps.
+    """Return the moves with their shares of the steps.
 
     Parameters
     ----------
-    frozen : one proposal for all ensembles, or one for each; differences go along the first one's
-        maps, where it has any.
-    plain : whether to add differences before any map: a map that was fitted to few draws can be
-        wrong where others have to get to.
+    frozen : one proposal for all ensembles, or one for each. Difference moves use the maps of the
+        first proposal, if it has any.
+    plain : whether to add difference moves without a map. A map fitted to few draws can be wrong
+        in regions that other draws have to reach.
     """
     unbent = ((1.0, Lines(frozen[0].coordinates)),)
     lines = frozen[0].lines or unbent

@@ -1,11 +1,10 @@
-"""The peaks of a posterior, climbed to from draws of the prior, many at once.
+"""Find the peaks of a posterior by many simultaneous climbs from draws of the prior.
 
-Records with little noise make a posterior a thin curved sheet in which tempered particles get
-lost, tens of nats below the bulk. Climbs are quick.
+If the records have little noise, the posterior is a thin curved sheet. Tempered particles get lost
+there, tens of nats below the bulk. Climbs are quick.
 
-Where few climbs have come to the highest peak, further waves of climbs start at the best ones with
-some of their coordinates drawn anew: of parts that fit well, such as two units of three, these keep
-some.
+If few climbs reach the highest peak, further waves of climbs start at the best peaks, with some
+coordinates drawn anew. Such a start may keep parts that fit well, such as two units of three.
 """
 
 from __future__ import annotations
@@ -25,34 +24,34 @@ from deabayes.sampling.problem import (
 )
 
 STARTS, KEPT = 64, 16
-"""Of a wave: starts, and how many of the ends of these climbs are told on."""
+"""Starts of a wave, and how many ends of its climbs are kept."""
 NEAR_STARTS = 16
-"""Where there is a similar posterior: from draws of it, and as many from the prior."""
+"""Starts drawn from a similar posterior, if there is one, and as many from the prior."""
 PARENTS, REDRAWN = 4, 0.3
-"""Peaks that a further wave starts at, and the share of coordinates drawn anew."""
+"""Peaks at which a further wave starts, and the share of coordinates drawn anew."""
 CONFIRMED, MOST_WAVES = 4, 4
-"""Climbs that have come to the highest peak when no further wave is made; and most waves."""
+"""Number of climbs at the highest peak that makes further waves unnecessary, and most waves."""
 DIP = 1.0
-"""Nats that the density falls by half way between climbs that are at different peaks."""
+"""Two climbs are at different peaks if the log density half way falls by this many nats."""
 ITERATIONS = 80
-"""Of a climb, at most."""
+"""Most iterations of a climb."""
 NEAR = 10.0
-"""Nats that a peak, or the mass of its approximation, may be below the largest to be kept.
-Climbs along a ridge end a few apart."""
+"""A peak is kept if its height or its approximation's mass is this close to the largest [nats].
+Climbs along a ridge end a few nats apart."""
 DIFFERENCE, SMALL, DIFFERENCES = 1e-3, 0.02, (1e-7, 0.03)
-"""Of derivatives in u: the first; then so many standard deviations, within these bounds. Much less
-would show the errors of a rough solution, which are no smooth function of the parameters."""
+"""Differences in u for derivatives: the first one, later ones in standard deviations, and bounds.
+Much smaller differences would show the errors of a rough solution. These errors are not a smooth
+function of the parameters."""
 FACTORS, LENGTHS = np.array([0.03, 1.0, 30.0]), np.array([0.3, 1.0, 3.0])
-"""Of the steps that are tried side by side: times the damping of the step before, and how often
-the step is made that leads to the top of a bowl."""
+"""Steps that an iteration tries: factors on the last damping, and multiples of each damped step."""
 DAMPINGS = 1e-4, 1e3
-"""Of the metric's diagonal, added to it: bounds."""
+"""Bounds of the damping: the multiple of the metric's diagonal that is added to the metric."""
 LONGEST = 3.0
-"""Of a step in u."""
+"""Longest step in u."""
 HUGE = 1e100
-"""Of a derivative, at most: its square is a number still."""
+"""Largest absolute derivative, so that its square stays finite."""
 GAIN, QUIET = 1e-2, 2
-"""Nats that an iteration gains at least; and after how many that do not a climb has ended."""
+"""Smallest gain of an iteration [nats]; a climb ends after so many iterations that gain less."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +70,12 @@ class Points:
     value: FloatArray
 
     def at(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
-        """Some of the points."""
+        """Return the selected points."""
         return Points(self.z[which], self.factors[which], self.value[which])
 
     @classmethod
     def joined(cls, *parts: Points) -> Points:
-        """All points of several sets."""
+        """Join the points of several sets."""
         return cls(
             np.concatenate([part.z for part in parts]),
             np.concatenate([part.factors for part in parts]),
@@ -85,7 +84,7 @@ class Points:
 
     @property
     def log_mass(self) -> FloatArray:
-        """Log of the mass that each approximation has, but for a constant, (K,)."""
+        """Log mass of each normal approximation, up to a constant, (K,)."""
         diagonals = np.abs(np.diagonal(self.factors, axis1=1, axis2=2))
         return self.value + np.log(diagonals).sum(axis=1)
 
@@ -98,21 +97,22 @@ def climb(
     coordinates: Coordinates | None = None,
     quiet: int = QUIET,
 ) -> Climbs:
-    """Maximise by Fisher scoring with the damping of Levenberg and Marquardt, all in lockstep.
+    """Maximise by Fisher scoring with Levenberg-Marquardt damping, all climbs in lockstep.
 
-    An iteration is two calls: the derivatives of all climbs, as differences to one side, and steps
-    of several lengths and dampings. (Osborne 1992, International Statistical Review 60, 99.)
+    An iteration calls the density twice for all climbs: for derivatives, as one-sided differences,
+    and for steps of several lengths and dampings. (Osborne 1992, International Statistical Review
+    60, 99.)
 
     Parameters
     ----------
-    starts : (K, d), in `coordinates`; those of z by default. Heights are of the density of z.
-    factors : (K, d, d), steps are taken in u with x = start + factor u. A factor without full rank
+    starts : (K, d), in `coordinates`, by default z. Heights are of the density of z.
+    factors : (K, d, d); steps are taken in u with x = start + factor u. A factor without full rank
         keeps the climb in the plane of its columns.
-    quiet : iterations in turn that gain next to nothing, after which a climb has ended.
+    quiet : number of successive iterations with almost no gain after which a climb ends.
 
     Returns
     -------
-    climbs : at their ends, with x (K, d) and the log density of z there, `value` (K,).
+    climbs : the climbs at their ends: `x` (K, d), and `value` (K,), the log density of z there.
     """
     climbs = Climbs(target, starts, factors, coordinates or Coordinates(), quiet)
     for _ in range(iterations):
@@ -134,8 +134,8 @@ def fisher_factors(
     Parameters
     ----------
     x : (K, d), in `coordinates`.
-    factors : (K, d, d), whose columns are the directions of the differences.
-    differences : in units of the columns, which may be about as long as the density is wide.
+    factors : (K, d, d); their columns are the directions of the differences.
+    differences : in units of the columns. A column may be about as long as the density is wide.
     """
     climbs = Climbs(target, x, factors, coordinates or Coordinates())
     climbs.differences[:] = differences
@@ -147,7 +147,7 @@ def fisher_factors(
 
 @dataclass
 class Climbs:
-    """Where K climbs are in u, and the size of the differences that they take there."""
+    """Positions of K climbs in u, and the size of their differences for derivatives."""
 
     target: Target
     starts: FloatArray
@@ -167,16 +167,19 @@ class Climbs:
 
     @property
     def x(self) -> FloatArray:
-        """Where the climbs are, (K, d)."""
+        """Positions of the climbs in their coordinates, (K, d)."""
         return self.place(np.arange(len(self.starts)), self.u[:, None])[:, 0]
 
     def place(self, which: NDArray[np.intp], u: FloatArray) -> FloatArray:
-        """x (K, M, d) of u (K, M, d), in the coordinates of the climbs `which`."""
+        """Return x (K, M, d) for u (K, M, d) of the climbs `which`."""
         steps = np.matmul(u, self.factors[which].transpose(0, 2, 1))
         return np.asarray(self.starts[which][:, None] + steps)
 
     def _at(self, which: NDArray[np.intp], u: FloatArray) -> tuple[Split, FloatArray, FloatArray]:
-        """The log-likelihood by points, z (K, M, d), and the log density (K, M), -inf if lost."""
+        """Return the log-likelihood by points, z (K, M, d) and the log density (K, M).
+
+        The log density is -inf where it is not finite, or where u is outside the prior's support.
+        """
         count, many, d = u.shape
         z = self.coordinates.bend(self.place(which, u).reshape(-1, d))
         outside = np.isnan(z[:, 0])
@@ -187,7 +190,7 @@ class Climbs:
         return by_climb, z.reshape(count, many, d), value
 
     def advance(self) -> None:
-        """One iteration of the climbs that have not ended."""
+        """Make one iteration of the climbs that have not ended."""
         live = self.live
         dampings = self.damping[live][:, None] * FACTORS
         steps = _damped_steps(*self.slope_and_metric(live), dampings)
@@ -203,10 +206,10 @@ class Climbs:
         self.live = live[self.quiet[live] < self.most_quiet]
 
     def slope_and_metric(self, live: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Gradient (K, d) and Fisher information (K, d, d), with the prior's.
+        """Return gradient (K, d) and Fisher information (K, d, d), both with the prior.
 
-        A normal score e with the log scale c has the information (e' + e c')^2 + 2 c'^2. Of what
-        is of no point a bowl is all that is known: half a square that is zero at its highest.
+        A normal score e with the log scale c has the information (e' + e c')^2 + 2 c'^2. The term
+        `rest`, which belongs to no point, is taken as its highest value minus half a square.
         """
         d, steps = self.u.shape[1], self.differences[live]
         shifts = np.concatenate([np.zeros((1, d)), np.eye(d)]) * steps[:, None]
@@ -234,12 +237,12 @@ class Climbs:
 
 
 def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -> FloatArray:
-    """Steps (K, L F, d) of every length, and for each of every damping (K, F)."""
+    """Return steps (K, L F, d) of all L lengths and all F dampings (K, F)."""
     d = slope.shape[1]
     diagonal = np.diagonal(metric, axis1=1, axis2=2)
     floor = np.maximum(
         1e-12 * diagonal.max(axis=1, keepdims=True), 1e-300
-    )  # of a direction out of the plane
+    )  # for directions out of the plane, where the metric is zero
     added = dampings[:, :, None] * diagonal[:, None] + floor[:, None]
     damped = metric[:, None] + added[..., None] * np.eye(d)
     way = np.linalg.solve(damped, slope[:, None, :, None])[..., 0]
@@ -249,7 +252,7 @@ def _damped_steps(slope: FloatArray, metric: FloatArray, dampings: FloatArray) -
 
 
 def triangular(roots: FloatArray) -> FloatArray:
-    """The Cholesky factors of root root' (K, d, d), also where that product loses a direction."""
+    """Return Cholesky factors of root root' (K, d, d), also if that product is singular."""
     upper = np.linalg.qr(roots.transpose(0, 2, 1), mode="r")
     signs = np.where(np.diagonal(upper, axis1=1, axis2=2) < 0.0, -1.0, 1.0)
     return np.asarray((signs[:, :, None] * upper).transpose(0, 2, 1), dtype=np.float64)
@@ -258,11 +261,11 @@ def triangular(roots: FloatArray) -> FloatArray:
 def peaks(
     target: Target, dimension: int, rng: np.random.Generator, similar: FloatArray | None = None
 ) -> Points:
-    """The highest peaks found, from the highest one down.
+    """Return the highest peaks found, highest first.
 
     Parameters
     ----------
-    similar : (N, d) draws of a similar posterior, whose peaks are near.
+    similar : (N, d) draws of a similar posterior, whose peaks are nearby.
 
     Raises
     ------
@@ -286,7 +289,7 @@ def peaks(
 
 
 def _wave(target: Target, starts: FloatArray) -> Points:
-    """Ends of climbs from starts (K, d), from the highest one down."""
+    """Climb from starts (K, d) and return the ends that are kept, highest first."""
     every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
     climbs = climb(target, starts, every, ITERATIONS)
     usable = np.isfinite(climbs.value)
@@ -301,9 +304,10 @@ def _wave(target: Target, starts: FloatArray) -> Points:
 
 
 def _of_every_peak(target: Target, z: FloatArray, value: FloatArray) -> NDArray[np.intp]:
-    """Ends (K, d) to keep: half of them the highest, the others the highest of other peaks.
+    """Choose which ends (K, d) to keep: half the highest ends, then the highest of other peaks.
 
-    Many climbs end at one peak, and would leave no place for another that is a little lower.
+    Many climbs end at the same peak. Without this choice, they would leave no place for a peak
+    that is a little lower.
     """
     order = np.argsort(-value)
     low, high = np.tril_indices(len(z), -1)

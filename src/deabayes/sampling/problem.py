@@ -1,4 +1,4 @@
-"""What is sampled: a likelihood of z under the prior N(0, I), and what is known of its shape."""
+"""The sampling problem: a likelihood of z under the prior N(0, I), and hints on its shape."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from deabayes.sampling.mixture import RandomSource
 
 LogDensity = Callable[[FloatArray], FloatArray]
 Hop = Callable[[FloatArray, RandomSource], tuple[FloatArray, FloatArray]]
-"""z (W, d) -> proposed z' (W, d), log of the factor that N(z')/N(z) is multiplied by (W,)."""
+"""z (W, d) -> proposed z' (W, d), and the log factor (W,) on the ratio of posterior densities."""
 
 
 class EveryDrawFailed(UserError):
-    """No particle has a finite likelihood: whoever knows the records says which."""
+    """No particle has a finite likelihood; the caller names the records that cause it."""
 
 
 class Part(Protocol):
-    """A map of some columns of u, made in place: of the prior, the noise model or the system."""
+    """An in-place map of some columns of u, made by the prior, the noise model or the system."""
 
     def straighten(self, u: FloatArray) -> FloatArray | float:
-        """Change columns of u (W, d) and return the log of the Jacobian, (W,) or one for all."""
+        """Change columns of u (W, d) and return the log Jacobian, (W,) or one for all rows."""
         ...
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it; NaN outside the support."""
+        """Undo `straighten`; columns are NaN outside the support."""
         ...
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The map u = straighten(z) and its inverse, by parts in turn; the identity without parts.
+    """The map u = straighten(z) and its inverse; the parts are applied one after another.
 
-    Ridges of the posterior are straight in u. Proposals are fitted, and differences of walkers
-    taken, there.
+    Without parts, the map is the identity. Ridges of the posterior are straight in u. Proposals are
+    fitted in u, and differences of walkers are taken in u.
     """
 
     parts: tuple[Part, ...] = ()
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u of z (W, d), and log |du / dz|, (W,); -inf where it is lost."""
+        """Return u for z (W, d), and log |du / dz|, (W,), which is -inf where the map fails."""
         log_jacobian = np.zeros(len(z))
         if not self.parts:
             return z, log_jacobian
@@ -58,7 +58,7 @@ class Coordinates:
         return u, log_jacobian
 
     def bend(self, u: FloatArray) -> FloatArray:
-        """The z (W, d) of u; rows outside the prior's support are NaN."""
+        """Return z (W, d) for u; rows outside the prior's support are NaN."""
         if not self.parts:
             return u
         z = u.copy()
@@ -72,14 +72,14 @@ class Coordinates:
 class Split(NamedTuple):
     """A log-likelihood by the points of the records: rest + sum_k (-score_k^2 / 2 - log_scale_k).
 
-    Its first derivatives tell nearly all of its curvature, as those of residuals do in least
-    squares.
+    The first derivatives of its terms give nearly all of its curvature, as the derivatives of
+    residuals do in least squares.
 
     Attributes
     ----------
-    scores : (W, P), standard normal where the model holds.
+    scores : (W, P), standard normal if the model holds.
     log_scales : (W, P), minus the log derivatives of the scores by the responses.
-    rest : (W,), what is of no point.
+    rest : (W,), the terms that belong to no point.
     """
 
     scores: FloatArray
@@ -102,17 +102,19 @@ def _coordinates_of(z: FloatArray) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True)
 class Problem:
-    """A posterior over z, and what helps to sample it. Only the likelihood decides what is sampled.
+    """A posterior over z, with hints that help to sample it.
+
+    Only the likelihood decides what is sampled.
 
     Attributes
     ----------
     log_likelihood : z (W, d) -> (W,); NaN or -inf where the model fails.
     dimension : d.
-    coordinates : in which ridges are straight.
+    coordinates : coordinates in which ridges are straight.
     hops : proposals between modes, such as another numbering of units.
-    split : the log_likelihood by points; without it climbs take the shape of a bowl for granted.
-    rough : a cheaper problem, nearly the same, for draws that are dropped.
-    quantities : z (N, d) -> name -> (N,): what the gates apply to, parameters and derived ones.
+    split : the `log_likelihood` by points. Without `split`, climbs assume a quadratic shape.
+    rough : a cheaper problem that is nearly the same, for draws that are dropped.
+    quantities : z (N, d) -> name -> (N,): parameters and derived quantities that the gates check.
     """
 
     log_likelihood: LogDensity
@@ -125,18 +127,18 @@ class Problem:
 
 
 def log_standard_normal(z: FloatArray) -> FloatArray:
-    """Log density of N(0, I) at z (W, d): the prior of every model in its z coordinates."""
+    """Return the log density of N(0, I) at z (W, d), the prior of every model in z."""
     return -0.5 * np.einsum("wd,wd->w", z, z) - 0.5 * z.shape[1] * log(2 * pi)
 
 
 @dataclass
 class Target:
-    """log L(z) + log N(z; 0, I), counting evaluations and those that give no finite value.
+    """log L(z) + log N(z; 0, I), with counts of evaluations and of values that are not finite.
 
     Attributes
     ----------
     by_points : log L by points.
-    prior : power of N(z; 0, I); 0 where the likelihood alone is climbed.
+    prior : power of N(z; 0, I); 0 if only the likelihood is climbed.
     """
 
     likelihood: LogDensity
@@ -146,11 +148,11 @@ class Target:
     failures: int = 0
 
     def log_likelihood(self, z: FloatArray) -> FloatArray:
-        """log L, (W,); -inf where it fails."""
+        """Return log L, (W,); -inf where the model fails."""
         return self._counted(np.asarray(self.likelihood(z), dtype=float))
 
     def split(self, z: FloatArray) -> Split:
-        """log L by points; of its total all is counted."""
+        """Return log L by points, and count evaluations and failures by its total."""
         if self.by_points is None:
             none = np.empty((len(z), 0))
             return Split(none, none, self.log_likelihood(z))
@@ -169,5 +171,5 @@ class Target:
 
     @property
     def counts(self) -> FloatArray:
-        """Evaluations and failures so far."""
+        """Numbers of evaluations and failures so far."""
         return np.array([self.evaluations, self.failures], dtype=float)

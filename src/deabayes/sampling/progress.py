@@ -1,4 +1,4 @@
-"""How far a run is, in one line: rewritten on a terminal, now and then in a log file."""
+"""Progress of a run in one line, rewritten on a terminal and repeated now and then in a log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ IN_A_LOG = 10.0
 
 
 class Progress:
-    """A line on stderr with state, steps, smallest ESS so far, R-hat and time left."""
+    """A line on stderr: state, steps, smallest effective sample size, R-hat and time left."""
 
     def __init__(self, shown: bool = False) -> None:
         self._shown, self._state, self._last, self._width = shown, "", 0.0, 0
@@ -23,11 +23,11 @@ class Progress:
         r_hat: float | None = None,
         left: float | None = None,
     ) -> None:
-        """Say it; what is not known yet is left out.
+        """Write the progress line without the values that are not known yet.
 
         Parameters
         ----------
-        left : seconds to go, as far as can be told.
+        left : estimated time left [s].
         """
         if not self._shown:
             return
@@ -54,11 +54,11 @@ class Progress:
         sys.stderr.flush()
 
     def end(self) -> None:
-        """Leave the line as it is."""
+        """End the line on a terminal."""
         if self._shown and sys.stderr.isatty():
             sys.stderr.write("\n")
 
 
 def duration(seconds: float) -> str:
-    """`40 s` or `3 min`."""
+    """Return a duration in words, such as `40 s` or `3 min`."""
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"

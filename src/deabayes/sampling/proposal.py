@@ -1,4 +1,4 @@
-"""Frozen proposals: mixtures in straightened coordinates, beside a plain mixture."""
+"""Frozen proposals: a mixture in straightened coordinates together with a plain mixture."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from deabayes.sampling.problem import Coordinates
 from deabayes.sampling.warp import Warp, fit_warp
 
 STRAIGHTENED, PLAIN, COVERING = 0.95, 0.05, 0.2
-"""Shares of a proposal: in straightened coordinates, plain, and what covers what these miss."""
+"""Shares of straightened and plain mixture, and of the part that covers regions both miss."""
 MOST_DRAWS = 8000
-"""That a proposal is fitted to: of more it becomes hardly better, and the fits took most time."""
+"""Most draws that a proposal is fitted to; more hardly improve it, and fits took most time."""
 SPARE = 8
-"""Draws made beyond those wanted, as some may fall outside of the prior's support."""
+"""Extra draws, because some may fall outside the prior's support."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Lines:
-    """Coordinates x of z in which a ridge is straight: those of a map, or u themselves."""
+    """Coordinates x in which a ridge is straight: those of a map, or u itself."""
 
     coordinates: Coordinates
     warp: Warp | None = None
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """x of z (W, d), and log |dx/dz|, (W,)."""
+        """Return x for z (W, d), and log |dx/dz|, (W,)."""
         u, log_jacobian = self.coordinates.straighten(z)
         if self.warp is None:
             return u, log_jacobian
@@ -58,10 +58,10 @@ class Lines:
     def moved(
         self, z: FloatArray, log_jacobian: FloatArray, x: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Where steps from z to x lead, (W, d), and the logarithm of their factor, (W,).
+        """Return where steps from z to x lead, (W, d), and their log acceptance factor, (W,).
 
-        A step symmetric in x has the ratio |dx/dz| / |dx'/dz'| of its densities in z. One out of
-        the prior's support leads nowhere: z itself, with the logarithm -inf.
+        A step symmetric in x has the ratio |dx/dz| / |dx'/dz'| of its densities in z. A step out of
+        the prior's support stays at z, with the log factor -inf.
 
         Parameters
         ----------
@@ -77,10 +77,10 @@ class Lines:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A density over z that can be sampled: the weighted sum of its parts, which are of u.
+    """A density over z that can be sampled: a weighted sum of parts, which are densities of u.
 
-    It is normalised where the prior's support has no bounds in u; otherwise `sample` draws from
-    what is inside, of which the density is `log_density` but for a constant.
+    The density is normalised if the prior's support has no bounds in u. Otherwise `sample` draws
+    only inside the support, and `log_density` is the log density up to a constant.
     """
 
     parts: tuple[Part, ...]
@@ -91,7 +91,7 @@ class Proposal:
         return self.parts[0].mixture.dimension
 
     def log_density(self, z: FloatArray) -> FloatArray:
-        """Log density at z (W, d): (W,)."""
+        """Return the log density (W,) at z (W, d)."""
         u, log_jacobian = self.coordinates.straighten(np.atleast_2d(z))
         terms = np.stack([np.log(part.weight) + part.log_density(u) for part in self.parts])
         largest = terms.max(axis=0)
@@ -99,7 +99,7 @@ class Proposal:
 
     @property
     def lines(self) -> tuple[tuple[float, Lines], ...]:
-        """Along which ridges are straight: weight of the part, and its lines."""
+        """Weight and `Lines` of each part with a map; ridges are straight along these lines."""
         return tuple(
             (part.weight, Lines(self.coordinates, part.warp))
             for part in self.parts
@@ -115,7 +115,7 @@ class Proposal:
         return z[:n]
 
     def _draw(self, rng: RandomSource, n: int) -> FloatArray:
-        """n points (n, d) in u."""
+        """Draw n points (n, d) in u."""
         part = rng.choice(len(self.parts), size=n, p=[part.weight for part in self.parts])
         u = np.empty((n, self.dimension))
         for index, each in enumerate(self.parts):
@@ -124,7 +124,7 @@ class Proposal:
         return u
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Everything needed to rebuild it with `from_arrays`, under flat names."""
+        """Return all arrays from which `from_arrays` rebuilds the proposal, under flat names."""
         result = {"proposal_weights": np.array([part.weight for part in self.parts])}
         for index, part in enumerate(self.parts):
             warp = {} if part.warp is None else part.warp.arrays()
@@ -134,11 +134,11 @@ class Proposal:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray], coordinates: Coordinates) -> Proposal:
-        """Rebuild from `arrays()`; other names are ignored.
+        """Rebuild a proposal from `arrays()`; other names are ignored.
 
         Parameters
         ----------
-        coordinates : of its parts, which are not among the arrays.
+        coordinates : coordinates of the parts, which the arrays do not contain.
         """
 
         def under(prefix: str) -> dict[str, FloatArray]:
@@ -161,16 +161,17 @@ def fit(
 ) -> Proposal:
     """Fit a proposal to samples (n, d) and freeze it.
 
-    Most of it is a mixture in straightened coordinates, where the samples are many enough
-    for that; a plain mixture stands by for where the polynomials do not reach.
+    With enough samples, most of the proposal is a mixture in straightened coordinates. A plain
+    mixture covers regions that the polynomials do not reach.
 
     Parameters
     ----------
-    log_density : of the target at the samples, up to a constant (n,). When given, a part of the
-        proposal is fitted to the samples that the rest covers badly, resampled by the root of
-        target over proposal: an independence sampler is slowed most by the few regions where that
-        ratio is large. (By the ratio itself, a handful of samples would take it all.)
-    coordinates : in which it is fitted.
+    log_density : log density (n,) of the target at the samples, up to a constant. If given, a part
+        of the proposal is fitted to samples that the rest covers badly. These are resampled by the
+        square root of target over proposal. An independence sampler is slowed most by the few
+        regions where that ratio is large. (By the ratio itself, a few samples would take all the
+        weight.)
+    coordinates : coordinates in which the proposal is fitted.
     """
     coordinates = coordinates or Coordinates()
     usable = np.isfinite(samples).all(axis=1)
@@ -198,7 +199,7 @@ def _parts(
     rng: np.random.Generator,
     weight: float = 1.0,
 ) -> list[Part]:
-    """Parts of a total weight, fitted to u (n, d): straightened and plain, or plain only."""
+    """Fit parts with a total weight to u (n, d): straightened and plain, or only plain."""
     plain = fit_mixture(u, components, rng)
     warp = fit_warp(u)
     if warp is None:

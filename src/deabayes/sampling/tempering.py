@@ -1,10 +1,10 @@
 """Tempered sequential Monte Carlo of several populations in lockstep.
 
-Populations are carried from a base density to base times increment along
+Populations move from a base density to base times increment along
 base(z) * increment(z)^beta (Del Moral, Doucet and Jasra 2006, J. R. Stat. Soc. B 68, 411). Each
-has particles of its own; all share beta, so that one call of a density holds the particles of
-all. Their spread tends to be too narrow: they start ensembles and re-weight posteriors, and
-nothing of them is published as it is.
+population has its own particles. All populations share beta, so that one call of a density
+evaluates all particles. The particles tend to spread too little. They only start ensembles and
+re-weight posteriors, and are never published directly.
 """
 
 from __future__ import annotations
@@ -30,17 +30,18 @@ COMPONENTS = 4
 
 @dataclass(frozen=True)
 class Schedule:
-    """How populations are moved at each beta.
+    """Settings that decide how populations are moved at each beta.
 
     Attributes
     ----------
-    effective_share : of the particles that the next beta leaves, in the worst population.
-    forgotten : largest correlation of a coordinate with its start at which rounds end, on the
-        way and (`final_`) at beta = 1.
-    rounds : fewest and most.
-    crossed : every other population is moved by proposals that are fitted to the rest.
-        Fitted to those that they move, proposals draw them together a little at every step, and
-        a ratio of normalising constants comes out too good.
+    effective_share : share of effective particles that the next beta leaves in the worst
+        population.
+    forgotten : rounds end when no coordinate has a larger correlation with its start. The value
+        with `final_` applies at beta = 1, the other one before.
+    rounds : fewest and most rounds.
+    crossed : whether each half of the populations is moved by proposals fitted to the other half.
+        Proposals fitted to the particles that they move contract them a little at every step. The
+        estimated ratio of normalising constants is then too good.
     """
 
     effective_share: float = 0.5
@@ -57,10 +58,10 @@ class Populations:
 
     Attributes
     ----------
-    particles : (E, P, d); `broad` (E, P, d) are those of the last step before, which are
+    particles : (E, P, d). `broad` (E, P, d) are the particles one step earlier, which are
         over-dispersed with respect to the final density.
-    log_density : that of base times increment, (E, P).
-    log_evidence : estimates (E,) of the log of the ratio of normalising constants.
+    log_density : log density of base times increment, (E, P).
+    log_evidence : estimates (E,) of the log ratio of normalising constants.
     betas : the schedule, from 0 to 1.
     """
 
@@ -73,7 +74,7 @@ class Populations:
 
 
 class _Model(NamedTuple):
-    """What emcee's moves are given."""
+    """The attributes of emcee's model that the moves use."""
 
     compute_log_prob_fn: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
     random: np.random.RandomState
@@ -90,22 +91,22 @@ def temper(
     report: Report | None = None,
     log_final: LogDensity | None = None,
 ) -> Populations:
-    """Carry populations (E, P, d), draws of base, to draws of base * increment.
+    """Turn populations (E, P, d) of draws from base into draws from base * increment.
 
-    The estimated ratio of normalising constants is the product over the schedule of mean
-    increments^(step).
+    The estimated ratio of normalising constants is the product over all steps of the mean of
+    increment^(step).
 
     Parameters
     ----------
-    log_base, log_increment : (N, d) -> (N,); NaN or -inf where a density is zero. Rows are as many
-        of each population, one population after another.
-    hops : base must hold the factor N(z; 0, I).
+    log_base, log_increment : (N, d) -> (N,); NaN or -inf where a density is zero. The rows of one
+        population follow those of another, equally many of each.
+    hops : proposals between modes; they require that base contains the factor N(z; 0, I).
     report : called after every step with beta and the number of rounds so far.
-    log_final : log_base + log_increment, where that costs less than both.
+    log_final : log_base + log_increment, if one call is cheaper than two.
 
     Raises
     ------
-    EveryDrawFailed : when the increment is zero at every particle of a population.
+    EveryDrawFailed : if the increment is zero at every particle of a population.
     """
     schedule, coordinates = schedule or Schedule(), coordinates or Coordinates()
     cloud = _Cloud(start, log_base, log_increment, log_final, seed, coordinates, hops)
@@ -128,8 +129,8 @@ def temper(
 class _Cloud:
     """Particles of all populations, with their densities, and the moves at one beta.
 
-    The state's `log_prob` is log base + beta log increment, its `blobs` log increment; at beta = 1,
-    where nothing is re-weighted any more, `blobs` may be anything.
+    The state's `log_prob` is log base + beta log increment. Its `blobs` are log increment. At
+    beta = 1 no particle is re-weighted any more, and `blobs` may be anything.
     """
 
     def __init__(
@@ -167,13 +168,16 @@ class _Cloud:
         base = np.asarray(self._log_base(z), dtype=float)
         increment = np.asarray(self._log_increment(z), dtype=float)
         usable = np.isfinite(base) & np.isfinite(increment)
-        if self.beta == 0.0:  # draws of base alone, wherever the increment is zero
+        if self.beta == 0.0:  # the particles are draws of base, even where the increment is zero
             return base, np.where(usable, increment, -np.inf)
         with np.errstate(invalid="ignore"):
             return np.where(usable, base + self.beta * increment, -np.inf), increment
 
     def proposals(self, crossed: bool) -> tuple[Proposal, ...]:
-        """One fitted to all particles; or for each population one fitted to the other half's."""
+        """Return one proposal fitted to all particles, or one per population if `crossed`.
+
+        A crossed proposal is fitted to the half of the populations that it does not move.
+        """
         if not crossed:
             return (self._fit(self.particles, COMPONENTS),)
         even, odd = (self._fit(self.particles[half::2], 1) for half in (0, 1))
@@ -184,7 +188,7 @@ class _Cloud:
         return fit(z, components, self._rng, coordinates=self._coordinates)
 
     def resample(self, step: float) -> None:
-        """Repeat particles of each population as increment^step says."""
+        """Resample the particles of each population with the weights increment^step."""
         chosen, count = [], self.shape[1]
         for index, increment in enumerate(self.increments):
             weights = np.exp(step * (increment - increment.max()))
@@ -196,10 +200,10 @@ class _Cloud:
         )
 
     def forget(self, schedule: Schedule, proposals: tuple[Proposal, ...]) -> int:
-        """Move until the start is forgotten; the number of rounds made.
+        """Move the particles until they have forgotten their start; return the number of rounds.
 
-        The proposals are those of the density before: wider, and fitted to particles of which
-        none is another's copy. They are refitted as rounds go on.
+        The first proposals were fitted before the resampling, to a wider density and to particles
+        without copies. Later rounds refit them.
         """
         last = self.beta == 1.0
         fewest, most = schedule.final_rounds if last else schedule.rounds
@@ -217,14 +221,14 @@ class _Cloud:
 
 
 def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Systematic resampling: indices (K,) that repeat each particle as its weight (K,) says."""
+    """Return indices (K,) that repeat each particle by its weight (K,): systematic resampling."""
     points = (np.arange(len(weights)) + rng.random()) / len(weights)
     cumulative = np.cumsum(weights) / weights.sum()
     return np.minimum(np.searchsorted(cumulative, points, side="right"), len(weights) - 1)
 
 
 def _next_step(increments: FloatArray, remaining: float, share: float) -> tuple[float, FloatArray]:
-    """The step in beta that leaves the wanted effective share, and log mean weights (E,)."""
+    """Return the step in beta that leaves the wanted effective share, and log mean weights (E,)."""
     finite = np.isfinite(increments)
     if not finite.any(axis=1).all():
         raise EveryDrawFailed(

@@ -1,9 +1,10 @@
-"""From the prior to populations of the posterior: climb, walk along the ridges, temper.
+"""Create populations of the posterior: climb to peaks, walk along the ridges, temper.
 
-The peak may be at one end of a long ridge, far from most of the posterior. From it a walk goes
-each way along each coordinate: the coordinate is held a little further on, and the others climb.
-What it visits is the profile of the density (Venzon and Moolgavkar 1988, Applied Statistics 37,
-87), until that has fallen too far. Any ridge changes some coordinate, whose profile follows it.
+The peak may be at one end of a long ridge, far from most of the posterior. Walks start at the peak,
+in both directions along every coordinate. A step holds this coordinate a little further on, and
+climbs in the others. A walk visits the profile of the density (Venzon and Moolgavkar 1988, Applied
+Statistics 37, 87), until the density has fallen too far. Every ridge changes some coordinate, and
+the profile of this coordinate follows the ridge.
 """
 
 from __future__ import annotations
@@ -21,28 +22,29 @@ from deabayes.sampling.progress import Progress
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
 SCHEDULE = Schedule(effective_share=0.3, rounds=(1, 2), final_rounds=(10, 60), final_forgotten=0.1)
-"""The work is at beta = 1: a proposal is as good as the draws it is fitted to are independent."""
+"""Most rounds are at beta = 1: the more independent the draws, the better is their proposal."""
 FOR_EVIDENCE = replace(SCHEDULE, final_rounds=(3, 3))
-"""Where only the log evidence is wanted, which is known before beta = 1 is reached."""
+"""Schedule if only the log evidence is wanted, which is known before the moves at beta = 1."""
 MOST_POINTS, APART = 64, 1.5
-"""Of the ridges' points, each with an approximation of its own, and how far apart they are."""
+"""Most points on the ridges, each with its own approximation, and least distance between them."""
 WIDER = 1.2
-"""Times the widths of the approximations, for draws that tempering narrows: it widens badly."""
+"""Factor on the widths of the approximations; tempering narrows draws, but widens them badly."""
 REACH = 7.0
-"""Nats below the highest point at which a walk ends."""
+"""A walk ends this many nats below the highest point."""
 MOST_STEPS, ITERATIONS, MOST_FAILURES = 14, 8, 2
-"""Of a walk; of each climb; and of steps in turn that leave the ridge."""
+"""Most steps of a walk, iterations of each climb, and successive steps that leave the ridge."""
 FALL, LARGEST_FALL = 2.0, 4.0
-"""Nats that a step should go down, and at most."""
+"""Fall in nats that a step aims at, and the largest fall that is still on the ridge."""
 SHORTER, LONGEST = 0.35, 8.0
-"""Of a step: after one that left the ridge; and in standard deviations."""
+"""Factor on the step length after leaving the ridge, and longest step in standard deviations."""
 FURTHEST = 4.0
-"""Standard deviations of the prior."""
+"""Largest absolute value of a walk's coordinate, in standard deviations of the prior."""
 NORMAL_FROM, NORMAL = 1.9, 0.15
-"""A walk that has gone so many standard deviations, and down by as much as a normal density to
-this part, ends: the peak's own approximation says the rest."""
+"""A walk ends after so many standard deviations if the density fell as a normal density does.
+
+The two falls may differ by this share. The peak's own approximation then describes the rest."""
 DIFFERENCE = 1e-4
-"""Of coordinates, for their derivatives."""
+"""Difference in u for the derivatives of coordinates."""
 
 
 def warm_up(
@@ -54,12 +56,12 @@ def warm_up(
     similar: FloatArray | None = None,
     schedule: Schedule = SCHEDULE,
 ) -> Populations:
-    """Populations (E, P, d) of the posterior.
+    """Return populations (E, P, d) of the posterior.
 
     Parameters
     ----------
-    shape : E, P.
-    similar : (N, d) draws of a similar posterior, from which climbs start too.
+    shape : E populations and P particles.
+    similar : (N, d) draws of a similar posterior, at which some climbs start.
 
     Raises
     ------
@@ -84,9 +86,9 @@ def warm_up(
 def ridges(
     target: Target, problem: Problem, rng: np.random.Generator, similar: FloatArray | None = None
 ) -> Mixture:
-    """Normal approximations along the ridges through the highest peak, and at other peaks.
+    """Return a mixture of approximations along ridges through the highest peak, and at other peaks.
 
-    Their weights are equal: tempering weighs them.
+    The weights are equal, because tempering corrects them.
     """
     tops = peaks(target, problem.dimension, rng, similar)
     walks = [profiles(target, tops.at(slice(1)))]
@@ -98,12 +100,12 @@ def ridges(
 
 
 def profiles(target: Target, peak: Points, coordinates: Coordinates | None = None) -> Points:
-    """Points along the profiles through a peak, with the peak itself.
+    """Return points along the profiles through a peak, and the peak itself.
 
     Parameters
     ----------
     peak : one point.
-    coordinates : along which the walks go; z itself when None. Heights are those in z.
+    coordinates : coordinates along which the walks go, z if None. Heights are of the density of z.
     """
     if coordinates is None:
         return _profiles(target, peak, Coordinates())
@@ -119,7 +121,7 @@ def profiles(target: Target, peak: Points, coordinates: Coordinates | None = Non
 
 
 def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
-    """dz / du at u (K, d): (K, d, d)."""
+    """Return the derivatives dz / du (K, d, d) at u (K, d)."""
     count, d = u.shape
     shifts = DIFFERENCE * np.eye(d)
     up, down = ((u[:, None] + side * shifts).reshape(-1, d) for side in (1.0, -1.0))
@@ -129,7 +131,7 @@ def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Walks:
-    """Where walks are: one each way along each coordinate."""
+    """State of the walks, one in each direction along each coordinate."""
 
     column: NDArray[np.intp]
     sign: FloatArray
@@ -168,7 +170,7 @@ def _profiles(target: Target, peak: Points, coordinates: Coordinates) -> Points:
 def _step(
     target: Target, walks: _Walks, top: float, peak: Points, coordinates: Coordinates
 ) -> tuple[Points, _Walks]:
-    """Take one step of every walk: the points reached, and the walks that go on."""
+    """Take one step of every walk; return the points reached, and the walks that continue."""
     ways, planes = _ways_and_planes(walks.here.factors, walks.column)
     starts = walks.here.z + (walks.sign * walks.length)[:, None] * ways
     climbs = climb(target, starts, planes, ITERATIONS, coordinates)
@@ -195,7 +197,7 @@ def _step(
 def _as_normal(
     held: FloatArray, value: FloatArray, column: NDArray[np.intp], peak: Points
 ) -> NDArray[np.bool_]:
-    """Which walks have gone down as a normal density with the peak's covariance does."""
+    """Return which walks fell as a normal density with the peak's covariance does."""
     sds = np.linalg.norm(peak.factors[0][column], axis=1)
     expected = 0.5 * ((held - peak.z[0, column]) / sds) ** 2
     far = expected > 0.5 * NORMAL_FROM**2
@@ -205,10 +207,11 @@ def _as_normal(
 def _ways_and_planes(
     factors: FloatArray, column: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
-    """The step (K, d) of one standard deviation of a coordinate, along which the others follow.
+    """Return the step (K, d) of one standard deviation of a coordinate, and factors of the others.
 
-    And factors (K, d, d) of the covariance of the others when that coordinate is held. Both are
-    columns of factor Q with a reflection Q that leaves nothing of the coordinate but in the first.
+    The other coordinates follow the step. The factors (K, d, d) are of their covariance when the
+    coordinate is held. Both results are columns of factor Q. The reflection Q is chosen so that
+    only the first column changes the coordinate.
     """
     count, d = column.size, factors.shape[1]
     row = factors[np.arange(count), column]
@@ -225,7 +228,7 @@ def _ways_and_planes(
 
 
 def thinned(points: Points, most: int, apart: float) -> Points:
-    """At most so many points, from the highest down, so many standard deviations apart."""
+    """Select at most `most` points, highest first, at least `apart` standard deviations apart."""
     order = np.argsort(-points.value)
     inverse = np.linalg.inv(points.factors)
     chosen: list[int] = []

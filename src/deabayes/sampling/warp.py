@@ -1,14 +1,15 @@
 """A triangular polynomial map that straightens the curved ridges of a posterior.
 
-With y the principal coordinates, widest first, each coordinate has a polynomial of the
-wider ones subtracted and is divided by a scale that depends on them too,
-x_k = (y_k - P_k(y_1 .. y_k-1)) exp(-S_k(y_1 .. y_k-1)). The map is triangular, so it is
-inverted one coordinate after another and its Jacobian is the product of the scales (the
+Let y be the principal coordinates, widest first. From each coordinate, the map subtracts a
+polynomial of the wider ones. It divides the result by a scale that depends on the wider ones too:
+x_k = (y_k - P_k(y_1 .. y_k-1)) exp(-S_k(y_1 .. y_k-1)). The map is triangular. It is therefore
+inverted one coordinate after another, and its Jacobian is the product of the scales (the
 Knothe-Rosenblatt arrangement with polynomials, as in Marzouk, Moselhy, Parno and Spantini
-2016, Handbook of Uncertainty Quantification). On posteriors of series of relaxation units it
-raised the acceptance of independence proposals from a few to forty per cent; without the
-scales, and with products that stay constant beyond four standard deviations instead of
-six, the ends of a long ridge were left out.
+2016, Handbook of Uncertainty Quantification).
+
+On posteriors of series of relaxation units, the map raised the acceptance of independence
+proposals from a few to forty per cent. The ends of a long ridge were left out without the scales,
+and with products that stay constant beyond four standard deviations instead of six.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from deabayes.experiment import FloatArray
 from deabayes.integrate.compiled import njit
 
 SHIFT_LIMIT, SCALE_LIMIT = 6.0, 3.0
-"""Standard deviations beyond which terms stay constant: polynomials must not run away."""
+"""Standard deviations beyond which terms stay constant, so that polynomials do not diverge."""
 SHIFT_PENALTY, SCALE_PENALTY = 1e-6, 1e-3
 DRAWS_PER_TERM = 4
 ALTERNATIONS, NEWTON_STEPS, LARGEST_STEP = 2, 6, 0.5
 LARGEST_SQUARE = 25.0
-"""Of a scaled residual: one draw far out must not set the scale."""
+"""Largest squared scaled residual, so that a single distant draw does not set the scale."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,10 @@ class Warp:
     Attributes
     ----------
     centre (d,), axes (d, d) : y = (z - centre) @ axes, of unit variance, widest first.
-    inverse_axes (d, d) : the way back.
-    shifts (d, d + 2, d), scales (d, 2, d) : coefficients of P and of S, (terms led by coordinate,
-        their kind, of coordinate): see `_shift_terms`, `_scale_terms`.
+    inverse_axes (d, d) : the inverse of `axes`.
+    shifts (d, d + 2, d), scales (d, 2, d) : coefficients of P and of S. The indices are the
+        coordinate that leads the term, the kind of the term (see `_shift_terms`, `_scale_terms`),
+        and the coordinate that is mapped.
     offsets (2, d) : the constant terms of P and S.
     """
 
@@ -53,7 +55,7 @@ class Warp:
     offsets: FloatArray
 
     def straighten(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Straightened coordinates of z (W, d), and log |dx / dz|, (W,)."""
+        """Return straightened coordinates x of z (W, d), and log |dx / dz|, (W,)."""
         y = np.ascontiguousarray((z - self.centre) @ self.axes)
         shift, log_scale = polynomials(y, self.shifts, self.scales)
         log_scale += self.offsets[1]
@@ -61,44 +63,47 @@ class Warp:
         return x, np.linalg.slogdet(self.axes)[1] - log_scale.sum(axis=1)
 
     def forward(self, z: FloatArray) -> FloatArray:
-        """Straightened coordinates of z (W, d)."""
+        """Return straightened coordinates of z (W, d)."""
         return self.straighten(z)[0]
 
     def inverse(self, x: FloatArray) -> FloatArray:
-        """The z (W, d) of straightened coordinates x."""
+        """Return z (W, d) for straightened coordinates x."""
         y = solve(np.ascontiguousarray(x), self.shifts, self.scales, self.offsets)
         return np.asarray(y @ self.inverse_axes + self.centre)
 
     def arrays(self) -> dict[str, FloatArray]:
-        """Everything needed to rebuild it."""
+        """Return all arrays from which `from_arrays` rebuilds the map."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
-        """Rebuild from `arrays()`."""
+        """Rebuild a map from `arrays()`."""
         return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
 
 
 def _shift_terms(y: FloatArray, k: int) -> FloatArray:
-    """Terms of P led by coordinate k: y_k y_j for j <= k, y_k and y_k^3, (W, k + 3)."""
+    """Return terms of P led by coordinate k: y_k y_j for j <= k, y_k and y_k^3, (W, k + 3)."""
     bounded = np.clip(y[:, : k + 1], -SHIFT_LIMIT, SHIFT_LIMIT)
     lead = bounded[:, k : k + 1]
     return np.hstack([bounded * lead, lead, lead**3])
 
 
 def _shift_kinds(k: int, dimension: int) -> NDArray[np.intp]:
-    """The kinds of these terms, as `Warp.shifts` counts them."""
+    """Return the places of the terms of `_shift_terms` along the second axis of `Warp.shifts`."""
     return np.array([*range(k + 1), dimension, dimension + 1])
 
 
 def _scale_terms(y: FloatArray, k: int) -> FloatArray:
-    """Terms of S led by coordinate k: y_k and y_k^2, (W, 2)."""
+    """Return terms of S led by coordinate k: y_k and y_k^2, (W, 2)."""
     bounded = np.clip(y[:, k], -SCALE_LIMIT, SCALE_LIMIT)
     return np.column_stack([bounded, bounded**2])
 
 
 def fit_warp(samples: FloatArray) -> Warp | None:
-    """Fit the map to samples (n, d) by maximum likelihood; None when they are too few for it."""
+    """Fit the map to samples (n, d) by maximum likelihood.
+
+    Return None for a single coordinate, too few samples, or a direction without variance.
+    """
     dimension = samples.shape[1]
     most_terms = 1 + sum(_shift_kinds(k, dimension).size for k in range(dimension))
     if dimension < 2 or len(np.unique(samples[:, 0])) < DRAWS_PER_TERM * most_terms:
@@ -131,9 +136,9 @@ def fit_warp(samples: FloatArray) -> Warp | None:
 def _fit_coordinate(
     y: FloatArray, for_shift: FloatArray, for_scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of P and S for which y (n,) is likeliest as N(P, exp(2 S)).
+    """Return coefficients of P and S that maximise the likelihood of y (n,) under N(P, exp(2 S)).
 
-    Weighted least squares for P and Newton's method for S in turn (Harvey 1976,
+    Weighted least squares for P and Newton's method for S alternate (Harvey 1976,
     Econometrica 44, 461).
     """
     weights = np.ones(len(y))
@@ -153,7 +158,7 @@ def _fit_coordinate(
 
 
 def _fit_scale(squares: FloatArray, terms: FloatArray, scale: FloatArray) -> FloatArray:
-    """Coefficients of S at which the likelihood of residuals with these squares is largest."""
+    """Return coefficients of S that maximise the likelihood of residuals with these squares."""
     penalty = np.full(len(scale), SCALE_PENALTY)
     penalty[0] = 0.0
     for _ in range(NEWTON_STEPS):
@@ -175,7 +180,7 @@ def _lead(
     shift: FloatArray,
     log_scale: FloatArray,
 ) -> None:
-    """Add the terms led by coordinate k of y (d,) to the polynomials of the later ones."""
+    """Add terms led by coordinate k of y (d,) to the polynomials of all later coordinates."""
     dimension = y.size
     bounded = min(max(y[k], -SHIFT_LIMIT), SHIFT_LIMIT)
     for j in range(k + 1):
@@ -194,7 +199,7 @@ def _lead(
 def polynomials(
     y: FloatArray, shifts: FloatArray, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """P_k(y_1 .. y_k-1) and S_k(y_1 .. y_k-1) at y (W, d), without their constants."""
+    """Return P_k(y_1 .. y_k-1) and S_k(y_1 .. y_k-1) at y (W, d), without their constants."""
     shift, log_scale = np.zeros(y.shape), np.zeros(y.shape)
     for walker in range(y.shape[0]):
         for k in range(y.shape[1] - 1):
@@ -204,9 +209,9 @@ def polynomials(
 
 @njit(cache=True, error_model="numpy")
 def solve(x: FloatArray, shifts: FloatArray, scales: FloatArray, offsets: FloatArray) -> FloatArray:
-    """y (W, d) with y_k = P_k(y_1 .. y_k-1) + x_k exp(S_k(y_1 .. y_k-1)), one k after another.
+    """Return y (W, d) with y_k = P_k(y_1 .. y_k-1) + x_k exp(S_k(y_1 .. y_k-1)).
 
-    `offsets` (2, d) are the constants of P and S.
+    The coordinates are solved one after another. `offsets` (2, d) are the constants of P and S.
     """
     y = np.empty(x.shape)
     shift, log_scale = np.empty(x.shape[1]), np.empty(x.shape[1])
