@@ -1,8 +1,8 @@
 """Physical systems by name.
 
-Adding one: a folder `systems/<name>/` with a module `system`, and a line in REGISTRY. The
-class derives from `System`. Modules are imported when first asked for, so that a job pays
-for its own system only. Systems in a user's own files come in through `own_models`.
+To add a system, write a folder `systems/<name>/` with a module `system`, and add a line to
+REGISTRY. The class derives from `System`. A module is imported at its first use, so that a job
+loads only its own system. `own_models` loads systems from a user's own files.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ REGISTRY: dict[str, str] = {
     "tensile_strip": "TensileStrip",
     "tubular": "Tubular",
 }
-"""System -> its class, in the module `system` of the folder of the same name."""
+"""System -> name of its class, in the module `system` of the folder with the system's name."""
 
 OWN: dict[str, type[System]] = {}
-"""System of a user's own file -> its class."""
+"""System from a user's own file -> its class."""
 
 
 def system_class(system: str) -> type[System]:
-    """The class of a system.
+    """Return the class of a system.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def system_class(system: str) -> type[System]:
 
 
 def build(system: str, candidate: str, specimen: Specimen) -> System:
-    """The system `system` at the order `candidate` names, for one specimen.
+    """Build the system `system` for one specimen, at the order that `candidate` gives.
 
     Raises
     ------
@@ -67,12 +67,12 @@ def build(system: str, candidate: str, specimen: Specimen) -> System:
 
 
 def candidates(system: str) -> Sequence[str]:
-    """Candidates of a system that can be built (examples, where a name has free numbers)."""
+    """Return the candidates of a system, or examples if a name contains a number to choose."""
     return system_class(system).candidates()
 
 
 def _has_like(system: str, candidate: str) -> bool:
-    """Whether the name begins as one of the system's candidates: `_inertia` may follow."""
+    """Whether the name starts with a candidate of the system; an ending like `_inertia` is fine."""
     return any(candidate.startswith(each) for each in candidates(system))
 
 

@@ -1,4 +1,4 @@
-"""What every physical system offers to inference."""
+"""Base class of the physical systems: the methods that inference uses."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     Ridge = FilmStress | GentPair | LogParts | NestedShares | Shares
 
 Conditions = Mapping[str, Mapping[str, float | str | None]]
-"""Excitation channel -> condition -> its value where a record states none; None if not known.
+"""Excitation channel -> condition -> default where a record does not state it; None if unknown.
 
-A condition is a text where that value is one, and else a number."""
+A condition whose default is a text must be a text; every other condition must be a number."""
 
 TEXT, BARE = "a text", "a finite number without a unit (the one of its name, else SI)"
 
@@ -44,7 +44,7 @@ TEXT, BARE = "a text", "a finite number without a unit (the one of its name, els
 def condition_faults(
     system: str, told: Conditions | None, given: Mapping[str, object]
 ) -> list[str]:
-    """What is wrong with conditions; a system that tells none (`told` None) may have any."""
+    """Return error messages for conditions; if `told` is None, any condition name is allowed."""
     unstated = {name: held for names in (told or {}).values() for name, held in names.items()}
     if told is None:
         return [fault for name in given for fault in _wrong(name, given[name], (BARE, TEXT))]
@@ -61,7 +61,7 @@ def condition_faults(
 
 
 def _wrong(name: str, value: object, wanted: tuple[str, ...]) -> list[str]:
-    """What is said of a value that is nothing of what is wanted."""
+    """Return an error message if a condition has a type that is not wanted, else nothing."""
     if (TEXT in wanted and isinstance(value, str)) or (BARE in wanted and _is_number(value)):
         return []
     return [f"condition {name!r} must be {' or '.join(wanted)}, found {value!r}"]
@@ -77,7 +77,7 @@ Simulator = Callable[[Draws], FloatArray]
 
 @dataclass(frozen=True)
 class Derived:
-    """A quantity computed from draws: values (W,), with its symbol and SI unit."""
+    """A quantity computed from draws: its values (W,), symbol and SI unit."""
 
     symbol: str
     unit: str
@@ -88,13 +88,13 @@ class Derived:
 class System(ABC):
     """One physical system at one model order: a candidate.
 
-    A system is built from a specimen and a candidate's name, and knows nothing
-    of noise, priors on noise, or samplers.
+    A system is built from a specimen and the name of a candidate. It does not depend on noise,
+    on priors of noise, or on samplers.
 
     Attributes
     ----------
-    order : number of relaxation units (or of spring terms when there are none):
-        what an order comparison counts.
+    order : number of relaxation units, or of spring terms if there are no units. A comparison
+        of orders uses this number.
     """
 
     name: ClassVar[str]
@@ -102,28 +102,28 @@ class System(ABC):
     excitations: ClassVar[Mapping[str, str]]
     """Excitation channel -> SI unit."""
     in_time: ClassVar[tuple[str, ...]] = ()
-    """Excitation channels that drive nothing without time."""
+    """Excitation channels that need a record with time."""
     without_time: ClassVar[tuple[str, ...]] = ()
-    """Excitation channels that are no function of time: responses are those of a steady state."""
+    """Excitation channels that are not a function of time: the response is a steady state."""
     even: ClassVar[tuple[str, ...]] = ()
-    """Excitation channels whose sign makes no difference to a response, or only turns its sign."""
+    """Excitation channels whose sign does not change a response, or changes only its sign."""
     conditions: ClassVar[Conditions | None] = None
-    """What is held during a record and its response depends on (`load_g`), by excitation: compared
-    with the calibrated, and others refused; None where it is not told."""
+    """Conditions that are constant during a record and change its response (`load_g`), by
+    excitation channel. Others are refused. None if the system has no list: any is allowed."""
     responses: ClassVar[Mapping[str, str]]
     """Response channel -> SI unit."""
     zero_at_rest: ClassVar[tuple[str, ...]] = ()
     """Response channels that are zero until the excitation begins."""
     proportional: ClassVar[tuple[str, ...]] = ()
-    """Response channels whose errors are in proportion to the response (see `ResidualScale`)."""
+    """Response channels whose errors are proportional to the response (see `ResidualScale`)."""
     units_add: ClassVar[Literal["moduli", "compliances"] | None] = None
-    """What of relaxation units a record shows the sum of: of those in parallel the moduli, of those
-    in series the compliances; None where it is neither."""
+    """Property of the relaxation units whose sum a record shows: the moduli of units in parallel,
+    or the compliances of units in series. None if a record shows neither sum."""
     required_quantities: ClassVar[Mapping[str, str]]
     """Quantity of the specimen -> SI unit."""
     optional_quantities: ClassVar[Mapping[str, str]] = {}
     meanings: ClassVar[Mapping[str, str]] = {}
-    """Channel or quantity -> what it is where the name leaves that open; `deabayes new` says it."""
+    """Channel or quantity -> explanation where the name is not enough; `deabayes new` prints it."""
 
     candidate: str
     order: int
@@ -131,7 +131,7 @@ class System(ABC):
 
     @abstractmethod
     def __init__(self, candidate: str, specimen: Specimen) -> None:
-        """Build the system at the order that `candidate` names.
+        """Build the system at the order given by the name `candidate`.
 
         Raises
         ------
@@ -141,30 +141,30 @@ class System(ABC):
 
     @classmethod
     def of(cls, candidate: str, specimen: Specimen) -> System:
-        """Build the system; a class may leave candidates of another kind to another class."""
+        """Build the system; some classes use another class for certain candidates."""
         return cls(candidate, specimen)
 
     @classmethod
     @abstractmethod
     def candidates(cls) -> Sequence[str]:
-        """Candidates that can be built (examples, where a name has free numbers)."""
+        """Return the candidates, or examples of them if a name contains a number to choose."""
 
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters, then the specimen's quantities that carry an sd."""
+        """Return the material parameters, then the specimen's quantities that have an sd."""
 
     def stretched_springs(self, experiments: Sequence[Experiment]) -> tuple[StretchedSpring, ...]:
-        """Gent springs that all records together are known to have stretched."""
+        """Return the Gent springs whose largest stretch the records show."""
         return ()
 
     def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
-        """lambda_1 and lambda_3 where records stretch a spring most, if that is known."""
+        """Return lambda_1 and lambda_3 where the records stretch a spring most, or None."""
         return None
 
     def coordinates(
         self, prior: Prior, experiments: Sequence[Experiment], free: frozenset[int]
     ) -> list[Ridge]:
-        """Coordinates in which what records show of this system is straight.
+        """Return coordinates that straighten the ridges of this system's posterior.
 
         Parameters
         ----------
@@ -180,7 +180,7 @@ class System(ABC):
         ]
 
     def hops(self, prior: Prior, experiments: Sequence[Experiment]) -> list[UnitHop]:
-        """Proposals between modes: units or terms numbered in another way."""
+        """Return proposals that jump between modes, where units or terms change their numbers."""
         from deabayes.systems.ridges.units import UnitHop
 
         hop = UnitHop.of(prior, self.largest_stretches(experiments))
@@ -190,15 +190,16 @@ class System(ABC):
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
         """Prepare the forward model for one record.
 
-        Returns a function of draws (name -> (W,)) giving the response (W, N) at
-        `coordinate`. A draw that fails numerically gives a row of NaN; no draw
-        changes another's row.
+        Returns a function of draws (name -> (W,)) that gives the response (W, N) at
+        `coordinate`. A draw that fails numerically gives a row of NaN. The row of a draw does
+        not depend on the other draws.
         """
 
     def simulator_of(self, experiment: Experiment) -> Simulator:
-        """The forward model of a record: the mean over the samples behind each point.
+        """Prepare the forward model of a record, averaged as the points of the record are.
 
-        Returns a function of draws (name -> (W,)) giving what is compared with the record, (W, N).
+        Returns a function of draws (name -> (W,)) that gives the values to compare with the
+        record, (W, N).
         """
         driven, response, nodes = experiment.excitation, experiment.response_name, experiment.nodes
         if nodes is None:
@@ -215,59 +216,59 @@ class System(ABC):
 
     @property
     def time_scale(self) -> float:
-        """Times the time in which a relaxation unit relaxes at rest: its time parameter."""
+        """Time parameter of a relaxation unit divided by its relaxation time at rest."""
         return 1.0
 
     @property
     def massless(self) -> bool:
-        """Whether nothing of it is known to resonate, as the candidate leaves all mass out."""
+        """Whether the candidate has no mass, so that it cannot resonate."""
         return False
 
     def for_likelihood(self, rough: bool = False) -> System:
-        """The same model, solved only as accurately as a likelihood needs; itself unless slow.
+        """Return the model, solved as accurately as a likelihood needs; a fast model is unchanged.
 
         Parameters
         ----------
-        rough : for draws that are dropped, before sampling proper.
+        rough : whether the draws are made before the actual sampling and then discarded.
         """
         return self
 
     def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
-        """log p of what was measured on the specimen and the model derives, (W,)."""
+        """Log-likelihood of measured quantities of the specimen that the model computes, (W,)."""
         return np.zeros(next(iter(draws.values())).shape)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """Quantities in the papers' terms, computed from draws."""
+        """Return quantities that the papers report, computed from draws."""
         return {}
 
     def linear_model(
         self, draws: Draws, load: float = 0.0, bias: float | None = None
     ) -> LinearModel | None:
-        """The state space of every draw, for control; None if the system is not linear.
+        """Return the state space of every draw, for control; None if the system has none.
 
         Parameters
         ----------
         draws : name -> (W,).
-        load : the hung mass [kg].
-        bias : the voltage [V] to linearise about; None for what is linear as it is.
+        load : mass of the hanging load [kg].
+        bias : voltage [V] to linearise about; None for the model that is linear without a bias.
 
         Raises
         ------
         UserError
-            If the candidate has no mass to which the load could be added.
+            If there is a load, but the candidate has no mass to add it to.
         """
         return None
 
     def solid(self, draws: Draws) -> Solid | None:
-        """What the specimen is made of, of every draw, for finite elements; None if not told."""
+        """Return the material of every draw for finite elements; None if the system has none."""
         return None
 
     def response_to(self, excitation: str) -> str:
-        """The response to an excitation channel where none is named.
+        """Return the default response to an excitation channel.
 
         Raises
         ------
-        UserError : a frequency response, of which gain and phase are told apart by name alone.
+        UserError : a frequency response, because only the name distinguishes gain and phase.
         """
         named = [name for name in self.responses if name in FREQUENCY_RESPONSE]
         if excitation in FREQUENCY_RESPONSE and named:
@@ -278,11 +279,11 @@ class System(ABC):
         return next(iter(self.responses))
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
-        """In a few words, why each of these draws (W,), which failed, has no response."""
+        """Return a short reason for each failed draw (W,)."""
         return np.full(next(iter(draws.values())).shape, "no finite response")
 
     def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
-        """Say why these draws (W,), which failed on a record, have no response."""
+        """Return the reasons why these draws (W,) failed on a record, with their counts."""
         words, counts = np.unique(self.why_failed(draws), return_counts=True)
         if counts.sum() == 1:
             return str(words[0])
@@ -290,21 +291,21 @@ class System(ABC):
         return ", ".join(f"{counts[k]} × {words[k]}" for k in order)
 
     def cautions(self, experiment: Experiment) -> tuple[str, ...]:
-        """What to know before trusting a record, as far as the specimen's quantities tell."""
+        """Return warnings about a record that follow from the specimen's quantities."""
         return ()
 
     def predict(
         self, excitation: Excitation, coordinate: FloatArray, response: str, draws: Draws
     ) -> FloatArray:
-        """`simulator(...)(draws)`: the response (W, N)."""
+        """Return the response (W, N): `simulator(...)(draws)`."""
         return self.simulator(excitation, coordinate, response)(draws)
 
     def stated(self) -> Mapping[str, Quantity]:
-        """The specimen's quantities, and those that the system makes of them."""
+        """Return the specimen's quantities, and quantities that the system computes from them."""
         return self.specimen.quantities
 
     def require(self, quantity: str, purpose: str = "") -> Quantity:
-        """A quantity that the specimen must give, for all purposes or for this one.
+        """Return a quantity that the specimen must give, always or for this purpose.
 
         Raises
         ------
@@ -316,7 +317,7 @@ class System(ABC):
         return self.specimen.quantities[quantity]
 
     def check_conditions(self, given: Mapping[str, object]) -> None:
-        """Refuse conditions that no response of this system depends on, and values that are none.
+        """Refuse conditions that this system does not have, and values of the wrong type.
 
         Raises
         ------
@@ -351,7 +352,7 @@ Made = TypeVar("Made")
 
 
 class Batch(Mapping[str, FloatArray]):
-    """Draws by parameter name that stay as they are, and what systems have made of them."""
+    """Unchanging draws by parameter name, with stored results that systems computed from them."""
 
     def __init__(self, draws: Draws) -> None:
         self._draws = dict(draws)
@@ -368,7 +369,7 @@ class Batch(Mapping[str, FloatArray]):
 
 
 def once(draws: Draws, key: Hashable, make: Callable[[], Made]) -> Made:
-    """What `make` gives: for a `Batch` made once, however many records ask for it."""
+    """Return the result of `make`; for a `Batch` the result is computed once and stored."""
     if not isinstance(draws, Batch):
         return make()
     if key not in draws.made:
@@ -378,4 +379,4 @@ def once(draws: Draws, key: Hashable, make: Callable[[], Made]) -> Made:
 
 
 class UnknownCandidate(UserError):
-    """Raised by a system; `systems.build` knows whether it is another one's."""
+    """Error for an unknown candidate; `systems.build` checks whether another system has it."""

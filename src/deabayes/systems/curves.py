@@ -1,4 +1,4 @@
-"""Properties of sampled curves: the highest point, the sine in a record."""
+"""Properties of sampled curves: the highest point, and the sine in a record."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from deabayes.integrate.periodic import passes, usual_period
 POINTS = 401
 CLOSER = np.linspace(0.0, 1.0, 21)
 ROUNDS = 7
-"""Each round leaves a tenth of the interval: 1e-7 of the first spacing in the end."""
+"""Each round shortens the interval to a tenth: at the end it is 1e-7 of the first spacing."""
 
 
 def peak(
     curve: Callable[[FloatArray], FloatArray], highest: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where a curve on [0, highest] is highest, and its value there, each (W,).
+    """Return the place of the maximum of a curve on [0, highest] and its value, each (W,).
 
-    The best of an even grid is found first; around it the curve is taken to have one
-    peak. A draw whose curve is not finite gives NaN.
+    First the best point of an even grid is found. Around this point the curve is assumed to
+    have one peak. A draw whose curve is not finite gives NaN.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ KILOVOLT = 1e3
 
 
 def frequency_of(time: FloatArray, values: FloatArray) -> float:
-    """Of a sampled sine [Hz], from its passes of its mid-range; NaN below two."""
+    """Frequency [Hz] of a sampled sine from its passes of mid-range; NaN with fewer than two."""
     return 1.0 / usual_period(passes(time, values))
 
 
 def phasor(time: FloatArray, values: FloatArray, frequency: float) -> complex:
-    """a exp(i phi) of the a sin(2 pi f t + phi) that fits best beside a mean and a drift."""
+    """Return a exp(i phi) of the best fit a sin(2 pi f t + phi) plus a mean and a linear drift."""
     angle = 2.0 * np.pi * frequency * time
     drift = (time - time.mean()) / np.ptp(time)
     basis = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(time), drift])
@@ -57,10 +57,10 @@ def phasor(time: FloatArray, values: FloatArray, frequency: float) -> complex:
 
 
 def drive_of(experiment: Experiment) -> tuple[float, float] | None:
-    """Amplitude [V] and highest frequency [Hz] of the amplifier's sine; None without one.
+    """Return amplitude [V] and highest frequency [Hz] of the amplifier's sine, or None.
 
-    A sine's are fitted to what was recorded of it where the response was; those of a frequency
-    response are stated, `amplitude_kV`.
+    For a sine record both are fitted to the excitation at the times of the response. For a
+    frequency response the amplitude is the stated `amplitude_kV`.
     """
     if experiment.protocol == "frequency_response":
         stated = experiment.metadata.get("amplitude_kV")

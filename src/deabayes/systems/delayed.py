@@ -1,12 +1,13 @@
-r"""A sensor that shows what was a while ago, where that while is not known exactly.
+r"""A sensor that lags by a delay that is not known exactly.
 
-With the stated delay T_0 and its sd s, the response is computed at t - T_0 and at
-t - T_0 +- 2 s, and read at t - T by the parabola through the three. That is exact for a
-parabola; of a response that oscillates at omega the error is about (2 s omega)^3 / 16 of its
-amplitude within 2 s of T_0: 4e-6 for 0.05 ms at 62 Hz. No parabola follows a jump: what answers
-the excitation at once is read at t - T itself. A kink, where the slope changes by D, costs up to
-0.38 s D for a sample or two: 0.38 s / tau of the strain that a Kelvin unit of time constant tau
-goes for at a jump.
+With the stated delay T_0 and its sd s, the response is computed at t - T_0 and at t - T_0 +- 2 s.
+The parabola through these three values gives the response at t - T, with T the delay of a draw.
+For a response that is a parabola this is exact. For a response that oscillates at omega and T
+within 2 s of T_0, the error is about (2 s omega)^3 / 16 of the amplitude: 4e-6 for 0.05 ms at
+62 Hz. A parabola cannot follow a jump: the part of the response that follows the excitation at
+once is computed at t - T directly. At a kink, where the slope changes by D, the error of one or
+two samples is up to 0.38 s D. For a Kelvin unit with time constant tau after a jump this is
+0.38 s / tau of its final strain.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from deabayes.experiment import FloatArray, Quantity
 from deabayes.systems.base import Draws, Simulator
 
 REACH = 2.0
-"""Half the distance of the outer nodes, in sds."""
+"""Half the distance between the outer nodes, in sds of the delay."""
 
 
 AtOnce = Callable[[Draws, FloatArray], FloatArray]
-"""The part of a response (W, N) that follows the excitation at once, of draws (W,) at each one's
-own times (W, N)."""
+"""The part of a response (W, N) that follows the excitation at once: a function of draws (W,)
+and of times (W, N), which differ between draws."""
 
 
 def shifted(
@@ -33,7 +34,7 @@ def shifted(
     delay: float,
     start: float,
 ) -> Simulator:
-    """The simulator of a response that is seen late by a delay [s] known exactly; see `delayed`."""
+    """Simulator of a response that a sensor shows late by an exactly known delay [s]."""
     begun = coordinate - delay >= start
     simulate = simulator_at(np.maximum(coordinate - delay, start))
     return lambda draws: simulate(draws) * begun
@@ -47,16 +48,16 @@ def delayed(
     start: float,
     at_once: AtOnce | None = None,
 ) -> Simulator:
-    """The simulator of a response that is seen late by what is not known exactly.
+    """Simulator of a response that a sensor shows late by a delay that is not known exactly.
 
     Parameters
     ----------
-    smooth_at : the simulator of what happens, without `at_once`, at given ascending times.
-    coordinate : (N,) when it was seen [s].
-    delay : as the specimen states it, with an sd; draws hold it as `name` (W,).
-    start : when the excitation begins; what is seen of before is zero, even where the
-        response jumps then.
-    at_once : what of the response the parabola must not read, None where it reads all.
+    smooth_at : gives the simulator of the response without `at_once`, at given ascending times.
+    coordinate : (N,) times at which the sensor shows the response [s].
+    delay : the delay that the specimen states, with an sd; the draws (W,) have the key `name`.
+    start : time at which the excitation begins [s]; before it the response is zero, also if the
+        response jumps there.
+    at_once : part of the response that is computed without the parabola; None if there is none.
     """
     assert delay.sd is not None
     spacing = REACH * delay.sd
@@ -78,5 +79,5 @@ def delayed(
 
 
 def _weights(x: FloatArray) -> FloatArray:
-    """Of values at -1, 0 and 1, for the parabola through them at x (W, 1): (W, 1, 3)."""
+    """Weights (W, 1, 3) of values at -1, 0 and 1 for the parabola through them, at x (W, 1)."""
     return np.stack([0.5 * x * (x - 1.0), 1.0 - x**2, 0.5 * x * (x + 1.0)], axis=2)

@@ -32,26 +32,27 @@ def maxwell_pressure(
 
 
 OF_TOLERANCE = 0.1
-"""What the voltage's pieces may miss, relative to its peak, over the tolerance of the response."""
+"""Error allowed in the voltage's pieces, relative to its peak, over the response's tolerance."""
 
 
 def voltage_history(
     excitation: Excitation, times: FloatArray, tolerance: float, before: float = 0.0
 ) -> Drive:
-    """Pieces of a voltage, linear between its knots; smooth where they are samples of a curve.
+    """Return a voltage as pieces: linear between knots, or smooth if the knots sample a curve.
 
-    A repeated time, or a first value other than `before`, is a jump; the last value stays.
+    A repeated time is a jump, and so is a first value other than `before`. After the last knot
+    the voltage stays constant.
 
     Parameters
     ----------
-    times : (N,) ascending, what the pieces must span [s].
-    tolerance : of the response, relative to its range.
+    times : (N,) ascending times that the pieces must span [s].
+    tolerance : error of the response relative to its range.
     before : voltage before the first knot [V].
 
     Raises
     ------
     UserError
-        A voltage that is no history in time.
+        If times or voltages are not finite, or the times do not ascend.
     """
     knots = np.asarray(excitation.coordinate, dtype=float)
     volts = np.asarray(excitation.values, dtype=float)

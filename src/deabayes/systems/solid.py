@@ -1,4 +1,4 @@
-"""A candidate as a solid of finite element programs, and as a linear model of control design."""
+"""A candidate as a solid for finite element programs, and as a linear model for control."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from deabayes.prior.parameter import Parameter
 from deabayes.systems.springs import REGISTRY as SPRINGS
 
 LINEAR = "linear_elastic"
-"""The law that is no spring: Young's modulus `E` and Poisson's ratio `nu`."""
+"""The only law that is not in `springs`: Young's modulus `E` and Poisson's ratio `nu`."""
 FINITE_STRAIN = (
     "Finite-strain relaxation in programs of finite elements multiplies the stress of one law by a "
     "function of time; in the model each unit's spring and dashpot multiply their stretches. The "
@@ -23,31 +23,31 @@ FINITE_STRAIN = (
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence on the solid; one with `values`, (W,), in its braces is of each draw."""
+    """A sentence about the solid; `values` (W,) fill the braces in its text, one per draw."""
 
     text: str
     values: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def of(self, k: int) -> str:
-        """The sentence on draw k."""
+        """Return the sentence with the values of draw k."""
         return self.text.format(**{name: float(values[k]) for name, values in self.values.items()})
 
 
 @dataclass(frozen=True)
 class Solid:
-    """An isotropic, (nearly) incompressible solid of every draw, SI.
+    """An isotropic, (nearly) incompressible solid for every draw, in SI units.
 
     G(t) = G_0 (1 - sum_i g_i (1 - exp(-t/tau_i))), G_0 the instantaneous shear modulus.
 
     Attributes
     ----------
-    law : a spring of `springs.REGISTRY`, or `linear_elastic`.
-    moduli, others : the law's coefficients, those in Pa and the others, name -> (W,).
-    instantaneous : whether the moduli are those before relaxation, or those after it.
+    law : name of a spring in `springs.REGISTRY`, or `linear_elastic`.
+    moduli, others : coefficients of the law in Pa, and in other units, name -> (W,).
+    instantaneous : whether the moduli hold before relaxation (True) or after it (False).
     shares, times : g_i and tau_i [s] of the shear modulus, (W, n); n is 0 without relaxation.
-    density : [kg/m^3] (W,), if it is known.
-    invariant : I_1 - 3 of the state in which the specimen works (W,), if that is known.
-    notes : what the card does not hold, or holds in part only.
+    density : [kg/m^3] (W,); None if not known.
+    invariant : I_1 - 3 of the state in which the specimen works (W,); None if not known.
+    notes : properties of the model that the material card does not contain, or only in part.
     """
 
     law: str
@@ -62,12 +62,12 @@ class Solid:
 
     def __post_init__(self) -> None:
         if self.law == LINEAR and not self.instantaneous:
-            # Its bulk modulus does not relax, so E after relaxation is no multiple of E before.
+            # The bulk modulus does not relax, so E does not relax in proportion to G.
             raise ValueError(f"moduli of {LINEAR} must be instantaneous")
 
     @property
     def relaxed(self) -> FloatArray:
-        """Long-term over instantaneous shear modulus, 1 - sum g_i, (W,)."""
+        """Ratio of long-term to instantaneous shear modulus, 1 - sum g_i, (W,)."""
         return np.asarray(1.0 - self.shares.sum(axis=1))
 
     @property
@@ -93,7 +93,7 @@ class Solid:
 def coefficients(
     parameters: Sequence[Parameter], draws: Mapping[str, FloatArray]
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """A spring's coefficients among the draws: those in Pa, and the others."""
+    """Return a spring's coefficients from the draws: those in Pa, and those in other units."""
     units = {parameter.name: parameter.unit for parameter in parameters}
     found = {name: np.asarray(draws[name], dtype=float) for name in units}
     return (
@@ -103,13 +103,13 @@ def coefficients(
 
 
 def no_relaxation(like: FloatArray) -> FloatArray:
-    """Shares, or times, of a solid that does not relax, (W, 0)."""
+    """Return the empty shares or times of a solid that does not relax, (W, 0)."""
     return np.empty((like.size, 0))
 
 
 @dataclass(frozen=True)
 class Signal:
-    """An input, an output or a state."""
+    """An input, an output or a state of a linear model."""
 
     name: str
     unit: str
@@ -118,7 +118,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class At:
-    """A value of the operating point, (W,), or () where it is the same for all draws."""
+    """A value of the operating point, (W,), or () if it is the same for all draws."""
 
     unit: str
     description: str
@@ -127,15 +127,15 @@ class At:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """x' = A x + B u, y = C x + D u of every draw.
+    """A linear model x' = A x + B u, y = C x + D u for every draw.
 
     Attributes
     ----------
     space : the matrices, (W, ...).
-    input, output, states : in the order of the matrices.
-    validity : where the equations hold.
-    operating_point : what u, x and y of a linearised model are deviations from; empty where
-        the model is linear as it is.
+    input, output, states : signals u, y and x, in the order of the matrices.
+    validity : conditions under which the equations hold.
+    operating_point : values from which u, x and y of a linearised model are deviations. Empty if
+        the model is linear without a bias.
     """
 
     space: StateSpace

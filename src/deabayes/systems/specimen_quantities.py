@@ -20,13 +20,13 @@ def uncertain_quantities(
     symbols: Mapping[str, str | tuple[str, str]],
     units: Mapping[str, str],
 ) -> tuple[Parameter, ...]:
-    """The quantities in `symbols` that carry an sd, as parameters in that order.
+    """Return the quantities in `symbols` that have an sd, as parameters in the same order.
 
     The prior is log-normal: its median is the stated value and its coefficient of
-    variation the stated sd/value, sigma^2 = log(1 + (sd/value)^2). Records often fix a
+    variation the stated sd/value, sigma^2 = log(1 + (sd/value)^2). Records often determine a
     product of powers of quantities and moduli (permittivity/thickness^2/modulus) far better
-    than any factor: in log coordinates that ridge is straight, which cut the
-    autocorrelation time of voigt_kelvin_2 on the reference specimen from 314 to 87 steps.
+    than its factors. In log coordinates this ridge is straight. For voigt_kelvin_2 on the
+    reference specimen this reduced the autocorrelation time from 314 to 87 steps.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def _prior(name: str, quantity: Quantity) -> LogNormal:
 
 
 def quantity(specimen: Specimen, name: str, draws: Draws) -> FloatArray:
-    """A quantity: its draws (W,) if it is a parameter, else its value (1,)."""
+    """Return a quantity's draws (W,) if it is a parameter, else its value (1,)."""
     known = specimen.quantities[name]
     if known.sd is not None and name in draws:
         return np.asarray(draws[name], dtype=float)
@@ -73,30 +73,29 @@ def quantity(specimen: Specimen, name: str, draws: Draws) -> FloatArray:
 
 
 def positive(values: FloatArray) -> FloatArray:
-    """NaN where not positive."""
+    """Replace values that are not positive by NaN."""
     return np.where(np.asarray(values, dtype=float) > 0.0, values, np.nan)
 
 
 def filled(specimen: Specimen, name: str, draws: Draws, like: FloatArray) -> FloatArray:
-    """A quantity per draw, (W,)."""
+    """Return a quantity for every draw, (W,); NaN where it is not positive."""
     return np.full(like.shape, positive(quantity(specimen, name, draws)))
 
 
 OF_AMPLIFIER = ("voltage", "current")
-"""Channels that the amplifier's own monitors show."""
+"""Channels that the monitors of the amplifier record."""
 PROPERTIES = ("delay", "range", "resolution", "noise", "current_limit")
 
 
 def instrument(
     specimen: Specimen, name: str, channel: str, unit: str | None = None
 ) -> Quantity | None:
-    """The property `name` (`delay`, `range`, ...) of the instrument at `channel`.
+    """Return the property `name` (`delay`, `range`, ...) of the instrument at `channel`.
 
-    A property under the channel's own mapping (`force: {noise: ...}`, kept as
-    ``force.noise``) comes first; then the one given for the specimen at large, if
-    `unit` is None or its dimension is that of `unit`. A `delay` for the specimen at large is that
-    of what senses its motion or force: the amplifier's monitors do not have it, and no dimension
-    would tell.
+    A property given for the channel (`force: {noise: ...}`, stored as ``force.noise``) comes
+    first. The second choice is a property given for all channels, if `unit` is None or has the
+    same dimension. A `delay` given for all channels holds for the sensors of motion and force
+    only. The monitors of the amplifier do not have this delay.
     """
     own = specimen.instruments.get(f"{channel}.{name}")
     if own is not None:

@@ -37,7 +37,7 @@ TIME_SOURCE = (
 
 @dataclass(frozen=True)
 class MembraneModel:
-    """KV-GM with `units` Maxwell units, with the membrane's inertia if `inertia`."""
+    """The KV-GM model with `units` Maxwell units, and with inertia if `inertia` is True."""
 
     units: int
     inertia: bool
@@ -60,11 +60,11 @@ class MembraneModel:
 
     @property
     def numbers(self) -> range:
-        """1 to n."""
+        """Numbers of the units, 1 to n."""
         return range(1, self.units + 1)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters in the order of interface.md."""
+        """Return the material parameters in the order of interface.md."""
         return (
             Parameter("mu_alpha", r"\mu_\alpha", "Pa", "shear modulus of spring alpha",
                       MODULUS, MODULUS_SOURCE),
@@ -87,12 +87,12 @@ class MembraneModel:
         )  # fmt: skip
 
     def unit_draws(self, draws: Draws) -> tuple[FloatArray, FloatArray]:
-        """Moduli mu_beta and times tau_beta, each (W, n)."""
+        """Return the moduli mu_beta and the times tau_beta, each (W, n)."""
         moduli = np.stack([draws[f"mu_beta_{i}"] for i in self.numbers], axis=1)
         times = np.stack([draws[f"tau_beta_{i}"] for i in self.numbers], axis=1)
         return moduli.astype(float), times.astype(float)
 
 
 def examples() -> list[str]:
-    """Candidates that can be built, up to four units."""
+    """Return the candidates with up to four units, without inertia."""
     return [f"kv_gm_{n}" for n in range(1, 5)]

@@ -1,4 +1,4 @@
-"""The membrane with inertia, Nguyen et al. 2021 (14), and draws followed through a voltage."""
+"""Integration of the membrane with inertia, Nguyen et al. 2021 (14), and choice of the kernel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GAMMA = rodas5p.GAMMA
 
 @njit(**KERNEL_OPTIONS)
 def _voltage(volts: FloatArray, x: float) -> tuple[float, float]:
-    """Voltage and its slope on a piece, at the fraction `x` of it."""
+    """Return the voltage and its slope on a piece, at the fraction `x` of the piece."""
     value, slope = volts[-1], 0.0
     for power in range(volts.size - 2, -1, -1):
         slope = slope * x + value
@@ -34,7 +34,7 @@ def _voltage(volts: FloatArray, x: float) -> tuple[float, float]:
 
 @njit(**KERNEL_OPTIONS)
 def _force(y: FloatArray, drive: float, draw: FloatArray, units: FloatArray) -> float:
-    """F [Pa] of the state y = (lambda, v, xi_1..n)."""
+    """Return the force F [Pa] at the state y = (lambda, v, xi_1..n)."""
     lam = y[0]
     total = drive * lam**3 + draw[of.OF_SIGMA]
     total -= draw[of.OF_MODULUS] * resistance(lam, 1.0, draw[of.OF_INVERSE])
@@ -55,7 +55,7 @@ def _step(
     units: FloatArray,
     mass: float,
 ) -> None:
-    """Increments u (8, n + 2) of one step from y (n + 2,) at the fraction x of a piece."""
+    """Compute increments u (8, n + 2) of a step from y (n + 2,) at the fraction x of a piece."""
     count, viscosity = units.shape[0], 1.0 / draw[of.OF_FLUIDITY]
     gain, lam = draw[of.OF_GAIN], y[0]
     hm = h / mass
@@ -108,7 +108,7 @@ def _follow(
     mass: float,
     stretch: FloatArray,
 ) -> tuple[int, float]:
-    """Stretch (N,) of one draw; the steps tried, and when it ended early, else NaN."""
+    """Compute the stretch (N,) of a draw; return steps tried and time of failure (NaN if none)."""
     count = units.shape[0]
     y, u, dense = np.full(count + 2, draw[of.OF_START]), np.empty((8, count + 2)), np.empty(3)
     y[1] = 0.0
@@ -171,7 +171,7 @@ def integrate_with_inertia(
     steps: IndexArray,
     ended: FloatArray,
 ) -> None:
-    """As `membrane_lanes.integrate`, with `mass` (W,) = rho L^2/3 [Pa s^2]; starts at rest."""
+    """Like `kernel.integrate`, with the mass rho L^2/3 [Pa s^2], (W,); starts at rest."""
     for w in range(draws.shape[0]):
         if arrow.usable(draws[w], units[w]) and np.isfinite(mass[w]):
             steps[w], ended[w] = _follow(
@@ -184,7 +184,7 @@ def integrate_with_inertia(
 
 @dataclass(frozen=True)
 class Motion:
-    """Stretch (W, N); steps tried and the time at which a draw was lost, else NaN, (W,)."""
+    """Stretch (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
 
     stretch: FloatArray
     steps: NDArray[np.int64]
@@ -199,13 +199,13 @@ def follow(
     limit: FloatArray,
     mass: FloatArray | None = None,
 ) -> Motion:
-    """Integrate draws through a voltage history, from rest at the pre-stretch.
+    """Integrate the draws under a voltage history, from rest at the pre-stretch.
 
     Parameters
     ----------
     times : (N,) ascending [s].
     tolerance : error of the stretch relative to its range.
-    limit : (W,) stretch at which a draw ends.
+    limit : (W,) largest stretch of a draw; beyond it the draw has failed.
     mass : rho L^2/3 of (14), (W,); None without inertia.
     """
     walkers = material.modulus.size

@@ -1,4 +1,4 @@
-"""Compiled kernel of the inertia-free membrane: Rodas5P in lanes of draws."""
+"""Compiled Rodas5P integration of the membrane without inertia, for a group of draws at a time."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ IndexArray = NDArray[np.int64]
 UnitStage = Callable[[FloatArray, FloatArray], None]
 StretchStage = Callable[[FloatArray], None]
 DIFFERENT_NODES = 6
-"""Of the tableau: the last stages are at the end of the step, as the sixth."""
+"""Number of different nodes in the tableau: stages 6 to 8 are at the end of the step."""
 FLUIDITY, MODULUS, INVERSE, WEIGHT = ((arrow.SHARED_ROWS + r) * LANES for r in range(4))
-"""Rows of every block: 1/tau or 1/zeta_alpha, mu, 1/J, weight of the error."""
+"""Rows of all blocks: 1/tau or 1/zeta_alpha, mu, 1/J, weight of the error."""
 RATE, FORCE_RATE, SOLVE, COUPLE, PULL, RIGHT = (
     (arrow.SHARED_ROWS + r) * LANES for r in range(4, 10)
 )
@@ -31,16 +31,16 @@ UNIT_ROWS = arrow.SHARED_ROWS + 10
     FORCE, SCHUR, PIVOT, ERROR, FACTOR, K2, K3, K4, OFFSET, SPAN, V0, V1, V2, V3, V4, V5,
 ) = ((arrow.SHARED_ROWS + r) * LANES for r in range(4, 32))  # fmt: skip
 """Rows of lambda's block: constants of the draw; step and h/zeta_alpha; drive at the nodes
-and its h^2-fold slope; sums over the units; control; dense output; place in the piece of
-the excitation, 1/its duration, its coefficients."""
+and its slope times h^2; sums over the units; step control; dense output; position in the piece
+of the excitation, 1/duration of the piece, its coefficients."""
 STRETCH_ROWS = arrow.SHARED_ROWS + 32
 DEGREE = 5
-"""Of the voltage in time on a piece."""
+"""Degree of the voltage as a polynomial in time on a piece."""
 
 
 @njit(**KERNEL_OPTIONS)
 def resistance(lam: float, xi: float, q: float) -> float:
-    """R(lambda, xi); NaN outside the Gent limit."""
+    """Return R(lambda, xi); NaN outside the Gent limit."""
     square, x = lam * lam, xi * xi
     cube, xcube = square * square * square, x * x * x
     b = x * square * square * (1.0 + 3.0 * q) - q * (2.0 * cube + xcube)
@@ -50,7 +50,7 @@ def resistance(lam: float, xi: float, q: float) -> float:
 
 @njit(**KERNEL_OPTIONS)
 def slopes(lam: float, xi: float, q: float) -> tuple[float, float, float]:
-    """R and its derivatives by lambda and by xi."""
+    """Return R and its derivatives with respect to lambda and xi."""
     lam2, x = lam * lam, xi * xi
     lam4, x2 = lam2 * lam2, x * x
     stiff = 1.0 + 3.0 * q
@@ -65,7 +65,7 @@ def slopes(lam: float, xi: float, q: float) -> tuple[float, float, float]:
 
 @njit(**KERNEL_OPTIONS)
 def drive(c: FloatArray) -> None:
-    """Step over zeta_alpha, and the drive at the nodes."""
+    """Compute h/zeta_alpha, and the drive at the nodes with its slope."""
     for i in range(LANES):
         h = c[STEP + i]
         c[HZ + i] = h * c[FLUIDITY + i]
@@ -83,7 +83,7 @@ def drive(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _unit_begins(w: FloatArray, c: FloatArray) -> None:
-    """Jacobian and first stage of a unit."""
+    """Compute the Jacobian and the first stage of a unit."""
     for i in range(LANES):
         lam, xi = c[START + i], w[START + i]
         r, by_lam, by_xi = slopes(lam, xi, w[INVERSE + i])
@@ -100,7 +100,7 @@ def _unit_begins(w: FloatArray, c: FloatArray) -> None:
 
 
 def _unit_stage(stage: int) -> UnitStage:
-    """Of a unit: its increment in the stage before, and its right-hand side in this one."""
+    """Return a function for a unit: increment of the stage before, right-hand side of this one."""
     before, weights, history = U1 + (stage - 2) * LANES, t.A[stage - 1], t.C[stage - 1]
     kept, added = stage >= arrow.FIRST_AT_THE_END, stage > arrow.FIRST_AT_THE_END
 
@@ -126,7 +126,7 @@ def _unit_stage(stage: int) -> UnitStage:
 
 @njit(**KERNEL_OPTIONS)
 def _unit_ends(w: FloatArray, c: FloatArray) -> None:
-    """End of the step and its error."""
+    """Compute a unit's value at the end of the step and its error."""
     last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
         increment = w[RIGHT + i] + w[COUPLE + i] * c[last + i]
@@ -136,7 +136,7 @@ def _unit_ends(w: FloatArray, c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _stretch_begins(c: FloatArray) -> None:
-    """Pivot and first stage of lambda; clears the sums over the units."""
+    """Compute the pivot and the first stage of lambda; clear the sums over the units."""
     for i in range(LANES):
         lam, hz = c[START + i], c[HZ + i]
         r, by_lam, _ = slopes(lam, 1.0, c[INVERSE + i])
@@ -151,7 +151,7 @@ def _stretch_begins(c: FloatArray) -> None:
 
 
 def _stretch_stage(stage: int) -> StretchStage:
-    """Of lambda: its increment in this stage, and its argument in the next."""
+    """Return a function for lambda: increment of this stage, argument of the next."""
     here, node = U1 + (stage - 1) * LANES, D1 + min(stage - 1, DIFFERENT_NODES - 1) * LANES
     history, of_drift, weights = t.C[stage - 1], t.D[stage - 1], t.A[stage]
     at_the_end = stage >= arrow.FIRST_AT_THE_END
@@ -176,7 +176,7 @@ def _stretch_stage(stage: int) -> StretchStage:
 
 @njit(**KERNEL_OPTIONS)
 def _stretch_ends(c: FloatArray) -> None:
-    """Error of lambda, and dense output."""
+    """Compute the error of lambda, and the dense output."""
     for i in range(LANES):
         c[ERROR + i] = abs(c[U1 + (t.STAGES - 1) * LANES + i])
         c[PIVOT + i] = 0.0
@@ -187,7 +187,7 @@ def _stretch_ends(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _control(c: FloatArray) -> None:
-    """Error over what is allowed, and the factor to the next step."""
+    """Compute the error relative to the allowed error, and the factor for the next step size."""
     for i in range(LANES):
         c[ERROR + i] *= c[ALLOWED + i]
         c[FACTOR + i] = arrow.growth(c[ERROR + i])
@@ -201,7 +201,7 @@ _stretch_2, _stretch_3, _stretch_4, _stretch_5, _stretch_6, _stretch_7, _stretch
 
 @njit(**KERNEL_OPTIONS)
 def step(c: FloatArray, units: FloatArray) -> None:
-    """One step of every lane: lambda's block `c` and the blocks of the `units` (n, ...)."""
+    """Make one step in every lane: lambda's block `c` and the blocks of the `units` (n, ...)."""
     n = units.shape[0]
     drive(c)
     for u in range(n):
@@ -237,17 +237,17 @@ def step(c: FloatArray, units: FloatArray) -> None:
 DRAW_COLUMNS = 9
 OF_FLUIDITY, OF_MODULUS, OF_INVERSE, OF_SIGMA, OF_GAIN = range(5)
 OF_ALLOWED, OF_START, OF_LIMIT, OF_STEP = range(5, DRAW_COLUMNS)
-"""Columns of a draw: 1/zeta_alpha, mu_alpha, 1/J_alpha, sigma, epsilon/H^2, 1/error allowed,
+"""Columns of a draw: 1/zeta_alpha, mu_alpha, 1/J_alpha, sigma, epsilon/H^2, 1/allowed error,
 pre-stretch, largest stretch, first step after a jump of the voltage."""
 UNIT_COLUMNS = 4
-"""Columns of a unit: 1/tau, mu, 1/J_beta, weight of its error."""
+"""Number of columns of a unit: 1/tau, mu, 1/J_beta, weight of its error."""
 IDLE = -1
 MOST_STEPS = 20_000
 
 
 @njit(**KERNEL_OPTIONS)
 def _load(c: FloatArray, blocks: FloatArray, i: int, draw: FloatArray, units: FloatArray) -> None:
-    """Put a draw (9,) with its units (n, 4) into lane `i`, at rest."""
+    """Load a draw (9,) and its units (n, 4) into lane `i`, at rest."""
     c[START + i] = draw[OF_START]
     c[FLUIDITY + i], c[MODULUS + i] = draw[OF_FLUIDITY], draw[OF_MODULUS]
     c[INVERSE + i], c[SIGMA + i] = draw[OF_INVERSE], draw[OF_SIGMA]
@@ -272,19 +272,19 @@ def integrate(
     steps: IndexArray,
     ended: FloatArray,
 ) -> None:
-    """Stretch of every draw at `times`, starting at rest.
+    """Compute the stretch of every draw at `times`, starting at rest.
 
     Parameters
     ----------
     edges : (S + 1,) ends of the pieces of the excitation [s].
-    volts : (S, 6) voltage on a piece [V], powers of the fraction of it that has passed.
+    volts : (S, 6) coefficients of the voltage [V] on a piece, in powers of its elapsed fraction.
     restart : (S,) whether the drive jumps or turns at the start of the piece (1) or not (0).
     times : (N,) ascending, from edges[0] to edges[S].
     draws : (W, 9), units : (W, n, 4); see DRAW_COLUMNS and UNIT_COLUMNS.
-    stretch : (W, N) result; a row of NaN where a draw leaves its limits or fails.
-    steps : (W,) result: steps tried.
-    ended : (W,) result: end of the step in which a draw passed its largest stretch, or of
-        the last good step of one that failed; NaN for a draw that reached the last output.
+    stretch : (W, N) result; a row of NaN if a draw leaves its limits or fails.
+    steps : (W,) result: number of steps tried.
+    ended : (W,) result: end of the step in which a draw passed its largest stretch, or end of
+        the last accepted step of a draw that failed. NaN if a draw reached the last output.
     """
     walkers, pieces, end = draws.shape[0], edges.size - 1, times[times.size - 1]
     most = MOST_STEPS + 4 * pieces
@@ -293,8 +293,9 @@ def integrate(
     lane_draw = np.full(LANES, IDLE)
     piece, output = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
     now, proposed = np.zeros(LANES), np.zeros(LANES)
-    # One function: lanes kept in tuples of arrays for parts of it went four to seven times slower,
-    # and a call for what follows a good step 1.4 to 1.6 times slower.
+    # This is one function for speed. Smaller functions with the lanes in tuples of arrays were
+    # four to seven times slower. A function for the part after an accepted step was 1.4 to 1.6
+    # times slower.
     waiting, running = 0, 0
     for i in range(LANES):
         c[PIVOT + i] = c[FORCE + i] = c[SCHUR + i] = c[INVERSE + i] = 0.0

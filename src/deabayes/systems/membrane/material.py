@@ -1,4 +1,4 @@
-"""The membrane's constants per draw, and its material as a Gent solid that relaxes."""
+"""Constants of the membrane for every draw, and its material as a Gent solid that relaxes."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from deabayes.systems.specimen_quantities import filled, positive
 from deabayes.systems.springs.base import column
 
 ALLOWED_CONSTANT, ALLOWED_VARYING = 1.0, 0.15
-"""Error allowed in a step over the tolerance, under constant and under varying voltage (where
-errors of many steps add up); a test holds the result to the tolerance over prior draws."""
+"""Allowed error of a step over the tolerance, under constant and under varying voltage. Under
+varying voltage the errors of many steps add up. A test checks the tolerance for prior draws."""
 FINEST = 1e-13
-"""Of the pre-stretch: errors that no step is refused for, next to those of rounding."""
+"""Smallest allowed error over the pre-stretch, close to rounding errors."""
 FIRST_STEP = 0.1
-"""Of the time of the fastest mode."""
+"""First step over the time of the fastest mode."""
 FOLD_POINTS, FOLD_POINTS_FINE = 32, 400
-"""Of the search for pull-in, in the likelihood and for derived quantities."""
+"""Number of points of the search for pull-in, in the likelihood and for derived quantities."""
 REFERENCE_VOLTAGE = 2e3
 
 
 @dataclass(frozen=True)
 class PullIn:
-    """Where the near equilibrium ends, each (W,).
+    """End of the near equilibrium, each (W,).
 
     Attributes
     ----------
     voltage, stretch : at the end of the branch [V], [1].
-    fold : whether it is a fold, hence pull-in; otherwise the branch reaches the breakdown
-        stretch or the lock-up of the Gent spring.
+    fold : whether the end is a fold, which means pull-in. Otherwise the branch reaches the
+        breakdown stretch or the lock-up of the Gent spring.
     """
 
     voltage: FloatArray
@@ -47,14 +47,14 @@ class PullIn:
 
 @dataclass(frozen=True)
 class Initial:
-    """At the pre-stretch.
+    """Constants at the pre-stretch, the same for all records.
 
     Attributes
     ----------
-    prestress : nominal stress that holds the relaxed membrane there [Pa], (W,).
+    prestress : nominal stress of the relaxed membrane at the pre-stretch [Pa], (W,).
     fast : time of the fastest mode [s], (W,).
-    compliance : change of stretch per squared voltage before units relax, (W,).
-    units : (W, n, 4) as `kernel.integrate` takes them.
+    compliance : change of stretch per squared voltage before the units relax, (W,).
+    units : (W, n, 4) for `kernel.integrate`.
     """
 
     prestress: FloatArray
@@ -65,7 +65,7 @@ class Initial:
 
 @dataclass(frozen=True)
 class Material:
-    """Constants of W draws, SI; NaN where a draw's value is not positive.
+    """Constants of W draws in SI units; NaN if a draw's value is not positive.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Material:
 
     @classmethod
     def from_draws(cls, model: MembraneModel, specimen: Specimen, draws: Draws) -> Self:
-        """The constants of draws; quantities that are no parameters are the specimen's."""
+        """Compute the constants; a quantity that is not a parameter has the specimen's value."""
         modulus = positive(draws["mu_alpha"])
         unit_moduli, unit_times = model.unit_draws(draws)
         thickness = filled(specimen, "thickness", draws, modulus)
@@ -107,15 +107,15 @@ class Material:
     def constants(
         self, history: Drive, tolerance: float, limit: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Draws (W, 9) and units (W, n, 4) as `kernel.integrate` takes them.
+        """Return draws (W, 9) and units (W, n, 4) for `kernel.integrate`.
 
         Parameters
         ----------
         tolerance : error of the stretch relative to its range.
-        limit : (W,) stretch at which a draw ends.
+        limit : (W,) largest stretch of a draw; beyond it the draw has failed.
         """
         initial = self._initial
-        # A range of the stretch that the draw alone tells before integration.
+        # Estimate of the range of the stretch before integration. It depends on this draw only.
         scale = initial.compliance * history.peak**2
         scale = scale * np.minimum(1.0, np.ptp(history.edges) / initial.fast)
         estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
@@ -127,7 +127,7 @@ class Material:
 
     @cached_property
     def _initial(self) -> Initial:
-        """What is the same for all records."""
+        """Constants at the pre-stretch, the same for all records."""
         square = self.prestretch * self.prestretch
         prestress, slope = gent_stress(self.prestretch, self.inverse_limit)
         stiffness = self.modulus * slope + 6.0 * self.unit_moduli.sum(axis=1) / square
@@ -146,7 +146,7 @@ class Material:
         return self._initial.fast
 
     def pull_in(self, breakdown: float, points: int = FOLD_POINTS_FINE) -> PullIn:
-        """Where the near equilibrium ends; `breakdown` is the largest stretch looked at."""
+        """Return the end of the near equilibrium, searched up to the stretch `breakdown`."""
         from deabayes.systems.membrane.static import end_of_branch
 
         stretch, scaled, fold = end_of_branch(
@@ -155,7 +155,7 @@ class Material:
         return PullIn(np.sqrt(scaled * self.modulus / self.gain), stretch, fold > 0.0)
 
     def why_lost(self, breakdown: float) -> NDArray[np.str_]:
-        """What ends the near branch of each draw (W,), in words."""
+        """Return in words why the near branch of each draw (W,) ends."""
         locked = np.isnan(gent_stress(self.prestretch, self.inverse_limit)[0])
         end = self.pull_in(breakdown)
         whole = end.stretch >= breakdown
@@ -164,14 +164,14 @@ class Material:
         return np.where(locked, "Gent limit below the pre-stretch", words)
 
     def steady_stretch(self, voltage: float, end: FloatArray) -> FloatArray:
-        """Stretch (W,) of the near equilibrium, whose branch ends at `end`; NaN beyond."""
+        """Stretch (W,) of the near equilibrium at a voltage; NaN beyond the branch's `end` (W,)."""
         from deabayes.systems.membrane.static import near_equilibrium
 
         scaled = self.gain * voltage**2 / self.modulus
         return np.asarray(near_equilibrium(self.prestretch, self.inverse_limit, end, scaled))
 
     def derived(self, breakdown: float) -> dict[str, Derived]:
-        """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
+        """Return eta, t_v, relaxation times, total modulus, steady stretch, pull-in voltage."""
         total = self.modulus + self.unit_moduli.sum(axis=1)
         found = {
             "shear_modulus_total": Derived(
@@ -249,7 +249,7 @@ LIMITS = (
 
 
 def solid(material: Material, density: FloatArray | None) -> Solid:
-    """Gent's law of spring alpha, and the units' relaxation at the pre-stretch."""
+    """Return the Gent law of spring alpha with the relaxation of the units at the pre-stretch."""
     stretch, total = material.prestretch, material.modulus + material.unit_moduli.sum(axis=1)
     square = stretch**2
     shares = material.unit_moduli / total[:, None]
@@ -275,7 +275,7 @@ def solid(material: Material, density: FloatArray | None) -> Solid:
 
 
 def shares_at_prestretch(material: Material) -> FloatArray:
-    """The units' shares (W, n) of a sudden small change of true stress at the pre-stretch."""
+    """Shares (W, n) of the units in a sudden small change of true stress at the pre-stretch."""
     stretch = material.prestretch
     force, slope = gent_stress(stretch, material.inverse_limit)
     units = 6.0 * material.unit_moduli / stretch[:, None]
@@ -284,7 +284,7 @@ def shares_at_prestretch(material: Material) -> FloatArray:
 
 
 def _shares_there(material: Material, small: FloatArray) -> Note:
-    """The note on them, beside those of small strain."""
+    """Return the note on the shares at the pre-stretch and the small-strain shares `small`."""
     own = shares_at_prestretch(material)
     each = {f"g_{i}": shares for i, shares in enumerate(own.T, start=1)}
     listed = ", ".join(f"{name} = {{{name}:.6g}}" for name in each)

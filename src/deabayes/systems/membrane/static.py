@@ -1,10 +1,10 @@
-r"""Equilibria of the membrane: the near branch, where it ends, and the way along it.
+r"""Equilibria of the membrane on the near branch, and the end of this branch.
 
-At rest the Maxwell units carry nothing, so with p(lambda) = P_alpha/mu_alpha, the nominal
-stress of the Gent spring, and pre-stretch lambda_p, equilibria at the drive
-d = epsilon (Phi/H)^2 are d/mu_alpha = g(lambda) = (p(lambda) - p(lambda_p))/lambda^3.
-The near branch starts at lambda_p and ends at the first maximum of g, a fold, where pull-in
-happens; with a small J there is none.
+At rest the Maxwell units carry no stress. With the nominal stress p(lambda) = P_alpha/mu_alpha of
+the Gent spring, the pre-stretch lambda_p and the drive d = epsilon (Phi/H)^2, equilibria satisfy
+d/mu_alpha = g(lambda) = (p(lambda) - p(lambda_p))/lambda^3. The near branch starts at lambda_p and
+ends at the first maximum of g. This is a fold, where pull-in happens. With a small J there is no
+fold.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 
 LOCK_UP = 0.995
-"""Of the stretch at the Gent limit: no branch is followed beyond."""
+"""Largest stretch of a branch over the stretch at the Gent limit."""
 
 
 @njit(**KERNEL_OPTIONS)
 def _spring(lam: float, q: float) -> tuple[float, float]:
-    """p and dp/dlambda of a Gent spring with 1/J = q, equal-biaxial."""
+    """Return p and dp/dlambda of an equal-biaxial Gent spring with 1/J = q."""
     square = lam * lam
     fourth = 1.0 / (square * square)
     argument = 1.0 - q * (2.0 * square + fourth - 3.0)
@@ -32,7 +32,7 @@ def _spring(lam: float, q: float) -> tuple[float, float]:
 
 @njit(**KERNEL_OPTIONS)
 def _reserve(lam: float, q: float, prestress: float) -> float:
-    """lambda^4 dg/dlambda: positive while the equilibrium is stable."""
+    """Return lambda^4 dg/dlambda, which is positive if the equilibrium is stable."""
     p, slope = _spring(lam, q)
     return lam * slope - 3.0 * (p - prestress)
 
@@ -41,7 +41,7 @@ def _reserve(lam: float, q: float, prestress: float) -> float:
 def _end_of_branch(
     prestretch: float, q: float, breakdown: float, points: int
 ) -> tuple[float, bool]:
-    """Stretch where the near branch ends, and whether at a fold."""
+    """Return the stretch at the end of the near branch, and whether the end is a fold."""
     top = breakdown
     if q > 0.0:
         lock_up = np.sqrt(0.5 * (1.0 / q + 3.0))
@@ -72,14 +72,14 @@ def _end_of_branch(
 def end_of_branch(
     prestretch: FloatArray, inverse_limit: FloatArray, breakdown: float, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Stretch where the near branch ends, d/mu_alpha there, and 1 if it is a fold; each (W,).
+    """Return stretch and d/mu_alpha at the end of the near branch, and 1 for a fold, each (W,).
 
     Parameters
     ----------
     prestretch, inverse_limit : (W,) lambda_p and 1/J_alpha.
-    breakdown : stretch beyond which no branch is followed.
-    points : of the search for the fold; a region of instability narrower than its spacing
-        may be passed over.
+    breakdown : largest stretch of the branch.
+    points : number of points of the search for the fold. An unstable region that is narrower than
+        their spacing may be missed.
     """
     stretch, drive = np.empty(prestretch.size), np.empty(prestretch.size)
     fold = np.zeros(prestretch.size)

@@ -1,16 +1,17 @@
 r"""Membrane actuator: KV-GM under a voltage, equal-biaxial (Nguyen et al. 2021).
 
-A Kelvin-Voigt unit alpha beside n Maxwell units beta_i, all springs Gent's; lambda the
-stretch, xi_i that of dashpot i, both lambda_p (pre-stretched, relaxed) before the voltage:
+A Kelvin-Voigt unit alpha is parallel to n Maxwell units beta_i; all springs are Gent springs.
+lambda is the stretch of the membrane, xi_i the stretch of dashpot i. Before the voltage, both are
+lambda_p (pre-stretched, relaxed):
 
     zeta_alpha lambda' = epsilon (Phi/H)^2 lambda^3 + sigma - P_alpha(lambda)
                          - sum_i mu_beta_i (lambda xi_i^-2 - lambda^-5 xi_i^4)/g_i
     xi_i' = (1/tau_i) (lambda^2 xi_i^-3 - lambda^-4 xi_i^3)/g_i
     g_i = 1 - (2 lambda^2 xi_i^-2 + lambda^-4 xi_i^4 - 3)/J_beta,   sigma = P_alpha(lambda_p)
 
-(12)-(13), with zeta = eta/(2H) [Pa s] and tau = zeta/mu [s]; sigma is nominal. The paper's
-(10) and (14) lack a factor 2 in the electrostatic term (the variation and (9), (12) have
-it), and its t_v = eta/mu is no time: the relaxation time at xi = lambda is
+These are (12)-(13) with zeta = eta/(2H) [Pa s] and tau = zeta/mu [s]; sigma is nominal. In the
+paper, (10) and (14) lack a factor 2 in the electrostatic term, which the variation, (9) and (12)
+have. The paper's t_v = eta/mu is not a time: the relaxation time at xi = lambda is
 (zeta/mu) lambda^2/6. Inertia, (14), adds (rho L^2/3) lambda'' on the left.
 """
 
@@ -45,7 +46,7 @@ QUANTITIES = {
     "side_length": ("L", "side before stretching"),
     "density": (r"\rho", "density"),
 }
-"""Quantities that become parameters where they carry an sd: symbols and meanings."""
+"""Quantity that is a parameter if it has an sd -> symbol and meaning."""
 MEANINGS = {
     "stretch": "side over the side before stretching: prestretch at rest",
     "displacement": "growth of the whole side since rest, side_length (stretch - prestretch)",
@@ -56,16 +57,16 @@ MEANINGS = {
 
 
 class Membrane(System):
-    """A pre-stretched membrane under a voltage; stretch, displacement or area recorded.
+    """A pre-stretched membrane under a voltage; records of stretch, displacement or area.
 
     Parameters
     ----------
     candidate : `kv_gm_<n>`, or `kv_gm_<n>_inertia` (slow; for comparison).
-    specimen : must give `thickness` H, `permittivity`, `prestretch`; `side_length` L for
-        displacements and areas, `density` for inertia; `breakdown_stretch` (default 6)
-        bounds the stretch.
+    specimen : must give `thickness` H, `permittivity` and `prestretch`. Displacements, areas and
+        inertia need `side_length` L; inertia also needs `density`. `breakdown_stretch` (default 6)
+        is the largest stretch.
     tolerance : error of the stretch relative to its range.
-    leave_near_branch : also follow a draw past its pull-in, up to the breakdown stretch.
+    leave_near_branch : whether a draw continues past pull-in, up to the breakdown stretch.
     """
 
     name = "membrane"
@@ -115,37 +116,37 @@ class Membrane(System):
             )
 
     def stretched_springs(self, experiments: Sequence[Experiment]) -> tuple[StretchedSpring, ...]:
-        """Spring alpha."""
+        """Return spring alpha, if the records stretch it."""
         return equal_biaxial("mu_alpha", "J_alpha", self.specimen, experiments)
 
     @classmethod
     def candidates(cls) -> list[str]:
-        """Candidates that can be built."""
+        """Return examples of candidates."""
         return examples()
 
     @property
     def time_scale(self) -> float:
-        """A unit relaxes with tau lambda_p^2/6 at the pre-stretch lambda_p."""
+        """Return 6/lambda_p^2: a unit relaxes with tau lambda_p^2/6 at the pre-stretch."""
         return 6.0 / self.specimen.quantities["prestretch"].value ** 2
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters, then the specimen's quantities that carry an sd and are used."""
+        """Return the material parameters, then the used quantities that have an sd."""
         units = {**self.required_quantities, **self.optional_quantities}
         used = {n: s for n, s in QUANTITIES.items() if n != "density" or self.model.inertia}
         return (*self.model.parameters(), *uncertain_quantities(self.specimen, used, units))
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
-        """Prepare one record; returns draws -> response (W, N).
+        """Prepare one record; return a function draws -> response (W, N).
 
         The voltage is zero before its first knot (see `systems.electrostatics`).
 
-        A row is NaN where a draw is pulled in (its stretch passes the end of the near
-        equilibrium's branch), passes the breakdown stretch, or fails.
+        A row is NaN if the draw has pull-in (its stretch passes the end of the branch of the near
+        equilibrium), passes the breakdown stretch, or fails.
 
         Raises
         ------
         UserError
-            Unknown channel, missing quantity, or a voltage that is no history in time.
+            For an unknown channel, a missing quantity, or a voltage with invalid times or values.
         """
         self.check_channels(excitation.name, response)
         if response != "stretch":
@@ -169,12 +170,12 @@ class Membrane(System):
     def lost(
         self, excitation: Excitation, last: float, draws: Draws
     ) -> tuple[FloatArray, FloatArray]:
-        """When and at which voltage a draw leaves the near branch or the validity range.
+        """Return when and at which voltage a draw leaves the near branch or fails.
 
         Returns
         -------
-        Time [s] (to within a step of the integration) and voltage [V], each (W,); NaN for
-        draws that stay until the time `last`.
+        Time [s] (accurate to one integration step) and voltage [V], each (W,); NaN for draws
+        that do not fail until the time `last`.
         """
         times = np.array([last])
         history = self._history(excitation, times)
@@ -190,7 +191,7 @@ class Membrane(System):
         return voltage_history(excitation, times, self.tolerance)
 
     def _followed(self, history: Drive, times: FloatArray, draws: Draws) -> Motion:
-        """The draws followed through the history to the ascending `times`."""
+        """Integrate the draws under the voltage history, with outputs at ascending `times`."""
         material = self._material(draws)
         limit = np.full(material.modulus.size, self.breakdown)
         if not self.leave_near_branch:
@@ -203,13 +204,13 @@ class Membrane(System):
         return follow(material, history, times, self.tolerance, limit, mass)
 
     def _mass(self, draws: Draws, walkers: int) -> FloatArray:
-        """rho L^2/3 of (14), (W,)."""
+        """Return rho L^2/3 of (14), (W,)."""
         side = quantity(self.specimen, "side_length", draws)
         mass = side * side * quantity(self.specimen, "density", draws) / 3.0
         return np.ascontiguousarray(np.broadcast_to(mass, walkers))
 
     def pull_in(self, draws: Draws) -> PullIn:
-        """Where the near equilibrium ends: the voltage a steady actuator bears."""
+        """Return the end of the near equilibrium, with the largest steady voltage."""
         return self._material(draws).pull_in(self.breakdown)
 
     def steady_stretch(self, draws: Draws, voltage: float) -> FloatArray:
@@ -217,22 +218,22 @@ class Membrane(System):
         return self._material(draws).steady_stretch(voltage, self.pull_in(draws).stretch)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """The paper's eta and t_v, true relaxation times, moduli, steady stretch, pull-in."""
+        """Return eta, t_v, relaxation times, total modulus, steady stretch, pull-in voltage."""
         return self._material(draws).derived(self.breakdown)
 
     def solid(self, draws: Draws) -> Solid:
-        """A Gent solid that relaxes as the units do at the pre-stretch: see `material`."""
+        """Return a Gent solid that relaxes like the units at the pre-stretch, see `material`."""
         material, density = self._material(draws), None
         if "density" in self.specimen.quantities:
             density = filled(self.specimen, "density", draws, material.modulus)
         return solid(material, density)
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
-        """Pull-in, the breakdown stretch, or a Gent limit below the pre-stretch, (W,)."""
+        """Return in words why each draw (W,) failed, for example pull-in."""
         return self._material(draws).why_lost(self.breakdown)
 
     def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
-        """Why, and at which time and voltage the draws leave the near branch."""
+        """Return why draws fail, and at which time and voltage they leave the near branch."""
         note = super().failure_note(excitation, coordinate, draws)
         time, voltage = self.lost(excitation, float(np.max(coordinate)), draws)
         gone = np.isfinite(time)

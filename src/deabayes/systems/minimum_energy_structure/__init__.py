@@ -1,1 +1,1 @@
-"""The minimum-energy structure (2019): film, relaxation units, slider-crank."""
+"""The minimum-energy structure (2019): a slider-crank with a film and relaxation units."""

@@ -19,7 +19,7 @@ from deabayes.systems.springs import Spring
 from deabayes.systems.springs.base import MODULUS_MEDIAN
 
 MAXIMUM = 6
-"""Of relaxation units and of spring terms."""
+"""Largest number of relaxation units, and of spring terms."""
 DRY = "_dry"
 PAPER = "minimum-energy structure (2019)"
 PERMITTIVITY = LogNormal(3.0, 0.6)
@@ -51,8 +51,8 @@ class StructureModel:
 
     Attributes
     ----------
-    dry : friction at the slider is dry (F_c) rather than viscous (eta_0); without units
-        there is neither, and no motion in time.
+    dry : whether friction at the slider is dry (F_c) or viscous (eta_0). Without units there is
+        no friction and no motion in time.
     """
 
     spring: Spring
@@ -79,24 +79,25 @@ class StructureModel:
 
     @property
     def order(self) -> int:
-        """Relaxation units; spring terms when there are none."""
+        """Number of relaxation units, or of spring terms if there are no units."""
         return self.units or self.terms
 
     @property
     def numbers(self) -> range:
-        """1 to n."""
+        """Numbers of the units, 1 to n."""
         return range(1, self.units + 1)
 
     def parameters(
         self, permittivity_known: bool, stretches: tuple[float, float]
     ) -> tuple[Parameter, ...]:
-        """Material parameters in the order of interface.md.
+        """Return the material parameters in the order of interface.md.
 
         Parameters
         ----------
-        permittivity_known : whether the specimen states it, so that it is none of them.
-        stretches : lambda_x and lambda_z at the rest angle, where the film's stress, of which
-            the terms of a series are parts, has the prior.
+        permittivity_known : whether the specimen states the relative permittivity. Then it is not
+            a material parameter.
+        stretches : lambda_x and lambda_z at the rest angle. For a spring that is a series, the
+            prior is on the film's stress there, of which the terms are parts.
         """
         permittivity = Parameter(
             "relative_permittivity", r"\varepsilon_r", "1", "effective relative permittivity",
@@ -134,14 +135,14 @@ class StructureModel:
         )  # fmt: skip
 
     def unit_draws(self, draws: Draws) -> tuple[FloatArray, FloatArray]:
-        """Stiffnesses k_i and times tau_i, each (W, n)."""
+        """Return the stiffnesses k_i and the times tau_i, each (W, n)."""
         stiffness = np.stack([draws[f"k_{i}"] for i in self.numbers], axis=1)
         times = np.stack([draws[f"tau_{i}"] for i in self.numbers], axis=1)
         return stiffness.astype(float), times.astype(float)
 
 
 def _count(digits: str, candidate: str, what: str) -> int:
-    """A number of units or terms, between 1 and MAXIMUM."""
+    """Parse a number of units or terms; it must be 1 to MAXIMUM."""
     count = int(digits)
     if not 1 <= count <= MAXIMUM:
         raise UserError(f"candidate {candidate!r}: {what} must be 1 to {MAXIMUM}, not {count}")
@@ -153,7 +154,7 @@ def _is_series(entry: tuple[str, Spring]) -> bool:
 
 
 def examples() -> list[str]:
-    """Candidates that can be built, up to four terms and units; series, as the paper's, first."""
+    """Return the candidates with up to four terms and units; springs that are a series first."""
     found = []
     for name, spring in sorted(SPRINGS.items(), key=_is_series, reverse=True):
         heads = [f"{name}_{terms}" for terms in range(1, 5)] if spring.counts_terms else [name]
@@ -169,17 +170,17 @@ FRAME = {
     "cutout_radius": "m",
     "hinge_length": "m",
 }
-"""Quantities of the frame from which K = E (W - 2r) t^3/(12 s) -> SI unit."""
+"""Quantity of the frame, needed for K = E (W - 2r) t^3/(12 s) -> SI unit."""
 
 
 def measured_hinge(specimen: Specimen) -> Quantity | None:
-    """The hinges' stiffness K with its sd, measured or computed from the frame; None if neither.
+    """Return the hinges' stiffness K with its sd, measured or computed from the frame, or None.
 
     Raises
     ------
     UserError
-        A stiffness without an sd (the rest angle and the film give another one, and nothing
-        says which to believe), half a frame, or both.
+        If K has no sd, if a dimension of the frame is missing, or if K is both measured and
+        computed. The sd is needed because the rest angle and the film also give a value of K.
     """
     given = specimen.quantities
     frame = [name for name in FRAME if name in given]
@@ -205,7 +206,7 @@ def measured_hinge(specimen: Specimen) -> Quantity | None:
 
 
 def _of_frame(specimen: Specimen) -> Quantity:
-    """K = E (W - 2r) t^3/(12 s), the paper's (13), its sd to first order."""
+    """Compute K = E (W - 2r) t^3/(12 s), (13) of the paper, and its sd to first order."""
     modulus, thickness, width, radius, length = (specimen.quantities[name] for name in FRAME)
     net = width.value - 2.0 * radius.value
     if not net > 0.0:
@@ -235,7 +236,7 @@ REQUIRED = {
     "window_area": "m^2",
     "rest_angle": "rad",
 }
-"""Quantity -> SI unit."""
+"""Required quantity -> SI unit."""
 OPTIONAL = {
     "relative_permittivity": "1",
     "gravity": "m/s^2",
@@ -257,7 +258,7 @@ UNCERTAIN = {
     "slider_mass": ("m_2", "mass of what moves along the line between the ends"),
     "rotational_inertia": ("J", "rotational inertia of one link about its mass centre"),
 }
-"""Quantities that become parameters where they carry an sd: symbols and meanings."""
+"""Quantity that is a parameter if it has an sd -> symbol and meaning."""
 MEANINGS = {
     "force": "on what holds the slider, outwards positive: blocking force under a voltage",
     "displacement": "of the slider since rest, outwards positive",

@@ -11,7 +11,7 @@ from deabayes.systems.specimen_quantities import positive
 
 
 def derived(structure: Structure, voltage: float) -> dict[str, Derived]:
-    """mu_0, K, the end of the bent branch, what `voltage` [V] does at rest; with units xi_i."""
+    """Return mu_0, K, snap voltage, force and displacement at `voltage` [V], and f_0, xi_i."""
     kilovolts = f"{voltage / 1e3:g}kV"
     _, square = structure.branch
     end = np.sqrt(square[:, -1])
@@ -86,7 +86,7 @@ FRICTION = {
 
 
 def solid(structure: Structure) -> Solid:
-    """The film's long-term law; its units and friction are told in notes."""
+    """Return the film's long-term law as a solid; notes describe the units and the friction."""
     model, draws = structure.model, structure.draws
     moduli, others = coefficients(model.spring.parameters(model.terms), draws)
     along, across = structure.prestretch * np.cos(structure.rest), structure.prestretch

@@ -1,18 +1,19 @@
 r"""Compiled kernel of the minimum-energy structure: slider-crank, film and Maxwell units.
 
-equations.md, section 3; the paper's (11)-(23). With s = sin theta, c = cos theta, omega =
-theta', d = 2L (c - c_0) the slider's displacement and y_i = x_i - d, which has no omega in
-its equation:
+See equations.md, section 3, and (11)-(23) of the paper. With s = sin theta, c = cos theta,
+omega = theta', the slider's displacement d = 2L (c - c_0), and y_i = x_i - d, so that the
+equation of a unit does not contain omega:
 
     theta' = omega,    M omega' = Q,    y_i' = -(y_i + d)/tau_i,    M = M_0 + C s^2
     Q = (s/c) S(c) - G c - H theta - E s c U^2 - C s c omega^2
         + 2L s (sum_i k_i (y_i + d) - eta_0 v - F_c v/sqrt(v^2 + v_s^2)),   v = 2L s omega
 
 M_0 = 2J + 2 m_1 l_m^2, C = 4L (m_1 (L - l_m) + m_2 L), G = 2 m_1 g l_m, H = 4K, E = A_0
-epsilon_0 epsilon_r/t_0. S = A_0 t_0 sigma_x at zero voltage is P/B, P a polynomial in c per draw
-and B = 1 - (I_1 - 3)/J the argument of a Gent spring, 1 for others: a polynomial cannot follow the
-pole. U is a polynomial in time on each piece of the excitation. theta carries the arrow (see
-`integrate.arrow`); omega is eliminated from its equation.
+epsilon_0 epsilon_r/t_0. S = A_0 t_0 sigma_x at zero voltage is P/B. P is a polynomial in c, with
+its own coefficients for every draw. B is the argument 1 - (I_1 - 3)/J of a Gent spring, because a
+polynomial cannot follow the pole; B is 1 for other springs. U is a polynomial in time on each
+piece of the excitation. theta is the quantity y_0 of `integrate.arrow`, which couples to all
+others; omega is eliminated.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
 
 DEGREE = 5
-"""Of the voltage in time on a piece."""
+"""Degree of the voltage as a polynomial in time on a piece."""
 DIFFERENT_NODES = 6
-"""Of the tableau: the last stages are at the end of the step, as the sixth."""
+"""Number of different nodes in the tableau: stages 6 to 8 are at the end of the step."""
 FILM_DEGREE = 14
-"""Of P in cos theta: 3e-10 of it from 3 to 70 degrees with Ogden's exponents of the paper. How
-steep an angle it serves in general: `structure_motion.followed`."""
+"""Degree of P in cos theta. With the Ogden exponents of the paper, its relative error is 3e-10
+from 3 to 70 degrees. `motion.followed` finds the steepest angle for which it is accurate."""
 DRY_SPEED = 5e-4
-"""v_s [m/s]: the speed below which dry friction is smoothed; strokes are 1 to 300 mm/s."""
+"""v_s [m/s]: speed below which dry friction is smoothed; strokes have 1 to 300 mm/s."""
 KINK = 0.03
-"""What a step may do to omega where dry friction turns within it, over all that it could."""
+"""Share of the largest change of omega by dry friction that `doubt` adds to a step's error."""
 (
     INERTIA, TURNING, ELECTRIC, HINGE, GRAVITY, LENGTH, REST, VISCOUS, DRY, UNITS, SLOWNESS,
     MIDDLE, SCALE, ALLOWED, ROOM, TAKEN, LEAST,
@@ -46,17 +47,17 @@ KINK = 0.03
     SINE, COSINE, PLACE, FORCE, SCHUR, COUPLED, SLOPE, LEVER, DAMPING, PIVOT,
     ERROR, FACTOR, K2, K3, K4, OFFSET, SPAN,
 ) = ((arrow.SHARED_ROWS + r) * LANES for r in range(45))  # fmt: skip
-"""Rows of theta's block: constants of the draw (2L, c_0, the sum of k_i, the weight of omega's
-error and what B c^2 = c^2 (ROOM - TAKEN c^2) - LEAST is made of among them); step, 1/step,
-squared voltage at the nodes; s, c, d at the argument; sums over the units; what a step's Jacobian
-fixes; control; dense output; place in the piece of the excitation, 1/its duration."""
+"""Rows of theta's block: constants of the draw, among them 2L, c_0, the sum of k_i, the weight of
+omega's error and the terms of B c^2 = c^2 (ROOM - TAKEN c^2) - LEAST; step, 1/step, squared
+voltage at the nodes; s, c, d at the argument; sums over the units; constants of the Jacobian of a
+step; step control; dense output; position in the piece of the excitation, 1/its duration."""
 V0 = (arrow.SHARED_ROWS + 45) * LANES
 S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14 = (
     V0 + (DEGREE + 1 + power) * LANES for power in range(FILM_DEGREE + 1)
 )
-"""Coefficients of U on the piece, and of P: the highest power last."""
+"""Coefficients of U on the piece, and of P, in ascending powers."""
 SPEED = (arrow.SHARED_ROWS + 45 + DEGREE + 1 + FILM_DEGREE + 1) * LANES
-"""From here on omega's own block: in one array, or its loops would not become vectors."""
+"""Start of omega's block. It is in the same array, because otherwise loops are not vectorised."""
 ANGLE_ROWS = SPEED // LANES + arrow.SHARED_ROWS
 RATE, STIFFNESS, WEIGHT, SHARE, SOLVE, PULL, LATE = (
     (arrow.SHARED_ROWS + r) * LANES for r in range(7)
@@ -67,12 +68,12 @@ _HALF = math.sqrt(0.5)
 _C2, _S3, _C4, _S5, _C6, _S7, _C8, _S9, _C10, _S11, _C12 = (
     (-1.0) ** (n // 2) / math.factorial(n) for n in range(2, 13)
 )
-"""Of the series of cosine and sine: products, as a division costs a vector ten of them."""
+"""Coefficients of the series of cosine and sine, as factors: a division costs ten products."""
 
 
 @njit(**KERNEL_OPTIONS)
 def sine_cosine(angle: float) -> tuple[float, float]:
-    """By their series about 45 degrees: 1e-11 between 2 and 85 degrees."""
+    """Sine and cosine by their series about 45 degrees; error 1e-11 from 2 to 85 degrees."""
     x = angle - 0.25 * math.pi
     q = x * x
     odd = x * (1.0 + q * (_S3 + q * (_S5 + q * (_S7 + q * (_S9 + q * _S11)))))
@@ -82,7 +83,7 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 @njit(**KERNEL_OPTIONS)
 def place(c: FloatArray) -> None:
-    """s, c and d at the argument."""
+    """Compute s, c and d at the argument."""
     for i in range(LANES):
         sine, cosine = sine_cosine(c[ARGUMENT + i])
         c[SINE + i], c[COSINE + i] = sine, cosine
@@ -91,7 +92,7 @@ def place(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _film(c: FloatArray, i: int, z: float) -> float:
-    """P [N] at z = (cos theta - middle) scale; written out, so that lanes become vectors."""
+    """Return P [N] at z = (cos theta - middle) scale; written without a loop, to vectorise."""
     found = c[S14 + i]
     found = c[S12 + i] + z * (c[S13 + i] + z * found)
     found = c[S10 + i] + z * (c[S11 + i] + z * found)
@@ -104,14 +105,14 @@ def _film(c: FloatArray, i: int, z: float) -> float:
 
 @njit(**KERNEL_OPTIONS)
 def _stiffening(c: FloatArray, i: int, square: float) -> float:
-    """1/B at cos^2 theta; NaN past the Gent limit."""
+    """Return 1/B at cos^2 theta; NaN past the Gent limit."""
     b = square * (c[ROOM + i] - c[TAKEN + i] * square) - c[LEAST + i]
     return square / b if b > 0.0 else np.nan
 
 
 @njit(**KERNEL_OPTIONS)
 def _film_slope(c: FloatArray, i: int, z: float) -> float:
-    """dP/dz [N]."""
+    """Return dP/dz [N]."""
     found = 13.0 * c[S13 + i] + z * 14.0 * c[S14 + i]
     found = 11.0 * c[S11 + i] + z * (12.0 * c[S12 + i] + z * found)
     found = 9.0 * c[S9 + i] + z * (10.0 * c[S10 + i] + z * found)
@@ -123,7 +124,7 @@ def _film_slope(c: FloatArray, i: int, z: float) -> float:
 
 @njit(**KERNEL_OPTIONS)
 def _rub(c: FloatArray) -> None:
-    """Take dry friction off the force on the slider."""
+    """Subtract dry friction from the force on the slider."""
     for i in range(LANES):
         v = c[LENGTH + i] * c[SINE + i] * c[SPEED + ARGUMENT + i]
         c[FORCE + i] -= c[DRY + i] * v / np.sqrt(v * v + DRY_SPEED * DRY_SPEED)
@@ -131,7 +132,7 @@ def _rub(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def accelerate(c: FloatArray, dry: bool) -> None:
-    """h Q/M at the argument, whose s, c, d, U^2 and sum of k_i y_i are in their rows."""
+    """Compute h Q/M at the argument from the rows of s, c, d, U^2 and the sum of k_i y_i."""
     if dry:
         _rub(c)
     for i in range(LANES):
@@ -150,7 +151,7 @@ def accelerate(c: FloatArray, dry: bool) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def drive(c: FloatArray) -> None:
-    """Squared voltage at the nodes, and h times its slope at the start."""
+    """Compute the squared voltage at the nodes, and h times its slope at the start."""
     for i in range(LANES):
         x, dx = c[OFFSET + i], c[STEP + i] * c[SPAN + i]
         v0, v1, v2 = c[V0 + i], c[V0 + LANES + i], c[V0 + 2 * LANES + i]
@@ -166,7 +167,7 @@ def drive(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def begin(c: FloatArray) -> None:
-    """The lever h^2 2L s/M of the units at the start; clears their sums."""
+    """Compute the lever h^2 2L s/M of the units at the start; clear the sums over the units."""
     for i in range(LANES):
         c[ARGUMENT + i], c[SPEED + ARGUMENT + i] = c[START + i], c[SPEED + START + i]
         c[SQUARE + i] = c[D1 + i]
@@ -182,7 +183,7 @@ def begin(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def jacobian(c: FloatArray) -> None:
-    """Pivots and drift of a step; the acceleration at its start is known."""
+    """Compute the pivots and the drift of a step; call `accelerate` at its start before."""
     for i in range(LANES):
         h, omega = c[STEP + i], c[SPEED + START + i]
         sine, cosine, slope = c[SINE + i], c[COSINE + i], c[SLOPE + i]
@@ -216,10 +217,11 @@ def jacobian(c: FloatArray) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def doubt(c: FloatArray) -> None:
-    """Add to a step's error what dry friction may hide from it.
+    """Add to a step's error an estimate of the error that dry friction causes.
 
-    A change of speed larger than the slider's slowest, or than the speed below which friction is
-    smoothed, is a kink, behind which the method and the formula embedded in it may agree by chance.
+    Friction has a kink if the speed changes by more than its smallest value in the step and by
+    more than v_s. Then the method and its embedded formula can agree by chance, which gives an
+    error estimate that is too small.
     """
     for i in range(LANES):
         before = c[SLOPE + i] * c[SPEED + START + i]

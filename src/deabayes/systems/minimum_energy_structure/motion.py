@@ -1,4 +1,4 @@
-"""The minimum-energy structure in motion: each draw's constants as the kernel takes them."""
+"""The minimum-energy structure in motion: the constants of the draws for the compiled kernel."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from deabayes.systems.specimen_quantities import positive
 from deabayes.systems.springs.base import column
 
 ESTIMATE = 10.0
-"""Error allowed in a step over the tolerance; a test holds the result to the tolerance."""
+"""Allowed error of a step over the tolerance; a test checks that the result has the tolerance."""
 RINGING = 3.0
-"""Times the damping ratio, at most 1: the share of that which is allowed where it rings, because
-the errors of as many periods add up as are remembered."""
+"""For oscillations the allowed error is multiplied by RINGING times the damping ratio, at most 1,
+because with little damping the errors of many periods add up."""
 HELD = 20.0
-"""Times the share of the drive that dry friction bears, plus 1: what is allowed is divided by it,
-because errors stay where the slider does, and the range is smaller."""
+"""With dry friction the allowed error is divided by 1 + HELD times the ratio of friction to drive:
+errors remain where the slider sticks, and the range of the displacement is smaller."""
 ROUNDING = 1e-13
-"""Error [rad] below which none is asked of a step, as at hardly any voltage."""
+"""Smallest allowed error [rad] of a step, which applies if the voltage is almost zero."""
 FIRST_STEP = 0.1
-"""Of the time in which the structure, its units stiff, turns by a radian of its oscillation."""
+"""First step over 1/(angular frequency) of the structure with stiff units."""
 
 MISSED = 1e-6
-"""Of the film's stress at rest: what its polynomial may miss. The reference specimen's misses
-2.5e-9 at most with exponents from -5 to 10."""
+"""Allowed error of the film's polynomial over the film's stress at rest. For the reference
+specimen with exponents from -5 to 10 the error is at most 2.5e-9."""
 CUT, CUTS = 0.75, 9
-"""How far beyond rest a draw is followed of what was tried before, and how often that is tried."""
+"""If the polynomial is not accurate enough, its range beyond the rest angle is multiplied by CUT.
+The polynomial is computed at most CUTS times."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Angle (W, N); steps tried and the time at which a draw was lost, else NaN, (W,)."""
+    """Angle (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
 
     angle: FloatArray
     steps: NDArray[np.int64]
@@ -52,13 +53,13 @@ def follow(
     start: FloatArray,
     most_steps: int | None = None,
 ) -> Motion:
-    """Integrate draws through a voltage history, from rest at the angles `start` (W,).
+    """Integrate the draws under a voltage history, from the angles `start` (W,) with zero speed.
 
     Parameters
     ----------
     times : (N,) ascending [s].
     tolerance : error of the displacement relative to its range.
-    most_steps : of a draw, which is lost where it needs more.
+    most_steps : largest number of steps of a draw; a draw that needs more has failed.
     """
     from deabayes.systems.minimum_energy_structure.step import MOST_STEPS, integrate
 
@@ -77,7 +78,7 @@ def follow(
 def constants_of(
     structure: Structure, history: Drive, tolerance: float, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Draws (W, DRAW_COLUMNS) and units (W, n, 4) as `structure_lanes.integrate` takes them."""
+    """Return draws (W, DRAW_COLUMNS) and units (W, n, 4) for `step.integrate`."""
     model, draws, rest = structure.model, structure.draws, structure.rest
     stiffness, times = model.unit_draws(draws)
     total = positive(stiffness).sum(axis=1)
@@ -111,19 +112,20 @@ def _allowed(
     lever: FloatArray,
     stiff: FloatArray,
 ) -> FloatArray:
-    """Error of the angle allowed in a step (W,), by what the draws tell before integration.
+    """Allowed error of the angle in a step (W,), estimated before the integration.
 
     Parameters
     ----------
-    friction : F_c or eta_0; `lever` from the slider to the angle, `stiff` its stiffness with
-        stiff units, each (W,).
+    friction : F_c or eta_0, (W,).
+    lever : displacement of the slider per angle at rest, (W,).
+    stiff : stiffness of the angle at rest with stiff units, (W,).
     """
     dry, rest = structure.model.dry, structure.rest
     slow = np.sqrt(structure.mass(rest) / stiff)
     push = structure.electric * np.sin(rest) * np.cos(rest) * history.peak**2
     push = np.where(push > 0.0, push, 1e-12 * stiff)
     swing = push / stiff
-    # Dry friction resists like viscous friction at the speed of the swing.
+    # Dry friction is replaced by the viscous friction with the same force at the speed of a swing.
     viscous = friction * slow / (lever * swing) if dry else friction
     damping = 0.5 * viscous * lever**2 / (stiff * slow)
     forgotten = np.maximum(damping, slow / np.ptp(history.edges))
@@ -134,9 +136,10 @@ def _allowed(
 
 
 class FilmPolynomial(NamedTuple):
-    """P in powers of z = scale (cos theta - middle): the highest (W, FILM_DEGREE + 1) last.
+    """P in ascending powers of z = scale (cos theta - middle), (W, FILM_DEGREE + 1).
 
-    `missed` (W,) [N] is what its two highest Chebyshev terms have, more than what it misses.
+    `missed` (W,) [N] is the size of the two highest Chebyshev terms. It is larger than the error
+    of the polynomial.
     """
 
     middle: FloatArray
@@ -146,10 +149,11 @@ class FilmPolynomial(NamedTuple):
 
 
 def followed(structure: Structure, low: FloatArray) -> tuple[FloatArray, FilmPolynomial]:
-    """The steepest angle (W,) to which draws are followed, and the polynomial up to there.
+    """Return the steepest angle (W,) that a draw may reach, and the polynomial up to there.
 
-    A film that stiffens too steeply for a polynomial, as one of little pre-stretch does in
-    lambda_z^alpha, is followed less far beyond rest; NaN where it is missed right there.
+    Some films stiffen too steeply for a polynomial, for example in lambda_z^alpha with little
+    pre-stretch. For these the steepest angle is closer to the rest angle. It is NaN if the
+    polynomial is not accurate close to the rest angle either.
     """
     rest = structure.rest
     high = np.minimum(rest + STEEPER, STEEPEST)
@@ -164,16 +168,15 @@ def followed(structure: Structure, low: FloatArray) -> tuple[FloatArray, FilmPol
 
 
 def film_polynomial(structure: Structure, low: FloatArray, high: FloatArray) -> FilmPolynomial:
-    """P = A_0 t_0 sigma B at zero voltage as a polynomial in cos theta.
+    """Return P = A_0 t_0 sigma B at zero voltage as a polynomial in cos theta.
 
-    B is the argument of a Gent spring, whose pole is left to the kernel; 1 for other springs.
-
-    Interpolated at Chebyshev's nodes between the angles `low` and `high`, each draw's own, (W,).
+    B is the argument of a Gent spring; the kernel divides by it. B is 1 for other springs. The
+    polynomial interpolates P at Chebyshev nodes between the angles `low` and `high` (W,).
     """
     top, bottom = np.cos(low), np.cos(high)
     middle, scale = 0.5 * (top + bottom), 2.0 / (top - bottom)
     nodes, to_powers, last = _chebyshev()
-    # einsum, as a product by BLAS would make a draw's last digits depend on its neighbours.
+    # einsum, because with BLAS the last digits of a draw would depend on the other draws.
     values = _endless(structure).film(column(middle) + nodes / column(scale))
     missed = np.abs(np.einsum("wn,pn->wp", values, last)).sum(axis=1)
     return FilmPolynomial(middle, scale, np.einsum("wn,pn->wp", values, to_powers), missed)
@@ -181,7 +184,7 @@ def film_polynomial(structure: Structure, low: FloatArray, high: FloatArray) -> 
 
 @cache
 def _chebyshev() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes, and what makes of values there the powers and the two highest Chebyshev terms."""
+    """Return nodes, and matrices from values there to powers and to the last Chebyshev terms."""
     from deabayes.systems.minimum_energy_structure.kernel import FILM_DEGREE
 
     count = FILM_DEGREE + 1
@@ -193,5 +196,5 @@ def _chebyshev() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _endless(structure: Structure) -> Structure:
-    """With a film whose stretch has no limit."""
+    """Return the structure with a film whose stretch has no limit."""
     return replace(structure, draws=structure.model.spring.without_limit(structure.draws))

@@ -1,14 +1,15 @@
 r"""The minimum-energy structure at rest: forces on the slider, the bent branch, constants.
 
-equations.md, section 3. With theta the links' angle, l = 2L cos theta, and the film's stress
+See equations.md, section 3. With theta the links' angle, l = 2L cos theta, and the film's stress
 at zero voltage sigma(theta) = sum_i mu_i (lambda_x^alpha_i - lambda_z^alpha_i), lambda_x =
 lambda_p cos theta, lambda_z = 1/(lambda_p^2 cos theta), the generalised force on theta is
 
     A_0 t_0 sigma tan theta - 2 m_1 g l_m cos theta - 4 K theta - E sin theta cos theta U^2
 
-with E = A_0 epsilon_0 epsilon_r/t_0. It vanishes where U^2 is a function of theta: from the
-rest angle, where U = 0, the bent branch goes to the first maximum of that function, beyond
-which the structure snaps flat. The hinges' K follows from the rest angle.
+with E = A_0 epsilon_0 epsilon_r/t_0. In equilibrium this force is zero, which gives U^2 as a
+function of theta. The bent branch starts at the rest angle, where U = 0, and ends at the first
+maximum of this function. Beyond it the structure snaps flat. The hinges' stiffness K follows from
+the rest angle.
 """
 
 from __future__ import annotations
@@ -28,18 +29,18 @@ from deabayes.systems.springs.base import PrincipalStretches, column
 
 GRAVITY = 9.80665
 FLATTEST = np.radians(3.0)
-"""Below it the structure counts as flat: that equilibrium, near 1 degree, is unstable."""
+"""Below this angle the structure counts as flat: the equilibrium near 1 degree is unstable."""
 STEEPER = np.radians(25.0)
 STEEPEST = np.radians(80.0)
-"""The structure is followed to this much above its rest angle at most, never beyond 80 degrees."""
+"""A motion may go up to STEEPER above the rest angle, but never beyond STEEPEST, 80 degrees."""
 BRANCH_POINTS = 200
 LOCK_UP = 0.995
-"""Of the way from rest to where a Gent film locks, in cos theta: no branch is followed beyond."""
+"""End of the branch of a Gent film: this share of the way from rest to lock-up, in cos theta."""
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Constants of W draws, SI, each (W,); NaN where a draw's value is not positive.
+    """Constants of W draws in SI units, each (W,); NaN if a draw's value is not positive.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class Structure:
 
     @classmethod
     def from_draws(cls, model: StructureModel, specimen: Specimen, draws: Draws) -> Self:
-        """The constants of draws; quantities that are no parameters are the specimen's."""
+        """Compute the constants; a quantity that is not a parameter has the specimen's value."""
         like = next(iter(draws.values()))
 
         def of(name: str) -> FloatArray:
@@ -99,16 +100,16 @@ class Structure:
 
     @cached_property
     def gent_argument(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """a, b and d of c^2 (1 - (I_1 - 3)/J) = c^2 (a - b c^2) - d, c = cos theta, each (W,)."""
+        """Return a, b, d (W,) of c^2 (1 - (I_1 - 3)/J) = c^2 (a - b c^2) - d, c = cos theta."""
         inverse, square = self.model.spring.inverse_limit(self.draws), self.prestretch**2
         return 1.0 + (3.0 - square) * inverse, square * inverse, inverse / square**2
 
     @cached_property
     def flattest(self) -> FloatArray:
-        """Angle (W,) at which the bent branch ends at last: 3 degrees, or near the lock-up."""
+        """Smallest angle (W,) of the bent branch: 3 degrees, or an angle near the lock-up."""
         a, b, d = self.gent_argument
         rest, last = np.cos(self.rest), np.full_like(self.rest, np.cos(FLATTEST))
-        with np.errstate(all="ignore"):  # without a limit b is zero, and the lock-up not finite
+        with np.errstate(all="ignore"):  # without a limit, b is zero and `locked` is not finite
             locked = np.sqrt((a + np.sqrt(a * a - 4.0 * b * d)) / (2.0 * b))
         near = rest + LOCK_UP * (locked - rest)
         return np.arccos(np.where(near < last, near, last))
@@ -128,28 +129,28 @@ class Structure:
         return np.asarray(film - loads - column(self.electric) * sine * cosine * voltage**2)
 
     def force(self, displacement: FloatArray, voltage: float) -> FloatArray:
-        """Force [N] on what holds the slider, outwards, (W, N), at displacements (N,).
+        """Outward force [N] on the support of the slider, (W, N), at displacements (N,).
 
-        NaN beyond 2 L (1 - cos theta_0), where the links are stretched out, and for a draw that
-        would not stay at its rest angle.
+        NaN beyond 2 L (1 - cos theta_0), where the links are straight, and for a draw whose rest
+        angle is not stable.
         """
         length = column(self.length)
-        with np.errstate(invalid="ignore"):  # NaN beyond what the links reach
+        with np.errstate(invalid="ignore"):  # NaN if the links do not reach that far
             angle = np.arccos(np.cos(column(self.rest)) + displacement / (2.0 * length))
         stays = np.where(self.stiffness_at_rest > 0.0, 1.0, np.nan)
         return -self.moment(angle, voltage) / (2.0 * length * np.sin(angle)) * column(stays)
 
     def squared_voltage(self, angle: FloatArray) -> FloatArray:
-        """U^2 [V^2] at which the structure rests at these angles, (W, N)."""
+        """U^2 [V^2] for which these angles are in equilibrium, (W, N)."""
         balance = column(self.electric) * np.sin(angle) * np.cos(angle)
         return np.asarray(self.moment(angle) / balance)
 
     @cached_property
     def branch(self) -> tuple[FloatArray, FloatArray]:
-        """Angles and squared voltages of the bent branch, (W, BRANCH_POINTS), from rest on.
+        """Angles and squared voltages of the bent branch, (W, BRANCH_POINTS), starting at rest.
 
-        Past its end, where the structure snaps flat, the last values are repeated. It also ends
-        near a film's lock-up, where the voltage grows without bound.
+        The branch ends where the structure snaps flat. It also ends near the lock-up of a film,
+        where the voltage grows without bound. Past the end the last values are repeated.
         """
         share = np.linspace(0.0, 1.0, BRANCH_POINTS)
         angle = column(self.rest) + column(self.flattest - self.rest) * share
@@ -161,7 +162,7 @@ class Structure:
         return np.take_along_axis(angle, kept, 1), np.take_along_axis(square, kept, 1)
 
     def equilibrium(self, voltage: float) -> FloatArray:
-        """Angle (W,) on the bent branch under a voltage; NaN where it has snapped flat."""
+        """Angle (W,) on the bent branch under a voltage; NaN if the structure snaps flat."""
         angle, square = self.branch
         rows = np.arange(len(angle))
         above = square >= voltage**2
@@ -176,7 +177,7 @@ class Structure:
 
     @cached_property
     def stiffness_at_rest(self) -> FloatArray:
-        """Of `stiffness` without voltage [N m], (W,); NaN where the rest angle is not stable."""
+        """`stiffness` at rest without voltage [N m], (W,); NaN if the rest angle is not stable."""
         return positive(self.stiffness(self.rest))
 
     def mass(self, angle: FloatArray) -> FloatArray:
@@ -184,7 +185,7 @@ class Structure:
         return np.asarray(self.inertia + self.turning * np.sin(angle) ** 2)
 
     def stiffness(self, angle: FloatArray, voltage: float = 0.0) -> FloatArray:
-        """-d moment/d theta [N m], (W,), of film, hinges and weight at angles (W,)."""
+        """Return -d moment/d theta [N m], (W,), at angles (W,) under a voltage."""
         h = 1e-4
         both = self.moment(np.stack([angle - h, angle + h], axis=1), voltage)
         return np.asarray((both[:, 0] - both[:, 1]) / (2.0 * h))

@@ -1,4 +1,4 @@
-"""The step of the minimum-energy structure: the stages of Rodas5P in lanes of draws."""
+"""Rodas5P integration of the minimum-energy structure, for a group of draws (lanes) at a time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ AngleStage = Callable[[FloatArray, bool], None]
 
 @njit(**KERNEL_OPTIONS)
 def _increments(c: FloatArray, i: int, row: int, of_speed: float, of_angle: float) -> None:
-    """Of theta and omega, from the right-hand sides of both; clears the sums over the units."""
+    """Compute the increments of theta and omega in a stage; clear the sums over the units."""
     right = c[STEP + i] * of_speed + c[DAMPING + i] * of_angle + c[SCHUR + i]
     c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
     u = c[PIVOT + i] * right
@@ -62,14 +62,14 @@ def _increments(c: FloatArray, i: int, row: int, of_speed: float, of_angle: floa
 
 @njit(**KERNEL_OPTIONS)
 def _move(c: FloatArray, i: int, weights: tuple[float, ...]) -> None:
-    """Theta and omega to the argument of the next stage."""
+    """Set the argument of the next stage for theta and omega."""
     c[ARGUMENT + i] = arrow.combined(c, i, c[START + i], weights)
     c[SPEED + ARGUMENT + i] = arrow.combined(c, SPEED + i, c[SPEED + START + i], weights)
 
 
 @njit(**KERNEL_OPTIONS)
 def _angle_begins(c: FloatArray, dry: bool) -> None:
-    """First stage of theta and omega."""
+    """Compute the first stage of theta and omega."""
     k.accelerate(c, dry)
     k.jacobian(c)
     for i in range(LANES):
@@ -81,7 +81,7 @@ def _angle_begins(c: FloatArray, dry: bool) -> None:
 
 
 def _angle_stage(stage: int) -> AngleStage:
-    """Of theta and omega: their increments in this stage, and their argument in the next."""
+    """Return a function for theta and omega: increments of this stage, argument of the next."""
     row, node = U1 + (stage - 1) * LANES, D1 + min(stage, k.DIFFERENT_NODES - 1) * LANES
     history, of_drift, weights = t.C[stage - 1], t.D[stage - 1], t.A[stage]
     at_the_end = stage >= arrow.FIRST_AT_THE_END
@@ -109,7 +109,7 @@ def _angle_stage(stage: int) -> AngleStage:
 
 @njit(**KERNEL_OPTIONS)
 def _angle_ends(c: FloatArray, dry: bool) -> None:
-    """Error of theta and omega, and dense output."""
+    """Compute the error of theta and omega, and the dense output."""
     last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
         c[ERROR + i] = abs(c[last + i]) + c[SLOWNESS + i] * abs(c[SPEED + last + i])
@@ -122,7 +122,7 @@ def _angle_ends(c: FloatArray, dry: bool) -> None:
 
 @njit(**KERNEL_OPTIONS)
 def _respond(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> None:
-    """A unit's right-hand side in a stage, and what it adds to the sums over the units."""
+    """Compute a unit's right-hand side in a stage, and add its terms to the sums over units."""
     late = history - w[SHARE + i] * (y + c[PLACE + i])
     w[LATE + i] = late
     c[FORCE + i] += w[STIFFNESS + i] * y
@@ -131,7 +131,7 @@ def _respond(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> 
 
 @njit(**KERNEL_OPTIONS)
 def _unit_begins(w: FloatArray, c: FloatArray) -> None:
-    """Jacobian and first stage of a unit."""
+    """Compute the Jacobian and the first stage of a unit."""
     for i in range(LANES):
         share = c[STEP + i] * w[RATE + i]
         solve = 1.0 / (1.0 / t.GAMMA + share)
@@ -142,7 +142,7 @@ def _unit_begins(w: FloatArray, c: FloatArray) -> None:
 
 
 def _unit_stage(stage: int) -> UnitStage:
-    """Of a unit: its increment in the stage before, and its right-hand side in this one."""
+    """Return a function for a unit: increment of the stage before, right-hand side of this one."""
     before, weights, history = U1 + (stage - 2) * LANES, t.A[stage - 1], t.C[stage - 1]
     kept, added = stage >= arrow.FIRST_AT_THE_END, stage > arrow.FIRST_AT_THE_END
 
@@ -164,7 +164,7 @@ def _unit_stage(stage: int) -> UnitStage:
 
 @njit(**KERNEL_OPTIONS)
 def _unit_ends(w: FloatArray, c: FloatArray) -> None:
-    """End of the step and its error."""
+    """Compute a unit's value at the end of the step and its error."""
     last = U1 + (t.STAGES - 1) * LANES
     for i in range(LANES):
         of_angle = w[SHARE + i] * c[SLOPE + i] * c[last + i]
@@ -181,7 +181,7 @@ _angle_2, _angle_3, _angle_4, _angle_5, _angle_6, _angle_7, _angle_8 = map(
 
 @njit(**KERNEL_OPTIONS)
 def step(c: FloatArray, units: FloatArray, dry: bool) -> None:
-    """One step of every lane: the block of theta and omega, those of the `units` (n, ...)."""
+    """Make one step in every lane: block `c` of theta and omega, and blocks `units` (n, ...)."""
     n = units.shape[0]
     k.drive(c)
     k.begin(c)
@@ -218,21 +218,21 @@ def step(c: FloatArray, units: FloatArray, dry: bool) -> None:
 
 
 OF_START, OF_STEP, OF_LOW, OF_HIGH, OF_CONSTANTS = range(5)
-"""Columns of a draw: starting angle, first step after a jump of the voltage, the angles
-between which it stays, and from there on the constants in the order of the kernel's rows."""
+"""Columns of a draw: starting angle, first step after a jump of the voltage, the lowest and the
+highest allowed angle, then the constants in the order of the kernel's rows."""
 CONSTANTS = 17
 OF_DRY = OF_CONSTANTS + (k.DRY - k.INERTIA) // LANES
 DRAW_COLUMNS = OF_CONSTANTS + CONSTANTS + k.FILM_DEGREE + 1
 UNIT_COLUMNS = 4
-"""Columns of a unit: 1/tau, k, weight of its error, y at the start."""
+"""Number of columns of a unit: 1/tau, k, weight of its error, y at the start."""
 IDLE = -1
 MOST_STEPS = 200_000
-"""A structure that rings at 60 Hz for 50 s takes 100 000."""
+"""Largest number of steps. An oscillation at 60 Hz for 50 s needs 100 000 steps."""
 
 
 @njit(**KERNEL_OPTIONS)
 def _load(c: FloatArray, blocks: FloatArray, i: int, draw: FloatArray, units: FloatArray) -> None:
-    """Put a draw with its units (n, 4) into lane `i`, at rest."""
+    """Load a draw and its units (n, 4) into lane `i`, with zero speed."""
     c[START + i], c[k.SPEED + START + i] = draw[OF_START], 0.0
     for row in range(CONSTANTS):
         c[k.INERTIA + row * LANES + i] = draw[OF_CONSTANTS + row]
@@ -246,7 +246,7 @@ def _load(c: FloatArray, blocks: FloatArray, i: int, draw: FloatArray, units: Fl
 
 @njit(**KERNEL_OPTIONS)
 def displacement(angle: FloatArray, length: FloatArray, rest: FloatArray) -> FloatArray:
-    """Displacement (W, N) of the slider at angles (W, N): numpy's cosine took a quarter of all."""
+    """Displacement (W, N) of the slider at angles (W, N), faster than with numpy's cosine."""
     found = np.empty_like(angle)
     for w in range(angle.shape[0]):
         at_rest = k.sine_cosine(rest[w])[1]
@@ -268,19 +268,19 @@ def integrate(
     steps: IndexArray,
     ended: FloatArray,
 ) -> None:
-    """Angle of every draw at `times`, starting without speed.
+    """Compute the angle of every draw at `times`, starting with zero speed.
 
     Parameters
     ----------
     edges : (S + 1,) ends of the pieces of the excitation [s].
-    volts : (S, 6) voltage on a piece [V], powers of the fraction of it that has passed.
+    volts : (S, 6) coefficients of the voltage [V] on a piece, in powers of its elapsed fraction.
     restart : (S,) whether the drive jumps or turns at the start of the piece (1) or not (0).
     times : (N,) ascending, from edges[0] to edges[S].
     draws : (W, DRAW_COLUMNS), units : (W, n, 4).
-    most_steps : of a draw, which is lost where it needs more.
-    angle : (W, N) result; a row of NaN where a draw leaves its limits or fails.
-    steps : (W,) result: steps tried.
-    ended : (W,) result: when a draw left its limits or failed; NaN for one that did not.
+    most_steps : largest number of steps of a draw; a draw that needs more has failed.
+    angle : (W, N) result; a row of NaN if a draw leaves its limits or fails.
+    steps : (W,) result: number of steps tried.
+    ended : (W,) result: time when a draw left its limits or failed, else NaN.
     """
     walkers, end = draws.shape[0], times[times.size - 1]
     c = np.full(k.ANGLE_ROWS * LANES, 0.5)
@@ -288,8 +288,9 @@ def integrate(
     lane_draw = np.full(LANES, IDLE)
     piece, output = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
     now, proposed = np.zeros(LANES), np.zeros(LANES)
-    # One function: lanes kept in tuples of arrays for parts of it went four to seven times slower,
-    # and a call for what follows a good step 1.4 to 1.6 times slower.
+    # This is one function for speed. Smaller functions with the lanes in tuples of arrays were
+    # four to seven times slower. A function for the part after an accepted step was 1.4 to 1.6
+    # times slower.
     waiting, running = 0, 0
     dry = np.any(draws[:, OF_DRY] > 0.0)
     while True:

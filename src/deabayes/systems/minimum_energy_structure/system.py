@@ -1,8 +1,8 @@
 r"""Minimum-energy structure: a pre-stretched film that bends a frame, as a slider-crank.
 
-equations.md, section 3 (the paper's (11)-(23)). Two links of length L at the angle theta,
-the slider at l = 2L cos theta; an Ogden film, hinges, weight and the electrostatic term at
-rest (`static`), Maxwell units along the slider and friction in motion:
+See equations.md, section 3, and (11)-(23) of the paper. Two links of length L have the angle
+theta; the slider is at l = 2L cos theta. The model at rest (`static`) has an Ogden film, hinges,
+weight and the electrostatic term. In motion, Maxwell units along the slider and friction are added:
 
     [2J + 2 m_1 l_m^2 + C sin^2 theta] theta'' + C sin theta cos theta theta'^2
         + 2 m_1 g l_m cos theta + 4 K theta
@@ -11,9 +11,10 @@ rest (`static`), Maxwell units along the slider and friction in motion:
     Q_f = -4 eta_0 L^2 sin^2 theta theta' (viscous), or -2L sin theta F_c sign(theta') (dry,
         smoothed below 0.5 mm/s of the slider)
 
-The paper calls eta_0 a Coulomb coefficient but gives it N s/m, hence viscous. Its units carry
-nothing at rest, as its identification in two steps needs. The hinges' stiffness follows from
-the rest angle; a measured one, or a frame it is computed from, is a datum on that.
+The paper calls eta_0 a Coulomb coefficient but gives it in N s/m, so it is viscous here. The
+Maxwell units carry no force at rest, as the paper's identification in two steps needs. The rest
+angle determines the stiffness of the hinges. A measured stiffness, or one computed from the
+frame, is compared with it in the likelihood.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ from deabayes.systems.specimen_quantities import uncertain_quantities
 
 DEFAULT_TOLERANCE = 1e-6
 LIKELIHOOD_TOLERANCE, ROUGH_TOLERANCE = 1e-5, 1e-4
+"""They change the log-likelihood of the reference specimen's sines by 0.003 and 0.03, and need
+0.6 and 0.4 of the computing time."""
 ROUGH_STEPS = 40
-"""Of the integration, per sample of the record: a draw of the prior that needs more is lost in a
-rough solution. One such draw took as long as a thousand others."""
-"""Move the log-likelihood of the reference specimen's sines by 0.003 in 0.6 of the time, and by
-0.03 in 0.4 of it."""
+"""Largest number of integration steps per sample in a rough solution; a draw that needs more has
+failed. One such draw of the prior took as long as a thousand others."""
 AT_VOLTAGE = 5e3
 CHUNK = 2048
-"""Draws whose branches are held at once: 200 angles each."""
+"""Number of draws whose branches, of 200 angles each, are in memory at the same time."""
 PREHISTORIES = ("rest", "equilibrium")
 
 
@@ -64,14 +65,14 @@ class MinimumEnergyStructure(System):
 
     Parameters
     ----------
-    candidate : `<spring>[_<terms>]` for what is at rest, with `_units_<n>` for motion, and
-        `_dry` behind that for dry instead of viscous friction.
-    specimen : must give the links, the film and the rest angle; may give `hinge_stiffness`
-        (or the frame it follows from) with an sd, `relative_permittivity`, `gravity` (0 for a
+    candidate : `<spring>[_<terms>]` for records at rest. Add `_units_<n>` for motion, and then
+        `_dry` for dry instead of viscous friction.
+    specimen : must give the links, the film and the rest angle. May give `hinge_stiffness` with an
+        sd (or the dimensions of the frame), `relative_permittivity`, and `gravity` (0 for a
         structure that lies on its side).
     tolerance : error of the displacement relative to its range.
-    steps_per_sample : of the integration; a draw that needs more has no response. None: no limit
-        but the integrator's own.
+    steps_per_sample : largest number of integration steps per sample; a draw that needs more has
+        failed. None: only the limit of the integrator.
     """
 
     name = "minimum_energy_structure"
@@ -122,11 +123,11 @@ class MinimumEnergyStructure(System):
 
     @classmethod
     def candidates(cls) -> list[str]:
-        """Candidates that can be built."""
+        """Return examples of candidates."""
         return examples()
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters, then the specimen's quantities that carry an sd."""
+        """Return the material parameters, then the specimen's quantities that have an sd."""
         units = {**self.required_quantities, **self.optional_quantities}
         known = "relative_permittivity" in self.specimen.quantities
         uncertain = uncertain_quantities(self.specimen, UNCERTAIN, units)
@@ -135,22 +136,23 @@ class MinimumEnergyStructure(System):
         return (*self.model.parameters(known, (first, 1.0 / (stretch * first))), *uncertain)
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
-        """Prepare one record; returns draws -> response (W, N).
+        """Prepare one record; return a function draws -> response (W, N).
 
-        At rest: the force on what holds the slider, outwards, at its displacements, under the
-        constant `voltage` [V] of the record's conditions. In motion: the displacement under a
-        voltage that is linear between its knots (a smooth curve where they are samples of one,
-        see `integrate.drive`) and zero before the first. The structure starts at rest without
-        voltage, or, with the condition `prehistory: equilibrium`, where its first voltage was on
-        until it had settled.
+        At rest, the response is the outward force on the support of the slider. It is computed at
+        the given displacements, under the constant `voltage` [V] of the record's conditions.
 
-        A row is NaN where a draw leaves the bent branch or fails.
+        In motion, the response is the displacement under a voltage. The voltage is linear between
+        its knots, or a smooth curve if the knots sample one (see `integrate.drive`), and zero
+        before the first knot. The structure starts at rest without voltage. With the condition
+        `prehistory: equilibrium` it starts in equilibrium under the first voltage of the record.
+
+        A row is NaN if the draw leaves the bent branch or fails.
 
         Raises
         ------
         UserError
-            Unknown channel, a voltage that is no history in time, motion for a candidate
-            without units.
+            For an unknown channel, for a voltage with invalid times or values, or for motion with a
+            candidate that has no units.
         """
         self.check_channels(excitation.name, response)
         coordinate = np.asarray(coordinate, dtype=float)
@@ -203,7 +205,7 @@ class MinimumEnergyStructure(System):
         return follow(structure, history, times, self.tolerance, start, most)
 
     def _held(self, excitation: Excitation) -> float:
-        """The voltage [V] at which the structure was before the record."""
+        """Return the voltage [V] before the start of the record."""
         prehistory = excitation.conditions.get("prehistory", PREHISTORIES[0])
         if prehistory not in PREHISTORIES:
             raise UserError(
@@ -221,14 +223,14 @@ class MinimumEnergyStructure(System):
         return voltage_history(excitation, times, self.tolerance, before=held)
 
     def for_likelihood(self, rough: bool = False) -> System:
-        """Itself, less accurately solved, unless built for more or less than the usual accuracy."""
+        """Return the system with less accuracy; unchanged if its tolerance is not the default."""
         if self.tolerance != DEFAULT_TOLERANCE:
             return self
         accuracy = (ROUGH_TOLERANCE, ROUGH_STEPS) if rough else (LIKELIHOOD_TOLERANCE, None)
         return MinimumEnergyStructure(self.candidate, self.specimen, *accuracy)
 
     def structure(self, draws: Draws) -> Structure:
-        """The constants of the draws."""
+        """Return the constants of the structure for the draws."""
         return once(
             draws,
             (self, "structure"),
@@ -236,7 +238,7 @@ class MinimumEnergyStructure(System):
         )
 
     def log_likelihood_of_quantities(self, draws: Draws) -> FloatArray:
-        """log N(measured; K(theta), sd) of the hinges' stiffness, (W,); zero if not measured."""
+        """log N(measured; K, sd) of the hinges' stiffness K, (W,); zero if K is not measured."""
         if self.measured is None:
             return super().log_likelihood_of_quantities(draws)
         sd = self.measured.sd or np.nan
@@ -244,12 +246,12 @@ class MinimumEnergyStructure(System):
         return np.asarray(-0.5 * residual**2 - np.log(sd * np.sqrt(2.0 * np.pi)))
 
     def stated(self) -> Mapping[str, Quantity]:
-        """The specimen's quantities; the hinges' stiffness also where the frame tells it."""
+        """Return the specimen's quantities, with the hinges' stiffness computed from the frame."""
         given = self.specimen.quantities
         return given if self.measured is None else {**given, "hinge_stiffness": self.measured}
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """mu_0, K, where the structure snaps flat, force and displacement at 5 kV, xi_i."""
+        """Return mu_0, K, the snap voltage, force and displacement at 5 kV, f_0 and xi_i."""
         from deabayes.systems.minimum_energy_structure.film import derived
 
         count = next(iter(draws.values())).size
@@ -263,15 +265,15 @@ class MinimumEnergyStructure(System):
         }
 
     def solid(self, draws: Draws) -> Solid:
-        """The film; units and friction act along the slider: see `film`."""
+        """Return the film as a solid; notes describe units and friction, see `film`."""
         return solid(self.structure(draws))
 
     def response_to(self, excitation: str) -> str:
-        """A force over displacements, a displacement under a voltage."""
+        """Return `force` for the excitation displacement, `displacement` for a voltage."""
         return "force" if excitation == "displacement" else "displacement"
 
     def why_failed(self, draws: Draws) -> NDArray[np.str_]:
-        """Hinges that would have to push, no stable rest, or a bent branch that was left, (W,)."""
+        """Return why each draw (W,) failed: hinges that push, unstable at rest, or left branch."""
         structure = self.structure(draws)
         pushing = np.isnan(structure.hinge)
         unstable = np.isnan(structure.stiffness_at_rest)
@@ -279,7 +281,7 @@ class MinimumEnergyStructure(System):
         return np.where(pushing, "the film would need hinges that push", words)
 
     def failure_note(self, excitation: Excitation, coordinate: FloatArray, draws: Draws) -> str:
-        """Why; of a force, first where the slider is asked to go beyond what the links reach."""
+        """Return why draws failed; for a force, check first whether the links reach that far."""
         structure = self.structure(draws)
         reach = 2.0 * structure.length * (1.0 - np.cos(structure.rest))
         if excitation.name == "displacement" and np.all(np.max(coordinate) > reach):

@@ -1,1 +1,1 @@
-"""Coordinates in which ridges of relaxation units, springs and terms are straight, and hops."""
+"""Hops, and coordinates that straighten ridges of relaxation units, springs and spring terms."""

@@ -1,18 +1,20 @@
-r"""Two Ogden terms of which records show the film's stress at several stretches.
+r"""Coordinates of two Ogden terms if records show the film's stress at several stretches.
 
-A film that records know well leaves a ridge of terms that make the same stress. With v_i the
-stress of term i at a reference stretch,
+If records determine the film's stress well, terms with the same stress form a ridge. With v_i
+the stress of term i at a reference stretch,
 
 S_k = sum_i v_i psi_k(alpha_i) / psi_1(alpha_i),  psi_k(alpha) = sinh(h_k alpha),
 h_1 = (ln lambda_1 - ln lambda_3) / 2,
 
-is the film's where lambda_1 is exp(h_k - h_1) times as far and lambda_2 the same, and
+is the stress of the film if lambda_1 is exp(h_k - h_1) times the reference stretch and lambda_2 is
+unchanged. The coordinates are
 
-u: ln S_1, ln S_2 / S_1, ln S_3 / S_2, and alpha_2,
+u: ln S_1, ln S_2 / S_1, ln S_3 / S_2, and alpha_2.
 
-of which three are fixed along all of the ridge. What a map has learned of them holds where no draw
-has been: fitted to draws of the structure's posterior with alpha_1 above 0.35, a proposal was off
-by 2 nats at 0.14, and by 44 in the coordinates of `terms`.
+Three of them are constant along the ridge. A map that is learned in these coordinates therefore
+also holds outside its draws. For example, a map was fitted to draws of the structure's posterior
+with alpha_1 above 0.35. At alpha_1 = 0.14 its log density was wrong by 2 nats, and by 44 nats in
+the coordinates of `terms`.
 """
 
 from __future__ import annotations
@@ -26,20 +28,21 @@ from deabayes.experiment import FloatArray
 from deabayes.integrate.compiled import njit
 
 NEAR_ZERO = 1e-4
-"""Of h alpha: below it, functions of its square are their first terms."""
+"""Limit of h alpha below which functions are replaced by the first terms of their series."""
 MOST_STEPS = 100
 ROUNDING = 4e-16
 
 
 @dataclass(frozen=True)
 class FilmStress:
-    """Coordinates of two terms in place of scores of exponents and logarithms of stresses.
+    """Coordinates of two terms that replace the scores of the exponents and ln v_i.
 
     Attributes
     ----------
-    exponents, stresses : columns, in the order of the exponents: of their scores, and of ln v_i.
-    middle, sd : of the exponents' prior, from 0 on: alpha = middle + sd score.
-    heights : (3,) h_k, falling.
+    exponents, stresses : columns of the scores of the exponents, ascending, and of ln v_i.
+    middle, sd : mean and standard deviation of the exponents' prior, which has a lower bound of at
+        least 0: alpha = middle + sd score.
+    heights : (3,) h_k, descending.
     """
 
     exponents: tuple[int, ...]
@@ -49,7 +52,7 @@ class FilmStress:
     heights: FloatArray
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
+        """Change the columns of u (W, d) in place; return the log of the Jacobian, (W,)."""
         small, large = (self.middle + self.sd * u[:, k] for k in self.exponents)
         log_stresses = u[:, list(self.stresses)]
         stresses, log_jacobian = to_stresses(small, large, log_stresses, self.heights)
@@ -57,7 +60,7 @@ class FilmStress:
         return log_jacobian + np.log(self.sd)
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it; NaN where no terms make such stresses."""
+        """Undo `straighten`, in place; NaN if no terms have these stresses."""
         first, second = self.exponents
         large = self.middle + self.sd * u[:, second]
         stresses = u[:, [*self.stresses, first]]
@@ -68,7 +71,7 @@ class FilmStress:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _ratio(alpha: float, height: float, largest: float) -> float:
-    """sinh(height alpha) / sinh(largest alpha)."""
+    """Return sinh(height alpha) / sinh(largest alpha)."""
     if largest * alpha < NEAR_ZERO:
         return height / largest * (1.0 + (height**2 - largest**2) * alpha**2 / 6.0)
     numerator, denominator = expm1(-2.0 * height * alpha), expm1(-2.0 * largest * alpha)
@@ -77,7 +80,7 @@ def _ratio(alpha: float, height: float, largest: float) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _slope(alpha: float, height: float) -> float:
-    """Of ln sinh(height alpha): height coth(height alpha)."""
+    """Derivative of ln sinh(height alpha) by alpha: height coth(height alpha)."""
     return -height * (1.0 + exp(-2.0 * height * alpha)) / expm1(-2.0 * height * alpha)
 
 
@@ -94,10 +97,11 @@ def _change(alpha: float, height: float, largest: float) -> float:
 def to_stresses(
     small: FloatArray, large: FloatArray, log_stresses: FloatArray, heights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """ln S_1, ln S_2 / S_1, ln S_3 / S_2, (W, 3), and the log Jacobian, (W,).
+    """Return ln S_1, ln S_2 / S_1, ln S_3 / S_2, (W, 3), and the log of the Jacobian, (W,).
 
-    That of these by ln v_1, ln v_2 and alpha_1 at the same alpha_2. With shares V_i of S_1 and
-    rho_k = psi_k / psi_1 it is V_1^2 V_2 |(rho_2(alpha_1) - rho_2(alpha_2)) rho_3'(alpha_1)
+    The Jacobian is with respect to ln v_1, ln v_2 and alpha_1 at constant alpha_2. With shares V_i
+    of S_1 and rho_k = psi_k / psi_1 it is
+    V_1^2 V_2 |(rho_2(alpha_1) - rho_2(alpha_2)) rho_3'(alpha_1)
     - (rho_3(alpha_1) - rho_3(alpha_2)) rho_2'(alpha_1)| S_1^2 / (S_2 S_3).
 
     Parameters
@@ -129,10 +133,11 @@ def to_stresses(
 def to_terms(
     large: FloatArray, stresses: FloatArray, heights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """alpha_1, (W,), and ln v_i, (W, 2), of `to_stresses`; NaN where there are none.
+    """Invert `to_stresses`: return alpha_1 (W,) and ln v_i (W, 2); NaN if there is no solution.
 
     (S_3 / S_1 - rho_3(alpha_2)) / (S_2 / S_1 - rho_2(alpha_2)) is the slope of a chord of rho_3
-    over rho_2, which is convex: it falls as alpha_1 rises, so that there is one such alpha_1.
+    as a function of rho_2. This function is convex, and the slope decreases as alpha_1 increases.
+    Therefore at most one alpha_1 has this slope.
     """
     small, log_stresses = np.empty(large.size), np.empty((large.size, 2))
     for w in range(large.size):
@@ -156,10 +161,10 @@ def to_terms(
 def _exponent(
     large: float, second: float, third: float, wanted: float, heights: FloatArray
 ) -> float:
-    """alpha_1 between 0 and alpha_2 where the chord has the wanted slope; NaN if nowhere.
+    """Return alpha_1 between 0 and alpha_2 for which the chord has the wanted slope, or NaN.
 
-    By the Illinois rule (Dowell and Jarratt 1971, BIT 11, 168), in alpha_1 squared, of which
-    ratios are smooth functions.
+    It is found by the Illinois rule (Dowell and Jarratt 1971, BIT 11, 168). The unknown is
+    alpha_1^2, because the ratios are smooth functions of it.
     """
     one, two, three = heights
     low, high = 0.0, large**2

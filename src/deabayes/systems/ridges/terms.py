@@ -1,4 +1,4 @@
-"""Coordinates of Ogden terms and of a stretched Gent spring, of which records show the sum."""
+"""Coordinates of Ogden terms, whose sum records show, and of a stretched Gent spring."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ from deabayes.systems.springs.stretched import StretchedSpring
 Stresses = Shares | FilmStress
 
 NEARLY_ZERO = 1e-9
-"""Of an exponent: lambda^alpha is 1 + alpha ln lambda."""
+"""Smallest magnitude of an exponent; for it, lambda^alpha is 1 + alpha ln lambda."""
 HEIGHTS = 1.0, 0.92, 0.84
-"""Of the film's stresses, in those of the reference: 0.85 and 0.72 times as far for the paper's
-film. Proposals are as good with any between 1.1 and 0.7."""
+"""Heights h_k of the film's stresses over the height at the reference stretches. For the paper's
+film, lambda_1 is 1, 0.85 and 0.72 times the reference stretch. Any factors between 1.1 and 0.7
+give proposals that are as good."""
 LEAST_SHARE, RARELY, LOOKED_AT = 0.005, 0.01, 2000
-"""A term is seen whose share of the stress is rarely less, by so many draws of the prior. Where
-one is not, coordinates that hold both have a wall."""
+"""Records show a term if its share of the stress is below LEAST_SHARE in at most a fraction RARELY
+of LOOKED_AT draws of the prior. If they show only one term, `FilmStress` has a hard boundary."""
 
 
 @dataclass(frozen=True)
 class Stretched:
-    """ln(alpha / 2) - ln(lambda_1^alpha - lambda_3^alpha) of standardised exponents.
+    """The function ln(alpha / 2) - ln(lambda_1^alpha - lambda_3^alpha) of standardised exponents.
 
     Attributes
     ----------
-    middle, sd : of the exponents' prior.
-    logarithms : of lambda_1 and of lambda_3.
+    middle, sd : mean and standard deviation of the exponents' prior.
+    logarithms : ln lambda_1 and ln lambda_3.
     """
 
     middle: float
@@ -52,12 +53,12 @@ class Stretched:
 
 @dataclass(frozen=True)
 class LogParts:
-    """Logarithms of parts of a total in place of their scores."""
+    """Coordinates that replace the scores of the parts of a total by the logs of the parts."""
 
     block: Parts
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        """Change the columns of u (W, d) in place; return the log of the Jacobian, (W,)."""
         own = list(self.block.columns)
         z, parts = u[:, own], self.block.to_parameters(u[:, own])
         u[:, own] = np.log(parts)
@@ -65,7 +66,7 @@ class LogParts:
         return np.asarray(log_normal_density(z).sum(axis=1) - log_density)
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`, in place."""
         own = list(self.block.columns)
         u[:, own] = self.block.to_normal(np.exp(u[:, own]))
 
@@ -73,15 +74,16 @@ class LogParts:
 def term_shares(
     joint: Prior, largest_stretches: tuple[float, float] | None, free: frozenset[int]
 ) -> list[LogParts | Stresses]:
-    """Those of a spring's terms, of which the exponents are uniform.
+    """Return coordinates for the terms of springs whose exponents have a uniform prior.
 
-    Where the prior is of all terms' stress at a stretch, of parts of it. Where each term has a
-    log-normal share of the shear modulus, of stresses at the largest stretch on record.
+    If the prior is on the sum of the terms' stresses at one stretch, the coordinates use the
+    parts of this stress. If each term has a log-normal share of the shear modulus, the coordinates
+    use the stresses at the largest recorded stretch.
 
     Parameters
     ----------
     largest_stretches : see `System.largest_stretches`.
-    free : columns with priors of their own.
+    free : columns of the prior that are not inherited.
     """
     found: list[LogParts | Stresses] = []
     for terms in units_of(joint):
@@ -97,14 +99,14 @@ def term_shares(
 
 
 def shown(scores: FloatArray) -> FloatArray:
-    """Nothing is hidden of a stress."""
+    """Return zeros: records show the complete stress of a term."""
     return np.zeros_like(scores)
 
 
 def _of_stresses(
     joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]
 ) -> Stresses:
-    """Of terms' stresses at one stretch; of the film's at several, where it was handed on."""
+    """Coordinates of terms' stresses: `FilmStress` for two inherited terms, else `Shares`."""
     prior = joint.parameters[exponents[0]].prior
     stretches = joint.parameters[coefficients[0]].reference_stretches
     assert isinstance(prior, Uniform) and stretches is not None
@@ -118,7 +120,7 @@ def _of_stresses(
 
 
 def _handed_on(joint: Prior, exponents: tuple[int, ...], coefficients: tuple[int, ...]) -> bool:
-    """Whether a posterior handed on is of a film with a ridge."""
+    """Whether an inherited posterior with a learned map contains all parameters of the terms."""
     names = {joint.names[column] for column in (*exponents, *coefficients)}
     return any(b.learned is not None and names <= set(b.names) for b in joint.inherited)
 
@@ -129,7 +131,7 @@ def _both_seen(
     coefficients: tuple[int, ...],
     logarithms: FloatArray,
 ) -> bool:
-    """Whether none of the terms handed on vanishes."""
+    """Whether the smallest share of the stress is rarely below LEAST_SHARE, in prior draws."""
     theta = joint.sample(np.random.default_rng(0), LOOKED_AT)
     stresses = theta[:, coefficients] * stress_of_one(theta[:, exponents], *logarithms)
     shares = stresses.min(axis=1) / stresses.sum(axis=1)
@@ -137,12 +139,12 @@ def _both_seen(
 
 
 def _moments(prior: Uniform) -> tuple[float, float]:
-    """Mean and standard deviation."""
+    """Mean and standard deviation of a uniform prior."""
     return (prior.lower + prior.upper) / 2.0, (prior.upper - prior.lower) / 12**0.5
 
 
 def _parts(joint: Prior, coefficients: tuple[int, ...], free: frozenset[int]) -> Parts | None:
-    """The block of coefficients that are parts of one stress at given stretches."""
+    """Return the prior block whose coefficients are parts of one stress, or None."""
     parameters = [joint.parameters[column] for column in coefficients]
     if not all(p.half_product_with and p.reference_stretches for p in parameters):
         return None
@@ -159,7 +161,7 @@ def _shares(
     coefficients: tuple[int, ...],
     free: frozenset[int],
 ) -> Shares | None:
-    """Those of terms with log-normal shares of the shear modulus."""
+    """Return coordinates of terms with log-normal shares of the shear modulus, or None."""
     parameters = [joint.parameters[column] for column in coefficients]
     halves = all(p.half_product_with and not p.reference_stretches for p in parameters)
     normals = log_normals(joint, coefficients, free)
@@ -176,7 +178,7 @@ def _shares(
 
 @dataclass(frozen=True)
 class GentPair:
-    """Modulus and limit of a Gent spring, as columns of z.
+    """Coordinates for modulus and limit of a Gent spring, as columns of z.
 
     ln mu = constant + modulus_slope z, ln J = limit_intercept + limit_slope z.
     """
@@ -188,16 +190,16 @@ class GentPair:
     limit_slope: float
 
     def straighten(self, u: FloatArray) -> float:
-        """Put the score of mu h(J) in the place of that of mu."""
+        """Replace the score of mu by the score of mu h(J), in place."""
         u[:, self.columns[0]] += self._log_secant(u)
         return 0.0
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`, in place."""
         u[:, self.columns[0]] -= self._log_secant(u)
 
     def _log_secant(self, z: FloatArray) -> FloatArray:
-        """ln h(J) on the scale of the modulus's score."""
+        """ln h(J) over the slope of ln mu, which is its value on the scale of the score of mu."""
         with np.errstate(over="ignore"):
             limit = np.exp(self.limit_intercept + self.limit_slope * z[:, self.columns[1]])
         return self.spring.log_secant(limit) / self.modulus_slope
@@ -206,7 +208,7 @@ class GentPair:
 def gent_pairs(
     prior: Prior, springs: Sequence[StretchedSpring], free: frozenset[int]
 ) -> list[GentPair]:
-    """One for each spring that records are known to have stretched."""
+    """Return coordinates for each spring that the records stretch."""
     pairs: list[GentPair] = []
     for spring in springs:
         columns = [prior.names.index(name) for name in (spring.modulus, spring.limit)]

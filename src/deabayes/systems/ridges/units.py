@@ -1,4 +1,4 @@
-"""Coordinates and hops of relaxation units, of which records show the sum."""
+"""Coordinates and hops for relaxation units, because records show only the sum of the units."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from deabayes.systems.springs.ogden import stress_of_one
 
 @dataclass(frozen=True)
 class Units:
-    """An ordered group of n parameters and what belongs to each, as columns of theta.
+    """An ordered group of n parameters with their companions, as columns of theta.
 
     Attributes
     ----------
-    columns : (1 + companions, n), the ordered parameters first.
+    columns : (1 + companions, n), the ordered parameters in the first row.
     """
 
     columns: NDArray[np.intp]
@@ -32,7 +32,7 @@ class Units:
         return self.columns.shape[1]
 
     def renumbered(self, theta: FloatArray) -> FloatArray:
-        """theta (W, p) with units ascending, each keeping what belongs to it."""
+        """Return theta (W, p) with units sorted in ascending order, together with companions."""
         order = np.argsort(theta[:, self.columns[0]], axis=1)
         result = theta.copy()
         for row in self.columns:
@@ -41,7 +41,7 @@ class Units:
 
 
 def units_of(prior: Prior, fewest: int = 2) -> tuple[Units, ...]:
-    """Groups of so many units and more, each with as many companions as the others of its group."""
+    """Return groups of at least `fewest` units whose units have equal numbers of companions."""
     names, groups = list(prior.names), list[Units]()
     for group in dict.fromkeys(p.ordered for p in prior.parameters if p.ordered):
         members = [p.name for p in prior.parameters if p.ordered == group]
@@ -56,18 +56,20 @@ def units_of(prior: Prior, fewest: int = 2) -> tuple[Units, ...]:
 
 
 Hidden = Callable[[FloatArray], FloatArray]
-"""Places (W, n) -> the log of how much of a part at that place records do not show, (W, n)."""
+"""Places (W, n) -> log of the ratio of a part's size to the size that records show, (W, n)."""
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Where the parts of a sum are, and how large they are, among coordinates.
+    """Columns of coordinates that hold the places and the sizes of the parts of a sum.
+
+    Here v_i is the size of part i that records show: ln v_i = +-ln mu_i - hidden.
 
     Attributes
     ----------
-    places, sizes : columns, in one order: of ln tau_i and of the scores of mu_i.
+    places, sizes : columns of ln tau_i, and of the scores of mu_i, in the same order.
     intercepts, slopes : (n,), with +-ln mu_i = intercept + slope z.
-    hidden : ln(1 + tau / T).
+    hidden : for relaxation units ln(1 + tau / T).
     """
 
     places: tuple[int, ...]
@@ -77,37 +79,37 @@ class Parts:
     hidden: Hidden
 
     def _places_and_shown(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ln tau_i and ln v_i, (W, n) each."""
+        """Return ln tau_i and ln v_i, each (W, n)."""
         where = u[:, list(self.places)]
         return where, self.intercepts + self.slopes * u[:, list(self.sizes)] - self.hidden(where)
 
     def _put(self, u: FloatArray, where: FloatArray, shown: FloatArray) -> None:
-        """The way back: ln tau_i and the scores of mu_i into their columns."""
+        """Write ln tau_i and the scores of mu_i, computed from ln v_i, into their columns."""
         u[:, list(self.places)] = where
         u[:, list(self.sizes)] = (shown + self.hidden(where) - self.intercepts) / self.slopes
 
     @property
     def _log_slopes(self) -> float:
-        """Log of the Jacobian of ln mu by the scores."""
+        """Log of the Jacobian of ln mu with respect to the scores."""
         return float(np.log(np.abs(self.slopes)).sum())
 
 
 @dataclass(frozen=True)
 class Shares(Parts):
-    """Coordinates in place of where parts are and of the scores of how large they are.
+    """Coordinates: mean place, distances of neighbours, log of the total, log ratios of neighbours.
 
     Attributes
     ----------
-    spread : the distance of neighbours is counted in what it adds to the standard deviation of
-        places, s_i = (W_i (1 - W_i))^(1/2) (ln tau_{i+1} - ln tau_i), W_i = sum_{j <= i} w_j: of
-        two parts it is that standard deviation, and the ridge along which the smaller one goes
-        out, the further the smaller, is the line of constant s.
+    spread : whether a distance is scaled by its effect on the standard deviation of the places:
+        s_i = (W_i (1 - W_i))^(1/2) (ln tau_{i+1} - ln tau_i), W_i = sum_{j <= i} w_j, with w_j the
+        share of part j. For two parts, s is this standard deviation. A part on a ridge is the
+        farther away the smaller it is; on this ridge s is constant.
     """
 
     spread: bool = False
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
+        """Change the columns of u (W, d) in place; return the log of the Jacobian, (W,)."""
         places, sizes = list(self.places), list(self.sizes)
         where, shown = self._places_and_shown(u)
         largest = shown.max(axis=1, keepdims=True)
@@ -120,7 +122,7 @@ class Shares(Parts):
         return log_factors.sum(axis=1) + self._log_slopes
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`, in place."""
         places, sizes = list(self.places), list(self.sizes)
         ratios, steps = np.zeros((len(u), len(places))), np.zeros((len(u), len(places)))
         np.cumsum(u[:, sizes[1:]], axis=1, out=ratios[:, 1:])
@@ -134,7 +136,7 @@ class Shares(Parts):
         self._put(u, where, shown)
 
     def _log_factors(self, log_shares: FloatArray) -> FloatArray:
-        """Of the distances (W, n - 1), given the shares' logarithms (W, n)."""
+        """Log of the factors of the distances (W, n - 1), from the logs of the shares (W, n)."""
         if not self.spread:
             return np.zeros_like(log_shares[:, 1:])
         below = np.logaddexp.accumulate(log_shares, axis=1)[:, :-1]
@@ -144,10 +146,10 @@ class Shares(Parts):
 
 @dataclass(frozen=True)
 class NestedShares(Parts):
-    """Coordinates of units of which places ascend, each against the slower ones together."""
+    """Coordinates of units in ascending order that compare a unit with the sum of slower units."""
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) in place; log of the Jacobian, (W,)."""
+        """Change the columns of u (W, d) in place; return the log of the Jacobian, (W,)."""
         where, shown = self._places_and_shown(u)
         total, mean = shown[:, -1], where[:, -1]
         log_jacobian = np.full(len(u), self._log_slopes)
@@ -164,7 +166,7 @@ class NestedShares(Parts):
         return log_jacobian
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`, in place."""
         where, shown = u[:, list(self.places)], u[:, list(self.sizes)]
         mean, total = where[:, 0].copy(), shown[:, 0].copy()
         for i in range(len(self.places) - 1):
@@ -179,17 +181,18 @@ class NestedShares(Parts):
 
 
 def _log_shares(log_ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ln w and ln(1 - w) of ln(w / (1 - w))."""
+    """Return ln w and ln(1 - w) for a given ln(w / (1 - w))."""
     return -np.logaddexp(0.0, -log_ratio), -np.logaddexp(0.0, log_ratio)
 
 
 MANY = 4
-"""Units of which any two may share what is seen of them while others are resolved."""
+"""Fewest units for `NestedShares`: records may show the sum of any two of them, and resolve
+the others."""
 
 
 @dataclass(frozen=True)
 class TooSlow:
-    """ln(1 + tau / T) of ln tau, given ln T."""
+    """The function ln tau -> ln(1 + tau / T), for a given ln T."""
 
     log_duration: float
 
@@ -198,9 +201,10 @@ class TooSlow:
 
 
 def shown_for(experiment: Experiment) -> float:
-    """How slow a unit may be to be seen relaxing [s].
+    """Longest relaxation time that a record can show [s].
 
-    As long as a record lasts, or the period of its lowest frequency; 0 where it knows of no time.
+    It is the duration of the record, or the period of its lowest frequency. It is 0 for a record
+    without time and frequency.
     """
     if experiment.coordinate_name == "time":
         return float(np.ptp(experiment.coordinate))
@@ -215,14 +219,14 @@ def unit_shares(
     units_add: str | None,
     free: frozenset[int],
 ) -> list[Shares | NestedShares]:
-    """One for each group of units that have one log-normal modulus each.
+    """Return coordinates for each group of units that have one log-normal modulus each.
 
-    From `MANY` on each unit is counted against all slower ones together.
+    Groups of at least `MANY` units get `NestedShares`, smaller groups `Shares`.
 
     Parameters
     ----------
     units_add : see `System.units_add`.
-    free : columns with priors of their own.
+    free : columns of the prior that are not inherited.
     """
     durations = [duration for each in experiments if (duration := shown_for(each))]
     if units_add is None or not durations:
@@ -248,12 +252,12 @@ RandomSource = np.random.Generator | np.random.RandomState
 
 @dataclass(frozen=True)
 class UnitHop:
-    """Proposals z -> z' of a prior with ordered units, with the factor of their acceptance.
+    """Proposals z -> z' for a prior with ordered units, with the factor for their acceptance.
 
     Attributes
     ----------
-    stretches : lambda_1 and lambda_3 at which an Ogden term keeps its stress, where its prior names
-        none; None: it keeps mu.
+    stretches : lambda_1 and lambda_3 at which an Ogden term keeps its stress, if the prior has no
+        reference stretches. If both are None, the term keeps mu.
     """
 
     prior: Prior
@@ -262,14 +266,14 @@ class UnitHop:
 
     @classmethod
     def of(cls, prior: Prior, stretches: tuple[float, float] | None = None) -> Self | None:
-        """The hop of a prior; None where no group has two units to number."""
+        """Return the hop of a prior, or None if no group has two units."""
         groups = units_of(prior)
         return cls(prior, groups, stretches) if groups else None
 
     def __call__(self, z: FloatArray, random: RandomSource) -> tuple[FloatArray, FloatArray]:
-        """Proposed z' (W, d), and the log of what L'N(z')/(L N(z)) is to be multiplied by, (W,).
+        """Return proposals z' (W, d), and the log of the factor of L'N(z')/(L N(z)), (W,).
 
-        A proposal outside the prior's support is z itself with factor -inf.
+        A proposal outside the support of the prior is replaced by z, with log factor -inf.
         """
         units = self.groups[random.choice(len(self.groups))]
         walkers = np.arange(len(z))
@@ -291,7 +295,7 @@ class UnitHop:
         return weighed(self.prior, z, theta, proposed, factor)
 
     def _carried(self, units: Units, old: FloatArray, new: FloatArray) -> FloatArray | None:
-        """What mu of a term is multiplied by, (W,); None for other units."""
+        """Return the factor (W,) for mu of an Ogden term; None for other units."""
         if len(units.columns) != 2:
             return None
         coefficient = self.prior.parameters[units.columns[1, 0]]
@@ -305,14 +309,15 @@ class UnitHop:
 def weighed(
     prior: Prior, z: FloatArray, theta: FloatArray, proposed: FloatArray, factor: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """z' (W, d) of theta', and the log of what L'N(z')/(L N(z)) is to be multiplied by, (W,).
+    """Return z' (W, d) of theta', and the log of the factor of L'N(z')/(L N(z)), (W,).
 
-    A proposal outside the prior's support is z itself with factor -inf.
+    A proposal outside the support of the prior is replaced by z, with log factor -inf.
 
     Parameters
     ----------
-    theta, proposed : (W, p), of z and as proposed.
-    factor : (W,), log of the density with which theta is proposed from theta' over the reverse.
+    theta, proposed : (W, p), theta of z, and the proposed theta'.
+    factor : (W,), log of the ratio of the proposal densities: theta from theta' over theta' from
+        theta.
     """
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         moved = prior.to_normal(proposed)
@@ -324,5 +329,5 @@ def weighed(
 
 
 def _log_density(prior: Prior, theta: FloatArray, z: FloatArray) -> FloatArray:
-    """Of the prior without what L has of it (`LogPosterior.log_likelihood_of_normal`)."""
+    """Log-density of the prior, without the part in `LogPosterior.log_likelihood_of_normal`."""
     return prior.log_density(theta) - prior.log_correction(theta, z)

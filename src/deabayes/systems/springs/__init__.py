@@ -1,4 +1,4 @@
-"""Spring laws by name; a new one is a module `springs/<name>.py` and a line here."""
+"""Spring laws by name. To add a law, write a module `springs/<name>.py` and add a line here."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLASSES: dict[str, type[Spring]] = load(
         "ogden": "Ogden",
     },
 )
-"""Spring law -> its class in the module of the same name."""
+"""Spring law -> its class, in the module with the name of the law."""
 REGISTRY: dict[str, Spring] = {name: law() for name, law in CLASSES.items()}
 
 __all__ = ["DEFORMATIONS", "REGISTRY", "PrincipalStretches", "Spring", "principal_stretches"]

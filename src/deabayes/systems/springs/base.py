@@ -1,4 +1,4 @@
-"""What every spring law offers: stress from stretches, nothing else."""
+"""Base class of the spring laws, which compute stress from stretches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deabayes.prior.parameter import Parameter
 MODULUS_MEDIAN = 50e3
 """Default prior median of a shear modulus [Pa] when the material is not known."""
 MODULUS_SIGMA = 1.5
-"""Its log-normal sigma: 5-95 % is 4 kPa to 0.6 MPa, VHB 4910 to filled rubber."""
+"""Log-normal sigma of the default prior: 5-95 % is 4 kPa to 0.6 MPa, VHB 4910 to filled rubber."""
 MODULUS_SOURCE = (
     "wide, to hold VHB 4910 (13.7-35 kPa long-term; Hossain et al. 2012, Wang et al. 2016), "
     "soft silicones and natural rubber (0.4 MPa, Treloar 1944)"
@@ -23,7 +23,7 @@ MODULUS_SOURCE = (
 
 
 class PrincipalStretches(NamedTuple):
-    """Stretches of an incompressible sheet; 3 is the stress-free thickness direction."""
+    """Stretches of an incompressible sheet; direction 3, its thickness, is free of stress."""
 
     first: FloatArray
     second: FloatArray
@@ -64,7 +64,7 @@ OTHER_NAMES = {
 
 
 def unknown_deformation(name: str) -> UserError:
-    """Names alike may be other deformations: simple shear is not pure shear."""
+    """Return the error for an unknown deformation, with a hint for names that mean a known one."""
     plain = "".join(letter for letter in name.lower() if letter.isalpha())
     written = {each.replace("_", ""): each for each in DEFORMATIONS} | OTHER_NAMES
     usual = written.get(plain, "")
@@ -74,7 +74,7 @@ def unknown_deformation(name: str) -> UserError:
 
 
 def column(values: FloatArray) -> FloatArray:
-    """Draws (W,) as (W, 1), to broadcast against points (N,)."""
+    """Return draws (W,) as (W, 1), to broadcast against points (N,)."""
     return np.asarray(values, dtype=float)[..., np.newaxis]
 
 
@@ -84,7 +84,7 @@ class Spring(ABC):
     Attributes
     ----------
     name : registry name, and the first part of a candidate's name.
-    counts_terms : whether the law is a series whose number of terms is a choice.
+    counts_terms : whether the law is a series with a number of terms to choose.
     """
 
     name: ClassVar[str]
@@ -94,16 +94,16 @@ class Spring(ABC):
     def parameters(
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
-        """Parameters with default priors; `modulus_median` [Pa] scales those of moduli."""
+        """Return parameters with default priors; `modulus_median` [Pa] scales priors of moduli."""
 
     @abstractmethod
     def cauchy_stress(
         self, stretches: PrincipalStretches, draws: Mapping[str, FloatArray]
     ) -> FloatArray:
-        """True stress in direction 1 [Pa], direction 3 being free of stress.
+        """True stress in direction 1 [Pa]; direction 3 is free of stress.
 
         sigma_1 = lambda_1 dW/dlambda_1 - lambda_3 dW/dlambda_3. Stretches are (N,) or
-        (W, N), draws (W,); returns (W, N), NaN where the law does not hold.
+        (W, N), draws (W,). Returns (W, N), with NaN where the law does not hold.
         """
 
     @abstractmethod
@@ -111,14 +111,14 @@ class Spring(ABC):
         """Small-strain shear modulus [Pa], (W,)."""
 
     def inverse_limit(self, draws: Mapping[str, FloatArray]) -> FloatArray:
-        """1/J of a limit J of I1 - 3, whose argument 1 - (I1 - 3)/J divides the stress, (W,).
+        """1/J for the limit J of I1 - 3, (W,); zero for a law without a limit.
 
-        Zero for a law without one.
+        The stress of a law with a limit is divided by 1 - (I1 - 3)/J.
         """
         return np.zeros_like(self.shear_modulus(draws), dtype=np.float64)
 
     def without_limit(self, draws: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
-        """The same draws, their limit at infinity."""
+        """Return the draws with an infinite limit, if the law has one."""
         return draws
 
     def nominal_stress(

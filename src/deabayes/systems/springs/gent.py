@@ -1,4 +1,4 @@
-"""Gent spring: neo-Hookean with a limit of its first invariant."""
+"""Gent spring: like neo-Hookean, with a limit of the first invariant."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LIMIT_SOURCE = (
 
 
 def limit_parameter(name: str = "J", symbol: str = "J") -> Parameter:
-    """The limit J of I1 - 3, with its default prior."""
+    """Return the parameter J, the limit of I1 - 3, with its default prior."""
     return Parameter(
         name=name,
         symbol=symbol,
@@ -40,7 +40,7 @@ class Gent(Spring):
     def parameters(
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
-        """`mu` [Pa] and `J`; `terms` is ignored."""
+        """Return the parameters `mu` [Pa] and `J`; `terms` is ignored."""
         return (modulus_parameter(modulus_median), limit_parameter())
 
     def cauchy_stress(
@@ -65,5 +65,5 @@ class Gent(Spring):
         return 1.0 / np.where(limit > 0.0, limit, np.nan)
 
     def without_limit(self, draws: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
-        """J infinite."""
+        """Return the draws with infinite J."""
         return {**draws, "J": np.full_like(draws["J"], np.inf, dtype=float)}

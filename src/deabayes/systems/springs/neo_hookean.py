@@ -18,7 +18,7 @@ from deabayes.systems.springs.base import (
 
 
 def modulus_parameter(modulus_median: float) -> Parameter:
-    """The shear modulus `mu` of a law that has one, with its default prior."""
+    """Return the parameter `mu`, a shear modulus, with its default prior."""
     return Parameter(
         name="mu",
         symbol=r"\mu",
@@ -37,7 +37,7 @@ class NeoHookean(Spring):
     def parameters(
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
-        """`mu` [Pa]; `terms` is ignored."""
+        """Return the parameter `mu` [Pa]; `terms` is ignored."""
         return (modulus_parameter(modulus_median),)
 
     def cauchy_stress(

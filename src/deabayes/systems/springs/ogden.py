@@ -24,7 +24,7 @@ EXPONENT_SOURCE = (
 
 
 def count_terms(draws: Mapping[str, FloatArray]) -> int:
-    """How many terms `draws` holds: the largest N with `alpha_1`..`alpha_N` present."""
+    """Count the terms in `draws`: the largest N for which `draws` has `alpha_1`..`alpha_N`."""
     terms = 0
     while f"alpha_{terms + 1}" in draws:
         terms += 1
@@ -34,7 +34,7 @@ def count_terms(draws: Mapping[str, FloatArray]) -> int:
 def stress_of_one(
     exponent: FloatArray, log_first: FloatArray | float, log_third: FloatArray | float
 ) -> FloatArray:
-    """sigma_1 / mu = lambda_1^alpha - lambda_3^alpha of a term."""
+    """Return sigma_1 / mu = lambda_1^alpha - lambda_3^alpha of one term."""
     return np.asarray(np.expm1(exponent * log_first) - np.expm1(exponent * log_third))
 
 
@@ -51,7 +51,7 @@ class Ogden(Spring):
     def parameters(
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
-        """`mu_1..N` [Pa] (mu_i alpha_i > 0), then `alpha_1..N`, ascending."""
+        """Return `mu_1..N` [Pa] (mu_i alpha_i > 0), then `alpha_1..N`, which ascend."""
         numbers = range(1, terms + 1)
         coefficients = tuple(
             Parameter(

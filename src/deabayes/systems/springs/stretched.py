@@ -1,4 +1,4 @@
-"""What records show of a Gent spring that goes from one stretch to another."""
+"""A Gent spring between two stretches, and the stress difference that records determine."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray, Specimen
 
 REACHED = 0.98
-"""Of the way to the largest value recorded, which has noise."""
+"""Assumed largest stretch, as a share of the way to the largest recorded value, which has noise."""
 CLOSEST = 1.05
-"""Of the limit to I_1 - 3: closer to lock-up h stays as it is, so that a record that was read wrong
-shuts out no limit."""
+"""Smallest ratio of the limit J to I_1 - 3 for h(J); below it h is constant. So a record with a
+wrong reading does not exclude a limit."""
 
 
 @dataclass(frozen=True)
 class StretchedSpring:
     r"""A Gent spring, P(lambda) = mu p(lambda) / (1 - i(lambda)/J), i = I_1 - 3.
 
-    Where it holds the load at lambda_1 that it did not hold at lambda_0, a record there fixes
+    If the spring carries an additional load at lambda_1 compared with lambda_0, records determine
     P(lambda_1) - P(lambda_0) = mu h(J) far better than mu or J.
 
     Attributes
@@ -35,7 +35,7 @@ class StretchedSpring:
     invariants: tuple[float, float]
 
     def log_secant(self, limit: FloatArray) -> FloatArray:
-        """ln h(J), (W,), and where the spring would lock that of the closest limit."""
+        """ln h(J), (W,); a limit below CLOSEST times the invariant is replaced by this value."""
         limit = np.maximum(limit, CLOSEST * self.invariants[1])
         before, after = (
             shape / (1.0 - invariant / limit)
@@ -47,7 +47,7 @@ class StretchedSpring:
 def equal_biaxial(
     modulus: str, limit: str, specimen: Specimen, experiments: Sequence[Experiment]
 ) -> tuple[StretchedSpring, ...]:
-    """The spring of a membrane, from its pre-stretch to the largest stretch on record; or none."""
+    """Return the membrane's spring from pre-stretch to the largest recorded stretch, if larger."""
     rest = specimen.quantities["prestretch"].value
     side = specimen.quantities.get("side_length")
     largest = [_largest(e, rest, 1.0 if side is None else side.value) for e in experiments]
@@ -60,7 +60,7 @@ def equal_biaxial(
 
 
 def _largest(experiment: Experiment, rest: float, side: float) -> float:
-    """The largest stretch of a record of stretch, displacement or area."""
+    """Largest stretch in a record of stretch, displacement or area."""
     value = float(np.max(experiment.response))
     if experiment.response_name == "displacement":
         return rest + value / side

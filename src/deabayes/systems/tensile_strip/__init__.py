@@ -1,1 +1,1 @@
-"""The tensile strip: hyperelastic spring and Maxwell units under a prescribed stretch."""
+"""The tensile strip: a hyperelastic spring and Maxwell units under a prescribed stretch."""

@@ -21,7 +21,7 @@ from deabayes.systems.springs.base import MODULUS_MEDIAN
 from deabayes.systems.springs.gent import limit_parameter
 
 MAXIMUM = 6
-"""Of relaxation units and of spring terms."""
+"""Largest number of relaxation units, and of spring terms."""
 VHB_MODULUS = LogNormal(30e3, 1.2)
 VHB_SOURCE = (
     "VHB 4910: long-term modulus 13.7-35 kPa, branches 11-56 kPa (Hossain et al. 2012; Wang et "
@@ -38,17 +38,17 @@ TIME_SOURCE = (
     "0.6-0.8, 6.6-11 and 61-500 s"
 )
 REFERENCE_STRETCH = 2.0
-"""Where derived relaxation times are given."""
+"""Stretch at which derived relaxation times are given."""
 
 
 @dataclass(frozen=True)
 class StripModel:
-    """A spring alpha beside `units` Maxwell units, and beside a dashpot if `kelvin`.
+    """A spring alpha parallel to `units` Maxwell units, and to a dashpot alpha if `kelvin`.
 
     Attributes
     ----------
-    kelvin : KV-GM (Nguyen et al. 2021): Gent springs everywhere, dashpot alpha.
-        Otherwise Maxwell springs are neo-Hookean and there is no dashpot alpha.
+    kelvin : whether the model is KV-GM (Nguyen et al. 2021), where all springs are Gent springs.
+        Otherwise the springs of the units are neo-Hookean and there is no dashpot alpha.
     """
 
     spring: Spring
@@ -75,7 +75,7 @@ class StripModel:
 
     @property
     def order(self) -> int:
-        """Relaxation units; spring terms when there are none."""
+        """Number of relaxation units, or of spring terms if there are no units."""
         return self.units or self.terms
 
     @property
@@ -84,7 +84,7 @@ class StripModel:
         return "tau_beta" if self.kelvin else "tau"
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters in the order of interface.md."""
+        """Return the material parameters in the order of interface.md."""
         if self.kelvin:
             spring: tuple[Parameter, ...] = (
                 Parameter("mu_alpha", r"\mu_\alpha", "Pa", "shear modulus of spring alpha",
@@ -122,18 +122,18 @@ class StripModel:
         return moduli + times
 
     def spring_draws(self, draws: Draws) -> Draws:
-        """Draws under the spring law's own names."""
+        """Return the draws with the parameter names of the spring law."""
         return {"mu": draws["mu_alpha"], "J": draws["J_alpha"]} if self.kelvin else draws
 
     def unit_draws(self, draws: Draws) -> tuple[np.ndarray, np.ndarray]:
-        """Moduli mu_beta and times tau, each (n, W)."""
+        """Return the moduli mu_beta and the times tau, each (n, W)."""
         numbers = range(1, self.units + 1)
         moduli = np.array([draws[f"mu_beta_{i}"] for i in numbers], dtype=float)
         times = np.array([draws[f"{self.time_group}_{i}"] for i in numbers], dtype=float)
         return moduli, times
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """Moduli, dashpots' viscosities and linearised relaxation times."""
+        """Return moduli, viscosities of dashpots and linearised relaxation times."""
         long_term = np.asarray(self.spring.shear_modulus(self.spring_draws(draws)), dtype=float)
         found = {
             "shear_modulus_long_term": Derived(
@@ -164,7 +164,7 @@ class StripModel:
 
 
 def _count(digits: str, candidate: str, what: str) -> int:
-    """A number of units or terms, between 1 and MAXIMUM."""
+    """Parse a number of units or terms; it must be 1 to MAXIMUM."""
     count = int(digits)
     if not 1 <= count <= MAXIMUM:
         raise UserError(f"candidate {candidate!r}: {what} must be 1 to {MAXIMUM}, not {count}")
@@ -172,7 +172,7 @@ def _count(digits: str, candidate: str, what: str) -> int:
 
 
 def examples() -> list[str]:
-    """Candidates that can be built, up to four units."""
+    """Return the candidates with up to four terms and units."""
     found = [f"kv_gm_{n}" for n in range(1, 5)]
     for name, spring in SPRINGS.items():
         heads = [f"{name}_{terms}" for terms in range(1, 5)] if spring.counts_terms else [name]
@@ -193,7 +193,7 @@ ELASTIC = "The candidate has no relaxation units: the card is elastic, and knows
 
 
 def solid(model: StripModel, draws: Draws) -> Solid:
-    """The law of the spring beside the units, and their relaxation at stretch 1."""
+    """Return the law of the spring parallel to the units, with their relaxation at stretch 1."""
     spring = model.spring_draws(draws)
     moduli, others = coefficients(model.spring.parameters(model.terms), spring)
     long_term = np.asarray(model.spring.shear_modulus(spring), dtype=float)
@@ -214,7 +214,7 @@ def solid(model: StripModel, draws: Draws) -> Solid:
 
 
 def _of_model(model: StripModel, draws: Draws, total: FloatArray) -> tuple[Note, ...]:
-    """What differs between the candidate's springs, and its dashpot alpha."""
+    """Return notes on differences between the candidate's springs, and on dashpot alpha."""
     if model.kelvin:
         zeta = np.asarray(draws["zeta_alpha"], dtype=float)
         limits = {"beta": draws["J_beta"], "alpha": draws["J_alpha"]}

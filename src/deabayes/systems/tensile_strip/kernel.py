@@ -1,4 +1,4 @@
-"""Compiled kernel of the tensile strip, and what it needs of a record."""
+"""Compiled kernel of the tensile strip, and the preparation of a record for it."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from deabayes.integrate.drive import GridSettings, graded_grid, simplify
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES, interpolate, size_factor
 
 SMALLEST_FRACTION = 1e-7
-"""Of a grid step: a unit that needs smaller steps has failed."""
+"""Smallest step over a grid step; a unit that needs a smaller one has failed."""
 MOST_TRIED = 1000
-"""Steps within a grid step: a unit that needs more has failed (usual are 2 to 50)."""
+"""Largest number of steps in a grid step; a unit that needs more has failed (usual: 2 to 50)."""
 ROWS = 11
 GAUGE, INVERSE, RATE, MODULUS, LIMIT, START, END, ERROR, K2, K3, K4 = (
     row * LANES for row in range(ROWS)
 )
-"""Offsets of a block's rows in one flat work array: from a single array the compiler
-sees that the rows do not overlap, and makes vectors of the lanes."""
+"""Offsets of a block's rows in one flat work array. With a single array the compiler knows that
+the rows do not overlap, and vectorises the loops over lanes."""
 
 
 @njit(**KERNEL_OPTIONS)
 def _flow(stretch: float, xi: float, hr: float, q: float) -> tuple[float, float]:
-    """h xi' with hr = h/tau, and its denominator xi B, which must be positive."""
+    """Return h xi' with hr = h/tau, and its denominator xi B, which must be positive."""
     cube = xi * xi * xi
     stretch_cube = stretch * stretch * stretch
     below = stretch * cube * (1.0 + 3.0 * q) - q * xi * (stretch_cube + 2.0 * cube)
@@ -37,7 +37,7 @@ def _flow(stretch: float, xi: float, hr: float, q: float) -> tuple[float, float]
 
 @njit(**KERNEL_OPTIONS)
 def _stress(stretch: float, xi: float, q: float) -> float:
-    """Nominal stress of a unit over its modulus."""
+    """Nominal stress of a unit divided by its modulus."""
     cube = xi * xi * xi
     stretch_cube = stretch * stretch * stretch
     b = stretch * xi * xi * (1.0 + 3.0 * q) - q * (stretch_cube + 2.0 * cube)
@@ -48,10 +48,10 @@ def _stress(stretch: float, xi: float, q: float) -> float:
 def _step(
     lam: float, change: float, y: float, hr: float, q: float
 ) -> tuple[float, float, float, float, float]:
-    """One Rodas5P step: end value, dense-output k2..k4, error of the stress over mu.
+    """Make one Rodas5P step; return end value, dense output k2..k4, error of the stress over mu.
 
-    `change` is the stretch's increment over the step; hr = h/tau. The error is that of
-    the embedded formula times dP/dxi at the start; NaN past the Gent limit.
+    `change` is the increment of the stretch in the step; hr = h/tau. The error is the error of
+    the embedded formula times dP/dxi at the start; it is NaN past the Gent limit.
     """
     cube = y * y * y
     lam2 = lam * lam
@@ -110,10 +110,10 @@ def _repeat_step(
     stretch: FloatArray,
     stress: FloatArray,
 ) -> int:
-    """Repeat a grid step of one unit of draw `i` with sizes of its own.
+    """Repeat a grid step of one unit of draw `i` in smaller steps; return the steps tried.
 
-    `positions` (M,) are the outputs as fractions of the grid step; their stress is added
-    to `stress` (M,). Sets the end value, NaN on failure; returns the steps tried.
+    `positions` (M,) are the outputs as fractions of the grid step. Their stress is added to
+    `stress` (M,). The end value is written into `work`; it is NaN on failure.
     """
     gauge, q, hr = work[GAUGE + i], work[INVERSE + i], duration * work[RATE + i]
     limit, y = work[LIMIT + i], work[START + i]
@@ -142,7 +142,7 @@ def _repeat_step(
 
 @njit(**KERNEL_OPTIONS)
 def _step_lanes(work: FloatArray, before: float, change: float, duration: float) -> int:
-    """One grid step of a unit of LANES draws; returns how many exceed their limit."""
+    """Make one grid step of a unit of LANES draws; return how many exceed their error limit."""
     for i in range(LANES):
         lam = 1.0 + work[GAUGE + i] * before
         lam_change = work[GAUGE + i] * change
@@ -159,7 +159,7 @@ def _step_lanes(work: FloatArray, before: float, change: float, duration: float)
 
 @njit(**KERNEL_OPTIONS)
 def _add_outputs(work: FloatArray, position: float, strain: float, stress: FloatArray) -> None:
-    """Add the stress at one output to `stress` (LANES,), of the draws whose step passed."""
+    """Add the stress at one output to `stress` (LANES,), for draws within their error limit."""
     for i in range(LANES):
         xi = interpolate(
             position, work[START + i], work[END + i], work[K2 + i], work[K3 + i], work[K4 + i]
@@ -178,21 +178,22 @@ def unit_stress(
     draws: FloatArray,
     stress: FloatArray,
 ) -> NDArray[np.int64]:
-    """Nominal stress of all Maxwell units, summed into `stress`.
+    """Add the nominal stress of all Maxwell units to `stress`.
 
     Parameters
     ----------
-    duration : (S,) grid steps [s]; stretch (S + 1,) at their ends.
-    first_output : (S + 1,) output `o` lies in step s if first_output[s] <= o < [s + 1].
-    position, output_stretch : (N,) fraction of its step and stretch of each output.
-    draws : (B, n, 5, LANES) blocks of draws, for each unit: factor on stretch - 1
-        (nominal gauge length over the draw's), 1/J, 1/tau, mu, error of P/mu allowed in
-        a step.
-    stress : (B, N, LANES) [Pa], added to.
+    duration : (S,) grid steps [s].
+    stretch : (S + 1,) stretch at the ends of the grid steps.
+    first_output : (S + 1,) output `o` is in step s if first_output[s] <= o < first_output[s + 1].
+    position, output_stretch : (N,) position of an output as a fraction of its step, and stretch.
+    draws : (B, n, 5, LANES) blocks of draws with, for each unit: factor on stretch - 1
+        (nominal gauge length over the draw's gauge length), 1/J, 1/tau, mu, error of P/mu
+        allowed in a step.
+    stress : (B, N, LANES) [Pa], to which the stress is added.
 
     Returns
     -------
-    (B, LANES) steps taken in repetition of grid steps.
+    (B, LANES) number of steps in repeated grid steps.
     """
     repeated = np.zeros((draws.shape[0], LANES), np.int64)
     work = np.empty(ROWS * LANES)
@@ -222,7 +223,7 @@ def unit_stress(
 
 IndexArray = NDArray[np.intp]
 DEFAULT_TOLERANCE = 1e-6
-"""Error of the response relative to its range, for which GridSettings' defaults are made."""
+"""Error of the response relative to its range that the defaults of GridSettings give."""
 
 
 @dataclass(frozen=True)
@@ -231,10 +232,11 @@ class StripRecord:
 
     Attributes
     ----------
-    stretch, rate : (N,) at the outputs; the rate at a knot is that after it.
+    stretch, rate : (N,) at the outputs; the rate at a knot is the rate after the knot.
     duration, grid_stretch : (S,) grid steps [s] and (S + 1,) the stretch at their ends.
-    first_output : (S + 1,) outputs of step s are first_output[s] to first_output[s + 1].
-    order, position : (N,) outputs in ascending time, and where each lies in its step.
+    first_output : (S + 1,) step s has the outputs first_output[s] to first_output[s + 1] - 1.
+    order, position : (N,) indices that sort the outputs by time, and for the sorted outputs the
+        position as a fraction of the step.
     reached : smallest and largest stretch until the last output; empty without time.
     """
 
@@ -249,12 +251,12 @@ class StripRecord:
 
     @cached_property
     def spring_stretch(self) -> FloatArray:
-        """Where the spring must hold: the outputs, then what was reached."""
+        """Stretches at which the spring is evaluated: `stretch` at the outputs, then `reached`."""
         return np.append(self.stretch, self.reached)
 
 
 def record_without_time(stretch: FloatArray) -> StripRecord:
-    """A quasi-static record: the stretch at the outputs, and no steps."""
+    """Return a quasi-static record: the stretch at the outputs, and no steps."""
     none, no_index = np.empty(0), np.empty(0, dtype=np.intp)
     return StripRecord(
         stretch, np.zeros_like(stretch), none, none, no_index, np.arange(stretch.size), none, none
@@ -264,7 +266,7 @@ def record_without_time(stretch: FloatArray) -> StripRecord:
 def record_in_time(
     knots: FloatArray, stretch: FloatArray, coordinate: FloatArray, tolerance: float
 ) -> StripRecord:
-    """A history of stretch, constant before its first knot and after its last.
+    """Return the record of a stretch that is constant before its first and after its last knot.
 
     Parameters
     ----------
@@ -298,7 +300,7 @@ def record_in_time(
 def _extended(
     knots: FloatArray, stretch: FloatArray, coordinate: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Knots that span the outputs, at least two, by constant continuation."""
+    """Extend knots and stretch by constant values to span the outputs with at least two knots."""
     first, last = float(np.min(coordinate)), float(np.max(coordinate))
     if first < knots[0] or knots.size == 1:
         before = first if first < knots[0] else knots[0] - 1.0
@@ -309,7 +311,7 @@ def _extended(
 
 
 def _settings(tolerance: float) -> GridSettings:
-    """Steps for a tolerance: the method is of order 5; never coarser than the default."""
+    """Return grid settings for a tolerance and a method of order 5; never coarser than default."""
     ratio = min(1.0, tolerance / DEFAULT_TOLERANCE)
     finer, default = ratio**0.2, GridSettings()
     return GridSettings(

@@ -1,8 +1,9 @@
 """Tensile strip: hyperelastic spring, dashpot and Maxwell units under a prescribed stretch.
 
-KV-GM in uniaxial tension, with the dashpot of Nguyen et al. 2021 per direction (a choice
-of the model, not a consequence of the membrane's equations), lambda the stretch and xi_i
-that of dashpot i, xi_i = lambda at the first knot (at rest):
+This is KV-GM in uniaxial tension, with the dashpot of Nguyen et al. 2021 in the direction of
+tension. That is a choice of this model; it does not follow from the membrane's equations. lambda
+is the stretch of the strip, xi_i the stretch of dashpot i; at the first knot (at rest)
+xi_i = lambda:
 
     P = P_alpha(lambda) + zeta_alpha lambda'
         + sum_i mu_beta_i (lambda xi_i^-2 - lambda^-2 xi_i)/(1 - (I_i - 3)/J_beta)
@@ -38,7 +39,7 @@ from deabayes.systems.tensile_strip.kernel import (
 )
 
 LEFT = 1e-3
-"""Of the largest stress of the history: a scale of what is left after it, at stretch 1."""
+"""Scale of the stress left at stretch 1, over the largest spring stress during the record."""
 QUANTITIES = {
     "gauge_length": ("L_0", "free length between the clamps"),
     "cross_section": ("A_0", "cross-section of the undeformed strip"),
@@ -53,12 +54,12 @@ MEANINGS = {
 
 
 class TensileStrip(System):
-    """A strip in tension, stretch prescribed, nominal stress or force recorded.
+    """A strip in tension under a prescribed stretch; records of nominal stress or force.
 
     Parameters
     ----------
     candidate : `kv_gm_<n>` or `<spring>[_<terms>][_units_<n>]`.
-    specimen : may give `gauge_length` (for displacements), `cross_section` (for forces).
+    specimen : may give `gauge_length` (for displacements) and `cross_section` (for forces).
     tolerance : error of the response relative to its range.
     """
 
@@ -86,24 +87,24 @@ class TensileStrip(System):
 
     @classmethod
     def candidates(cls) -> list[str]:
-        """Candidates that can be built."""
+        """Return examples of candidates."""
         return examples()
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Material parameters, then `gauge_length` and `cross_section` if they carry an sd."""
+        """Return the material parameters, then `gauge_length`, `cross_section` if with an sd."""
         uncertain = uncertain_quantities(self.specimen, QUANTITIES, self.optional_quantities)
         return (*self.model.parameters(), *uncertain)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """Total and long-term modulus, relaxation times at stretch 2, viscosities, mu_0."""
+        """Return total and long-term modulus, relaxation times at stretch 2, viscosities, mu_0."""
         return self.model.derived(draws)
 
     def solid(self, draws: Draws) -> Solid:
-        """The spring's law, relaxing as the units do at stretch 1: see `candidates`."""
+        """Return the spring's law with the relaxation of the units at stretch 1."""
         return solid(self.model, draws)
 
     def largest_stretches(self, experiments: Sequence[Experiment]) -> tuple[float, float] | None:
-        """Those of the record in which they differ most; None where nothing is stretched."""
+        """Return lambda_1 and lambda_3 with the largest ratio; None if nothing is stretched."""
         reached = []
         for excitation in (experiment.excitation for experiment in experiments):
             _, stretch = self._history(excitation)
@@ -114,17 +115,17 @@ class TensileStrip(System):
         return widest if widest[0] != widest[1] else None
 
     def simulator(self, excitation: Excitation, coordinate: FloatArray, response: str) -> Simulator:
-        """Prepare one record; returns draws -> response (W, N).
+        """Prepare one record; return a function draws -> response (W, N).
 
-        A row is NaN where a draw passes a Gent limit, at an output or before, or its integration
-        fails.
+        A row is NaN if the draw passes a Gent limit, at an output or between outputs, or if its
+        integration fails.
 
         Raises
         ------
         UserError
-            Unknown channel or deformation; a missing quantity; a record without time, or
-            a deformation other than uniaxial, for a candidate with relaxation units; an
-            excitation that is not an ascending history of positive stretch.
+            For an unknown channel or deformation, a missing quantity, times that do not ascend or
+            a stretch that is not positive. For a candidate with relaxation units also for a record
+            without time, or a deformation other than uniaxial.
         """
         self.check_channels(excitation.name, response)
         if response == "force":
@@ -146,7 +147,7 @@ class TensileStrip(System):
     def _nominal_stress(
         self, record: StripRecord, draws: Draws, gauge: FloatArray | None, deformation: str
     ) -> FloatArray:
-        """Nominal stress (W, N); `gauge` (W,) scales strain and rate of each draw."""
+        """Nominal stress (W, N); `gauge` (W,) scales the strain and the rate of the draws."""
         held = self._spring_stress(record.spring_stretch, draws, gauge, deformation)
         held[~np.all(np.isfinite(held), axis=1)] = np.nan
         stress = held[:, : record.stretch.size]
@@ -175,8 +176,8 @@ class TensileStrip(System):
     ) -> FloatArray:
         """Nominal stress of all Maxwell units (W, N).
 
-        `peak` (W,) is that of the parallel spring and dashpot: a scale of the response
-        known before integration, and of this draw alone.
+        `peak` (W,) is the largest stress of the parallel spring and dashpot. It is a scale of the
+        response that is known before integration and depends on this draw only.
         """
         from deabayes.integrate.rosenbrock import LANES
         from deabayes.systems.tensile_strip.kernel import unit_stress
@@ -207,7 +208,7 @@ class TensileStrip(System):
         return found
 
     def _record(self, excitation: Excitation, coordinate: FloatArray) -> StripRecord:
-        """Stretch and rate at the outputs, and the steps of the integration."""
+        """Return stretch and rate at the outputs, and the steps of the integration."""
         knots, values = self._history(excitation)
         if not excitation.without_time:
             return record_in_time(knots, values, coordinate, self.tolerance)
@@ -219,7 +220,7 @@ class TensileStrip(System):
         return record_without_time(self._to_stretch(excitation.name, coordinate))
 
     def _history(self, excitation: Excitation) -> tuple[FloatArray, FloatArray]:
-        """Knots and stretch, checked."""
+        """Return the knots and the stretch of an excitation after checking them."""
         knots = np.asarray(excitation.coordinate, dtype=float)
         values = self._to_stretch(excitation.name, np.asarray(excitation.values, dtype=float))
         if not (np.all(np.isfinite(values)) and np.all(values > 0.0)):
@@ -251,7 +252,7 @@ class TensileStrip(System):
         return deformation
 
     def _value(self, name: str, draws: Draws) -> FloatArray:
-        """A quantity: its draws if it is a parameter, else its value, (W,) or (1,)."""
+        """Return a quantity's draws (W,) if it is a parameter, else its value (1,)."""
         quantity = self.specimen.quantities[name]
         return draws[name] if quantity.sd is not None else np.array([quantity.value])
 
@@ -261,5 +262,5 @@ class TensileStrip(System):
         return self.require("gauge_length", "a displacement").sd is not None
 
     def _gauge(self, draws: Draws) -> FloatArray:
-        """Nominal gauge length over each draw's, (W,)."""
+        """Ratio of the nominal gauge length to the gauge length of the draws, (W,)."""
         return self.specimen.quantities["gauge_length"].value / draws["gauge_length"]

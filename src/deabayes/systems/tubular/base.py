@@ -1,4 +1,4 @@
-"""What all candidates of the tubular actuator share: channels, quantities, inertial parameter."""
+"""Base of all tubular actuator candidates: channels, quantities, inertial parameter."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def inertial_parameter(
     active_length: ArrayLike,
     cross_section: ArrayLike,
 ) -> FloatArray:
-    """M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0 [kg/m], Sarban et al. (2012), (13).
+    """Compute M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0 [kg/m], Sarban et al. (2012), (13).
 
-    Of the actuator's total mass, the active part and half of the rest move:
-    m_DE = m_active + (m_total - m_active) / 2. Masses in kg, L_0 in m, A_0 in m^2; all
+    The active part of the actuator and half of its remaining mass move:
+    m_DE = m_active + (m_total - m_active) / 2. Masses in kg, L_0 in m, A_0 in m^2. All arguments
     broadcast, so that draws of uncertain masses give draws of M.
     """
     total, active, sensor, load_mass, length, area = (
@@ -45,13 +45,13 @@ def inertial_parameter(
 
 
 def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
-    """m_DE + m_LVDT [kg]: what moves without a load."""
+    """Compute m_DE + m_LVDT [kg], the moving mass without a load."""
     total, active, sensor = (np.asarray(given, dtype=float) for given in (total, active, sensor))
     return np.asarray(active + 0.5 * (total - active) + sensor)
 
 
 def moving_quantity(total: Quantity, active: Quantity, sensor: Quantity) -> Quantity:
-    """The same of stated masses, with the sd that theirs make; None where none has one."""
+    """Compute the moving mass of stated masses and its sd; sd is None if no mass has an sd."""
     parts = ((total, 0.5), (active, 0.5), (sensor, 1.0))
     value = float(moving_mass(total.value, active.value, sensor.value))
     if all(mass.sd is None for mass, _ in parts):
@@ -67,20 +67,20 @@ QUANTITY_SYMBOLS = {
     "active_length": ("L_0", "length between the passive ends, at rest"),
     "sensor_delay": (r"T_\mathrm{s}", "time by which the sensor of the motion lags"),
 }
-"""The quantities every candidate that strains computes with."""
+"""Quantities that all candidates with strain use."""
 MASSES = ("total_mass", "active_mass", "sensor_mass")
-"""Their sum (13) is the quantity `moving_mass`: no record can tell them apart."""
+"""`moving_mass` replaces them by their sum (13), because records cannot separate them."""
 INERTIA_SYMBOLS = {
     "moving_mass": (r"m_\mathrm{DE}+m_\mathrm{LVDT}", "mass that moves without a load"),
     "cross_section": ("A_0", "cross-section of all elastomer that carries the load"),
 }
-"""Those that `_inertia` adds; it needs the masses, the cross-section and the active length."""
+"""Quantities that `_inertia` adds. It needs the masses, the cross-section and the active length."""
 CIRCUIT_SYMBOLS = {
     "series_resistance": ("R_S", "resistance of electrodes and leads"),
     "leakage_resistance": ("R_L", "resistance through the elastomer"),
     "capacitance": ("C", "capacitance at rest"),
 }
-"""Those that a circuit adds and needs."""
+"""Quantities that a circuit adds and needs."""
 MEANINGS = {
     "strain": "elongation of the active length over itself",
     "displacement": "elongation of the active length",
@@ -97,7 +97,7 @@ MEANINGS = {
 
 
 class TubularBase(System):
-    """A candidate for the tubular actuator: of its strain, of its current, or of both."""
+    """A candidate for the tubular actuator: a model of its strain, its current, or both."""
 
     name: ClassVar[str] = "tubular"
     protocols: ClassVar[tuple[str, ...]] = ("creep", "step", "sine", "sweep", "frequency_response")
@@ -137,16 +137,16 @@ class TubularBase(System):
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
 
     circuit: bool
-    """Whether the candidate holds R_S, R_L and C."""
+    """Whether the candidate has R_S, R_L and C."""
     inertia: bool
-    """Whether it holds the mass."""
+    """Whether the candidate has mass."""
 
     @property
     def massless(self) -> bool:
         return not self.inertia
 
     def uncertain(self, symbols: Mapping[str, str | tuple[str, str]]) -> tuple[Parameter, ...]:
-        """The quantities among these that carry an sd, as parameters."""
+        """Return the quantities in `symbols` that have an sd, as parameters."""
         units = {**self.required_quantities, **self.optional_quantities, "moving_mass": "kg"}
         return uncertain_quantities(
             replace(self.specimen, quantities=self.stated()), symbols, units
@@ -157,34 +157,34 @@ class TubularBase(System):
         return self.stated()
 
     def stated(self) -> Mapping[str, Quantity]:
-        """The specimen's quantities and, of its masses, what moves without a load."""
+        """Return the specimen's quantities, and `moving_mass` if all masses are given."""
         given = self.specimen.quantities
         if not set(MASSES) <= set(given):
             return given
         return {**given, "moving_mass": moving_quantity(*(given[name] for name in MASSES))}
 
     def quantity(self, name: str, draws: Draws) -> FloatArray:
-        """A quantity of the specimen (W,): its draws where it is a parameter, else its value."""
+        """Return a quantity's draws (W,) if it is a parameter, else its value repeated, (W,)."""
         given = draws.get(name)
         if given is not None:
             return given
         return np.full(np.shape(next(iter(draws.values()), np.zeros(1))), self._stated[name].value)
 
     def gain(self, response: str, draws: Draws) -> FloatArray:
-        """Pressure at 1 V (W,), times the length where the response is a displacement."""
+        """Pressure at 1 V (W,); multiplied by the active length for a displacement."""
         pressure = self.pressure(1.0, draws)
         if response != "displacement":
             return pressure
         return pressure * self.quantity("active_length", draws)
 
     def pressure(self, voltage: float, draws: Draws) -> FloatArray:
-        """The Maxwell pressure at `voltage`, (W,); NaN where the thickness is not positive."""
+        """Maxwell pressure at `voltage`, (W,); NaN if the thickness is not positive."""
         thickness = self.quantity("thickness", draws)
         thickness = np.where(thickness > 0.0, thickness, np.nan)
         return maxwell_pressure(voltage, thickness, self.quantity("relative_permittivity", draws))
 
     def circuit_of(self, draws: Draws) -> Circuit:
-        """R_S, R_L and C of the draws."""
+        """Return the circuit with R_S, R_L and C of the draws."""
         return once(
             draws,
             (self, "circuit"),
@@ -192,7 +192,7 @@ class TubularBase(System):
         )
 
     def cautions(self, experiment: Experiment) -> tuple[str, ...]:
-        """A steady sine that asks the amplifier for more current than it has, (16)."""
+        """Warn if a sine needs more current than the amplifier can supply, by (16)."""
         limit = instrument(self.specimen, "current_limit", "current", "A")
         drive, given = drive_of(experiment), self.specimen.quantities
         if limit is None or drive is None or not given.keys() >= CIRCUIT_SYMBOLS.keys():
@@ -208,13 +208,16 @@ class TubularBase(System):
         )
 
     def current_simulator(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
-        """The amplifier's current (W, N) [A] while it puts out the recorded voltage."""
+        """Return the simulator of the amplifier's current (W, N) [A] at the recorded voltage."""
         supply = Supply.of(excitation.coordinate, excitation.values, coordinate)
         return lambda draws: self.circuit_of(draws).supplied(supply)
 
 
 def bias(excitation: Excitation) -> float:
-    """B [V] of a frequency response: the pressure, a square, follows a sine only about a bias."""
+    """Return the bias B [V] of a frequency response.
+
+    Without a bias, the pressure under a sine has no term at the frequency of the sine.
+    """
     given = excitation.conditions.get("bias_kV")
     if given is None or isinstance(given, str) or not given > 0.0:
         found = "none" if given is None else repr(given)
@@ -226,7 +229,7 @@ def bias(excitation: Excitation) -> float:
 
 
 def refuse_two_delays(specimen: Specimen) -> None:
-    """A delay that is modelled must not be taken out of the records too.
+    """Check that a delay is not both modelled and subtracted from the records.
 
     Raises
     ------
@@ -245,7 +248,7 @@ def refuse_two_delays(specimen: Specimen) -> None:
 
 
 def load_mass(excitation: Excitation) -> float:
-    """m_LOAD [kg] of a record."""
+    """Return m_LOAD [kg] of a record."""
     given = excitation.conditions.get("load_g", 0.0)
     if isinstance(given, str) or not given >= 0.0:
         raise UserError(f"condition load_g must be a mass in g, zero or more; found {given!r}")

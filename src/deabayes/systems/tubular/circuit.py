@@ -1,6 +1,6 @@
 r"""The circuit between amplifier and electrodes (Sarban et al. 2012).
 
-A series resistance R_S feeds the capacitance C, which leaks through R_L beside it:
+A series resistance R_S charges the capacitance C, and a leakage resistance R_L is parallel to C:
 
 v_C' + v_C / tau_e = v_AMP / (R_S C),   tau_e = R_L R_S C / (R_L + R_S).     (4), (5)
 """
@@ -21,14 +21,14 @@ from deabayes.systems.base import Derived
 
 @dataclass(frozen=True)
 class Supply:
-    """An amplifier's voltage cut for `Circuit.supplied`.
+    """An amplifier's voltage, prepared for `Circuit.supplied`.
 
     Attributes
     ----------
-    coordinate : (N,) where the current is wanted [s].
-    voltage : (N,) there; at a jump, its value after the jump [V].
-    slopes : its slope between knots, held.
-    jumps : when it jumps and by how much; at the first knot from zero.
+    coordinate : (N,) times at which the current is computed [s].
+    voltage : (N,) voltage at these times [V]; at a jump, the value after the jump.
+    slopes : slope of the voltage, constant between knots.
+    jumps : time and size of each jump of the voltage; at the first knot it jumps from zero.
     """
 
     coordinate: FloatArray
@@ -38,7 +38,7 @@ class Supply:
 
     @classmethod
     def of(cls, time: FloatArray, amplifier: FloatArray, coordinate: FloatArray) -> Supply:
-        """A voltage linear between `time` (M,), a repeated time being a jump."""
+        """Prepare a voltage that is linear between `time` (M,); a repeated time is a jump."""
         voltage = hold(time, amplifier, coordinate)
         slope = voltage.polynomials[:, 1] / voltage.lengths[voltage.length_index]
         none = np.zeros_like(slope)
@@ -73,31 +73,34 @@ class Circuit:
 
     @property
     def gain(self) -> FloatArray:
-        """v_C / v_AMP of a steady voltage, R_L / (R_L + R_S), (W,)."""
+        """v_C / v_AMP under a steady voltage, R_L / (R_L + R_S), (W,)."""
         return self.leakage_resistance / (self.leakage_resistance + self.series_resistance)
 
     def charge(self, time: FloatArray, amplifier: FloatArray, coordinate: FloatArray) -> FloatArray:
-        """v_C (W, N) [V] for an amplifier voltage linear between `time` (M,); exact.
+        """Exact v_C (W, N) [V] for an amplifier voltage that is linear between `time` (M,).
 
-        At `coordinate` (N,), or (W, N) where every draw has its own; uncharged before the first
-        time, where the voltage jumps to its first value.
+        `coordinate` is (N,), or (W, N) if it differs between draws. The capacitance is not charged
+        before the first time, where the voltage jumps to its first value.
         """
         own = np.broadcast_to(coordinate, (self.gain.size, coordinate.shape[-1]))
         return charged_voltage(time, amplifier, self.gain, 1.0 / self.time_constant, own)
 
     def drive(self, space: StateSpace, voltage: Hold) -> FloatArray:
-        """What v_C^2 does to linear systems, (W, N), from rest; exact, v_AMP held with power 1."""
+        """Exact response (W, N) of linear systems to v_C^2, from rest.
+
+        `voltage` holds v_AMP itself (power 1 of `hold`), not its square.
+        """
         return modal_response(space, voltage, self.gain, 1.0 / self.time_constant)
 
     def current(self, amplifier: FloatArray, charged: FloatArray) -> FloatArray:
-        """The amplifier's current (v_AMP - v_C) / R_S (W, N) [A]."""
+        """Current of the amplifier, (v_AMP - v_C) / R_S (W, N) [A]."""
         return (amplifier - charged) / self.series_resistance[:, None]
 
     def supplied(self, supply: Supply) -> FloatArray:
-        r"""The amplifier's current (v_AMP - v_C) / R_S (W, N) [A], exact.
+        r"""Exact current of the amplifier, (v_AMP - v_C) / R_S (W, N) [A].
 
-        v_AMP - v_C is a millionth of either under a steady voltage, so the difference is not
-        taken: with g = R_L / (R_L + R_S),
+        Under a steady voltage v_AMP - v_C is a millionth of v_AMP. To avoid this small difference,
+        with g = R_L / (R_L + R_S),
 
         i = v_AMP / (R_L + R_S) + g^2 C s,   tau_e s' = v_AMP' - s,
 
@@ -115,10 +118,10 @@ class Circuit:
         return leaking + (self.gain**2 * self.capacitance)[:, None] * lagged
 
     def current_amplitude(self, amplitude: float, frequency: FloatArray) -> FloatArray:
-        r"""I = omega C V / sqrt(1 + (omega R_S C)^2) (W, F) [A], (16), leakage neglected.
+        r"""I = omega C V / sqrt(1 + (omega R_S C)^2) (W, F) [A], (16), without leakage.
 
-        Of a sine of the given amplitude [V] at frequencies (F,) [Hz]; what must stay
-        under the amplifier's current limit.
+        I is the current amplitude for a sine with amplitude V [V] at frequencies (F,) [Hz]. It
+        must stay below the current limit of the amplifier.
         """
         angular = 2.0 * np.pi * frequency
         susceptance = angular * self.capacitance[:, None]
@@ -127,7 +130,7 @@ class Circuit:
         )
 
     def derived(self) -> dict[str, Derived]:
-        """`electrical_time_constant` tau_e and `series_time_constant` R_S C, which (15) gives."""
+        """Return `electrical_time_constant` tau_e and `series_time_constant` R_S C of (15)."""
         return {
             "electrical_time_constant": Derived(
                 r"\tau_e", "s", "time constant of the circuit", self.time_constant
@@ -142,9 +145,10 @@ class Circuit:
 
 
 def time_constant_from_phase(phase: FloatArray, frequency: float) -> FloatArray:
-    r"""R_S C [s] from the phase [rad] by which the amplifier's current leads its voltage.
+    r"""Compute R_S C [s] from the phase [rad] by which the amplifier's current leads its voltage.
 
-    arctan(1 / (R_S C omega)) = phase, (15), leakage neglected; NaN beyond pi/2, which no R_S C has.
+    arctan(1 / (R_S C omega)) = phase, (15), without leakage. NaN for a phase above pi/2, which is
+    not possible for any R_S C.
     """
     series = 1.0 / (2.0 * np.pi * frequency * np.tan(phase))
     return np.where(series >= 0.0, series, np.nan)
@@ -153,11 +157,11 @@ def time_constant_from_phase(phase: FloatArray, frequency: float) -> FloatArray:
 def time_constant_interval(
     phase: float, resolution: float, frequency: float
 ) -> tuple[float, float]:
-    """The R_S C [s] that a phase [rad] rounded to `resolution` allows, by (15).
+    """Return the range of R_S C [s] for a phase [rad] rounded to `resolution`, by (15).
 
-    Close to pi/2 the tangent is steep: 1.56 rad at 10 Hz, rounded to 0.01 rad, allows
-    0.92e-4 to 2.51e-4 s, which is why a posterior of the circuit replaces this figure.
-    A phase that may have been pi/2 or more leaves 0 as the lower end; one that must have been, NaN.
+    Close to pi/2 the tangent is steep: 1.56 rad at 10 Hz, rounded to 0.01 rad, allows 0.92e-4 to
+    2.51e-4 s. Therefore a posterior of the circuit replaces this value. If the phase before
+    rounding can be above pi/2, the lower end is 0. If it must be above pi/2, the result is NaN.
     """
     ends = np.array([phase + 0.5 * resolution, phase - 0.5 * resolution])
     least, most = time_constant_from_phase(ends, frequency)

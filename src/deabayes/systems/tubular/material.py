@@ -31,7 +31,7 @@ OTHERS = {
 
 
 def solid(chain: Chain, inertia: bool, circuit: bool) -> Solid:
-    """The solid of every draw of a chain."""
+    """Return the solid of every draw of a chain."""
     free = np.full_like(chain.instantaneous, POISSON_RATIO)
     shear = Chain(
         2.0 * (1.0 + POISSON_RATIO) * chain.instantaneous,
@@ -59,7 +59,7 @@ CHARGE = Signal("capacitor_voltage", "V", "voltage across the electrodes")
 
 @dataclass(frozen=True)
 class DrivenChain:
-    """Draws of an actuator: pressure to strain, k (W,) [Pa/V^2] and, if any, the circuit."""
+    """Draws of an actuator: state space from pressure to strain, k (W,) [Pa/V^2], any circuit."""
 
     space: StateSpace
     pressure_per_square: FloatArray
@@ -67,7 +67,7 @@ class DrivenChain:
     circuit: Circuit | None
 
     def squared(self) -> LinearModel:
-        """From the squared voltage across the electrodes; exact for any voltage."""
+        """Return the model from the squared voltage across the electrodes to strain; exact."""
         gain = self.pressure_per_square
         space = self.space
         driven = StateSpace(space.a, gain[:, None] * space.b, space.c, gain * space.d)
@@ -80,7 +80,7 @@ class DrivenChain:
         return LinearModel(driven, SQUARE, STRAIN, self._states(), note, {})
 
     def about(self, bias: float) -> LinearModel:
-        """From deviations of the amplifier's voltage about a bias V_0 [V] to those of strain."""
+        """Return the model from amplifier voltage to strain, linearised about a bias V_0 [V]."""
         settled = np.broadcast_to(bias, self.pressure_per_square.shape)
         if self.circuit is not None:
             settled = bias * self.circuit.gain
@@ -120,7 +120,7 @@ class DrivenChain:
 
 
 def _behind(circuit: Circuit, space: StateSpace) -> StateSpace:
-    """The systems fed by the circuit, whose voltage becomes their last state."""
+    """Put the circuit before the systems; the voltage v_C becomes their last state."""
     draws, states = space.b.shape
     decay = 1.0 / circuit.time_constant
     a = np.zeros((draws, states + 1, states + 1))

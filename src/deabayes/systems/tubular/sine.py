@@ -18,7 +18,7 @@ AnyArray = ComplexArray | FloatArray
 
 @dataclass(frozen=True)
 class BiasedSine:
-    """v_AMP = A sin(2 pi f t) + B [V], from rest at t = 0; frequency f in Hz."""
+    """The voltage v_AMP = A sin(2 pi f t) + B [V] from t = 0; frequency f in Hz."""
 
     amplitude: float
     bias: float
@@ -32,18 +32,18 @@ class BiasedSine:
 
 @dataclass(frozen=True)
 class Series:
-    """Re sum_r c_r exp(s_r t): coefficients c and rates s [1/s], each (W, R)."""
+    """The sum Re sum_r c_r exp(s_r t): coefficients c and rates s [1/s], each (W, R)."""
 
     coefficients: ComplexArray
     rates: ComplexArray
 
     def lasting(self) -> Series:
-        """The terms that do not decay."""
+        """Return the terms that do not decay."""
         kept = np.all(self.rates.real == 0.0, axis=0)
         return Series(self.coefficients[:, kept], self.rates[:, kept])
 
     def __call__(self, time: FloatArray) -> FloatArray:
-        """The sum (W, N) at `time` (N,)."""
+        """Return the sum (W, N) at `time` (N,)."""
         terms = np.exp(self.rates[:, :, None] * time)
         return np.einsum("wr,wrn->wn", self.coefficients, terms).real
 
@@ -51,7 +51,7 @@ class Series:
 def charge_coefficients(
     circuit: Circuit, amplitude: float, bias: float, angular: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """A_1, A_2, A_3, A_4 of (8), each (W, F), at the angular frequencies (F,)."""
+    """Return A_1, A_2, A_3, A_4 of (8), each (W, F), at the angular frequencies (F,)."""
     series, leakage, capacitance = (
         values[:, None]
         for values in (circuit.series_resistance, circuit.leakage_resistance, circuit.capacitance)
@@ -65,14 +65,14 @@ def charge_coefficients(
 
 
 def charge_series(circuit: Circuit, sine: BiasedSine) -> Series:
-    """v_C [V], (8)."""
+    """Return v_C [V], (8)."""
     a_1, a_2, a_3, a_4 = _at(circuit, sine)
     omega, decay = 1j * sine.angular, -1.0 / circuit.time_constant
     return _series([(a_4, 0.0), (-a_2 - 1j * a_1, omega), (a_3, decay)])
 
 
 def pressure_series(circuit: Circuit, sine: BiasedSine, per_square: FloatArray) -> Series:
-    """sigma [Pa], (10)-(11); per_square is k (W,) [Pa/V^2]."""
+    """Return sigma [Pa], (10)-(11); per_square is k (W,) [Pa/V^2]."""
     a_1, a_2, a_3, a_4 = _at(circuit, sine)
     omega, decay = 1j * sine.angular, -1.0 / circuit.time_constant
     alpha_0 = 0.5 * per_square * (a_1**2 + a_2**2 + 2.0 * a_4**2)
@@ -99,11 +99,11 @@ def fundamental_pressure(
     frequency: FloatArray,
     per_square: FloatArray,
 ) -> ComplexArray:
-    """The steady term of frequency f against the sine of v_AMP, beta_1 + i alpha_1 (W, F) [Pa].
+    """Return beta_1 + i alpha_1 (W, F) [Pa], the steady pressure at the frequency f of v_AMP.
 
-    alpha_1 cos(omega t) + beta_1 sin(omega t) is the imaginary part of it times
-    exp(i omega t). Frequencies (F,), or (W, F), in Hz. Without circuit v_C is v_AMP, and the
-    term is 2 k A B.
+    The pressure alpha_1 cos(omega t) + beta_1 sin(omega t) is the imaginary part of
+    (beta_1 + i alpha_1) exp(i omega t). Frequencies are (F,) or (W, F), in Hz. Without a circuit
+    v_C is v_AMP, and the result is 2 k A B.
     """
     if circuit is None:
         in_phase = 2.0 * per_square[:, None] * amplitude * bias
@@ -124,7 +124,7 @@ def _at(circuit: Circuit, sine: BiasedSine) -> list[FloatArray]:
 
 
 def _series(terms: Sequence[tuple[AnyArray, AnyArray | complex]]) -> Series:
-    """Of pairs of a coefficient (W,) and a rate, (W,) or one for all draws."""
+    """Build a series from pairs of a coefficient (W,) and a rate, (W,) or one for all draws."""
     walkers = len(terms[0][0])
     coefficients = np.stack([coefficient.astype(complex) for coefficient, _ in terms], axis=1)
     rates = [np.broadcast_to(np.asarray(rate, complex), walkers) for _, rate in terms]
@@ -133,10 +133,10 @@ def _series(terms: Sequence[tuple[AnyArray, AnyArray | complex]]) -> Series:
 
 @dataclass(frozen=True)
 class Harmonic:
-    """The strain's term of frequency f under v_AMP = A sin(2 pi f t) + B, per volt of A.
+    """The strain at frequency f per volt of A, under v_AMP = A sin(2 pi f t) + B.
 
-    Draws of the chain, of the circuit where there is one, and of k (W,); B [V]. The term is
-    in proportion to the amplitude; the bias is what makes the pressure, a square, follow it.
+    It has draws of the chain, of the circuit if there is one, and of k (W,), and the bias B [V].
+    The strain at f is proportional to A and to B, because the pressure is a square.
     """
 
     chain: Chain | MovingChain
@@ -147,22 +147,22 @@ class Harmonic:
     def per_volt(self, frequency: FloatArray) -> ComplexArray:
         """H(i omega) (beta_1 + i alpha_1) / A (W, F) [1/V], at frequencies (F,) or (W, F) [Hz].
 
-        Its modulus is the gain, its argument the phase against the sine of v_AMP.
+        The modulus is the gain, the argument is the phase relative to the sine of v_AMP.
         """
         frequency = np.asarray(frequency, dtype=float)
         pressure = fundamental_pressure(
             self.circuit, 1.0, self.bias, frequency, self.pressure_per_square
         )
         rate = 2j * np.pi * frequency
-        with np.errstate(all="ignore"):  # a draw that fails is NaN, and counted
+        with np.errstate(all="ignore"):  # a draw that fails gives NaN
             if isinstance(self.chain, MovingChain):
                 return np.asarray(pressure * self.chain.transfer(rate))
             return np.asarray(pressure * self.chain.complex_compliance(rate))
 
     def peak(self) -> tuple[FloatArray, FloatArray]:
-        """Frequency [Hz] and gain [1/V] where the gain of a moving chain is greatest, (W,).
+        """Frequency [Hz] and gain [1/V] at the largest gain of a moving chain, (W,).
 
-        The peak is the continuous one; that of a grid of frequencies lies lower.
+        Frequency is continuous here; the largest gain on a grid of frequencies is lower.
         """
         if not isinstance(self.chain, MovingChain):
             raise TypeError("a chain without mass has no resonance")
@@ -180,28 +180,28 @@ class SineResponse:
     pressure_per_square: FloatArray
 
     def strain(self, sine: BiasedSine, time: FloatArray, sensor_delay: float = 0.0) -> FloatArray:
-        """S (W, N) from rest at t = 0, as a sensor shows it `sensor_delay` [s] later."""
+        """S (W, N) from rest at t = 0, shown by a sensor `sensor_delay` [s] later."""
         happened = np.maximum(np.asarray(time, dtype=float) - sensor_delay, 0.0)
         pressure = pressure_series(self.circuit, sine, self.pressure_per_square)
         return self._forced(pressure)(happened) + self._free(pressure, happened)
 
     def steady_strain(self, sine: BiasedSine, time: FloatArray) -> FloatArray:
-        """What remains of S (W, N): its mean and its terms of f and 2 f."""
+        """Steady part of S (W, N): its mean and its terms with frequencies f and 2 f."""
         pressure = pressure_series(self.circuit, sine, self.pressure_per_square)
         return self._forced(pressure.lasting())(np.asarray(time, dtype=float))
 
     def harmonic(self, bias: float, frequency: FloatArray) -> ComplexArray:
-        """Term of frequency f of the strain per volt of amplitude (W, F) [1/V].
+        """Strain at frequency f per volt of amplitude (W, F) [1/V].
 
-        Its modulus is the gain, its argument the phase against the sine of v_AMP. The
-        bias [V] is what makes the pressure, a square, follow the sine.
+        The modulus is the gain, the argument is the phase relative to the sine of v_AMP. Without
+        the bias [V] the pressure, a square, has no term at f.
         """
         return Harmonic(self.chain, self.circuit, self.pressure_per_square, bias).per_volt(
             frequency
         )
 
     def resonance(self, bias: float) -> tuple[FloatArray, FloatArray]:
-        """Frequency [Hz] and gain [1/V] of the peak of `harmonic`'s modulus, each (W,)."""
+        """Frequency [Hz] and gain [1/V] at the largest modulus of `harmonic`, each (W,)."""
         return Harmonic(self.chain, self.circuit, self.pressure_per_square, bias).peak()
 
     def _forced(self, pressure: Series) -> Series:
@@ -209,17 +209,17 @@ class SineResponse:
         return Series(pressure.coefficients * gain, pressure.rates)
 
     def _free(self, pressure: Series, time: FloatArray) -> FloatArray:
-        """The motion (W, N) that makes the forced one start from rest."""
+        """Free motion (W, N); its sum with the forced motion starts from rest."""
         forced = self.chain.states(pressure.rates) * pressure.coefficients[:, None]
         start = -np.sum(forced, axis=2).real
         return self.chain.state_space().response(hold([0.0], [0.0], time), start)
 
 
 def phase(harmonic: ComplexArray, frequency: FloatArray, sensor_delay: float = 0.0) -> FloatArray:
-    """Phase (W, F) [rad] of a response that lags by less than a turn, as a sensor shows it.
+    """Phase (W, F) [rad] of a response that lags by less than a turn, shown by a sensor.
 
-    Circuit and chain lag by up to 3/4 of a turn, so the argument is taken between
-    -2 pi and 0; the sensor adds -omega times its delay [s] without end.
+    Circuit and chain lag by up to 3/4 of a turn, so the argument is between -2 pi and 0. The
+    sensor adds -omega times its delay [s], which has no bound.
     """
     argument = np.angle(harmonic)
     lag = np.where(argument > 0.0, argument - 2.0 * np.pi, argument)

@@ -1,4 +1,4 @@
-"""Tubular actuator: a Voigt-Kelvin chain under Maxwell pressure, with mass and circuit if asked."""
+"""Tubular actuator: a Voigt-Kelvin chain under Maxwell pressure, optionally with mass, circuit."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ CIRCUIT_CANDIDATE = "circuit"
 
 
 class TubularCircuit(TubularBase):
-    """R_S, R_L and C by (4)-(5) of Sarban et al. (2012), without the strain they lead to.
+    """The circuit R_S, R_L and C of (4)-(5) of Sarban et al. (2012), without strain.
 
-    The response is the amplifier's current under its recorded voltage. A quantity is a
-    parameter where the specimen gives it an sd; the posterior is a prior for candidates with
-    `_circuit` (`prior_from`). No Kelvin unit: order 0.
+    The response is the amplifier's current under its recorded voltage. R_S, R_L and C are
+    parameters if the specimen gives them an sd. The posterior can be a prior for candidates with
+    `_circuit` (`prior_from`). The order is 0, because there is no Kelvin unit.
     """
 
     excitations: ClassVar[Mapping[str, str]] = {"voltage": "V"}
@@ -81,7 +81,7 @@ class TubularCircuit(TubularBase):
         return self.current_simulator(excitation, coordinate)
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """The circuit's two time constants, see `Circuit.derived`."""
+        """Return the two time constants of the circuit, see `Circuit.derived`."""
         return self.circuit_of(draws).derived()
 
 
@@ -91,27 +91,27 @@ CHAIN_CANDIDATE = re.compile(r"voigt_kelvin_([1-9]\d?)(_inertia)?(_circuit)?")
 class Tubular(TubularBase):
     r"""The core-free tubular actuator of Sarban et al. (2012).
 
-    The strain S is the response of K Kelvin units and a spring in series to the
+    The strain S is the response of a spring and K Kelvin units in series to the
     electrostatic pressure sigma = epsilon_0 epsilon_r (v / d)^2, (6):
 
     S = sigma / E_0 + sum_n x_n,   tau_n x_n' = -x_n + sigma / E_n,   n = 1..K,
 
-    whose answer to a pressure step is the creep compliance D(t) of (1). The voltage
-    is the amplifier's output, linear between the knots of the excitation, so the
-    pressure is quadratic between them; that is solved exactly, a jump included.
-    Before its first knot the actuator is at rest without voltage.
+    The response to a pressure step is the creep compliance D(t) of (1). The voltage is the
+    amplifier's output, linear between the knots of the excitation. So the pressure is quadratic
+    between knots, and the solution is exact, also at a jump. Before the first knot the actuator is
+    at rest without voltage.
 
-    Candidates `voigt_kelvin_K` have the parameters `E_0`, `E_1..K` [Pa] and
-    `tau_1..K` [s]. Two endings add to the model, alone or in this order:
-    `_inertia` the mass M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0, (13), which makes S the
-    solution of (2), m_LOAD being the record's `load_g`; `_circuit` the resistances and the
-    capacitance between the amplifier's output and the voltage v of the pressure, (4)-(5).
-    Masses and circuit are the specimen's, and parameters where they carry an sd.
+    Candidates `voigt_kelvin_K` have the parameters `E_0`, `E_1..K` [Pa] and `tau_1..K` [s]. Two
+    endings extend the model, alone or in this order:
+    `_inertia` adds the mass M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0, (13), where m_LOAD is the
+    record's `load_g`. Then S is the solution of (2).
+    `_circuit` adds the resistances and the capacitance between the amplifier's output and the
+    voltage v of the pressure, (4)-(5).
+    The specimen gives the masses and the circuit; those with an sd are parameters.
 
-    Creep fixes only the ratios sigma / E_n; the moduli inherit the
-    uncertainty of `relative_permittivity` and `thickness`, which are parameters
-    where the specimen gives them an sd. A record of displacement is strain times
-    `active_length`; one of current needs the circuit, and knows nothing of the chain.
+    Creep determines only the ratios sigma / E_n. Therefore the moduli inherit the uncertainty of
+    `relative_permittivity` and `thickness`, which are parameters if they have an sd. Displacement
+    is strain times `active_length`. Current needs the circuit and does not depend on the chain.
     """
 
     def __init__(self, candidate: str, specimen: Specimen) -> None:
@@ -137,13 +137,13 @@ class Tubular(TubularBase):
 
     @classmethod
     def of(cls, candidate: str, specimen: Specimen) -> System:
-        """The chain, or the circuit alone."""
+        """Build the system with the chain, or `TubularCircuit` for the candidate `circuit`."""
         kind = TubularCircuit if candidate in TubularCircuit.candidates() else cls
         return kind(candidate, specimen)
 
     @classmethod
     def candidates(cls) -> tuple[str, ...]:
-        """The usual candidates, of 3, 5 and 7 parameters; any K and the endings work."""
+        """Return the candidates with K = 1, 2 and 3; larger K and the endings are allowed too."""
         return ("voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_3")
 
     def parameters(self) -> tuple[Parameter, ...]:
@@ -181,7 +181,7 @@ class Tubular(TubularBase):
         return delayed(smooth_at, coordinate, delay, "sensor_delay", start, spring)
 
     def _series_spring(self, excitation: Excitation, response: str) -> AtOnce:
-        """That of a chain without mass: it follows v^2 at once, or v_C^2 behind a circuit."""
+        """Strain of the series spring without mass, in proportion to v^2, or v_C^2 with circuit."""
         knots, values = excitation.coordinate, excitation.values
 
         def strain(draws: Draws, times: FloatArray) -> FloatArray:
@@ -198,7 +198,7 @@ class Tubular(TubularBase):
     def _strain_simulator(
         self, excitation: Excitation, response: str, coordinate: FloatArray, spring: bool = True
     ) -> Simulator:
-        """Strain, or displacement, when it happens (W, N); `spring`: with the one in series."""
+        """Simulator of strain or displacement (W, N); `spring` includes the series spring."""
         power: Literal[1, 2] = 1 if self.circuit else 2
         load = hold(excitation.coordinate, excitation.values, coordinate, power)
         mass = load_mass(excitation)
@@ -222,8 +222,8 @@ class Tubular(TubularBase):
     def _harmonic_simulator(
         self, excitation: Excitation, frequency: FloatArray, response: str
     ) -> Simulator:
-        """Gain [1/V] or phase [rad] of the strain's term of each frequency (W, F)."""
-        conditions = bias(excitation), load_mass(excitation)  # said before a draw is made
+        """Simulator of gain [1/V] or phase [rad] of the strain at the frequencies, (W, F)."""
+        conditions = bias(excitation), load_mass(excitation)  # errors appear before any draw
         key = self, "harmonic", *conditions, frequency.tobytes()
 
         def simulate(draws: Draws) -> FloatArray:
@@ -240,7 +240,7 @@ class Tubular(TubularBase):
         return simulate
 
     def harmonic(self, excitation: Excitation, draws: Draws) -> Harmonic:
-        """The answer to a small sine about the record's bias, under its load."""
+        """Return the response to a sine about the bias of a record, under its load."""
         chain: voigt_kelvin.Chain | MovingChain
         chain = self._chain(draws)
         if self.inertia:
@@ -249,14 +249,13 @@ class Tubular(TubularBase):
         return Harmonic(chain, circuit, self.pressure(1.0, draws), bias(excitation))
 
     def derived(self, draws: Draws) -> dict[str, Derived]:
-        """What creep determines and what the chain means.
+        """Return final strains at 1 kV, compliances, viscosities, and those of mass and circuit.
 
-        `strain_per_kV2_n` = epsilon_0 epsilon_r (1 kV / d)^2 / E_n [1], the strain
-        that spring n reaches at 1 kV (and `_total`, their sum), is fixed by creep
-        records whatever the permittivity and the thickness. Compliances and
-        viscosities: see `voigt_kelvin.Chain.derived`; with inertia, M and the resonance
-        of the unloaded actuator too: `voigt_kelvin_inertia.MovingChain.derived`; with a
-        circuit its time constants: `circuit.Circuit.derived`.
+        `strain_per_kV2_n` = epsilon_0 epsilon_r (1 kV / d)^2 / E_n [1] is the strain that spring n
+        reaches at 1 kV; `_total` is the sum. Creep records determine it without permittivity and
+        thickness. For compliances and viscosities see `voigt_kelvin.Chain.derived`. Inertia adds
+        M and the resonance of the unloaded actuator, see `voigt_kelvin.MovingChain.derived`. A
+        circuit adds its time constants, see `circuit.Circuit.derived`.
         """
         chain = self._chain(draws)
         springs = np.column_stack([chain.instantaneous, chain.compliances])
@@ -282,7 +281,7 @@ class Tubular(TubularBase):
     def linear_model(
         self, draws: Draws, load: float = 0.0, bias: float | None = None
     ) -> LinearModel:
-        """From the squared voltage, or about a bias: see `material`."""
+        """Return the model from the squared voltage, or linearised about a bias, see `material`."""
         if load and not self.inertia:
             raise UserError(
                 f"candidate {self.candidate!r} has no mass, so no load can hang from it; "
@@ -298,15 +297,15 @@ class Tubular(TubularBase):
         return driven.squared() if bias is None else driven.about(bias)
 
     def solid(self, draws: Draws) -> Solid:
-        """A linear elastic solid that relaxes as the chain creeps: see `material`."""
+        """Return a linear elastic solid with the relaxation of the chain, see `material`."""
         return solid(self._chain(draws), self.inertia, self.circuit)
 
     def _per_square(
         self, driven: Hold, load: float, chain: voigt_kelvin.Chain, draws: Draws
     ) -> FloatArray:
-        """Strain (W, N) if the pressure were the square of the voltage, by the state space.
+        """Strain (W, N) from the state space, with the squared voltage as the pressure.
 
-        driven : the amplifier's voltage if there is a circuit, else the voltage squared.
+        driven : the amplifier's voltage if there is a circuit, else the squared voltage.
         """
         space = self._space(chain, load, draws)
         if self.circuit:
@@ -319,7 +318,7 @@ class Tubular(TubularBase):
         )
 
     def _space(self, chain: voigt_kelvin.Chain, load: float, draws: Draws) -> StateSpace:
-        """From pressure to strain, under a load [kg] if the candidate has mass."""
+        """State space from pressure to strain, under a load [kg] if the candidate has mass."""
         if not self.inertia:
             return chain.state_space()
         return MovingChain(chain, self._inertial_parameter(load, draws)).state_space()

@@ -1,4 +1,4 @@
-"""The Voigt-Kelvin chain: parameters, compliances, and the chain that moves a mass."""
+"""The Voigt-Kelvin chain: parameters, compliances, and a chain with mass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COMPLIANCE_TIMES = {"10ms": 0.01, "100ms": 0.1, "500ms": 0.5}
 
 
 def parameters(units: int) -> tuple[Parameter, ...]:
-    """`E_0`, `E_1..K` [Pa] and `tau_1..K` [s], the latter ascending."""
+    """Return the parameters `E_0`, `E_1..K` [Pa] and, in ascending order, `tau_1..K` [s]."""
     return (
         Parameter(
             "E_0",
@@ -80,18 +80,18 @@ class Chain:
         return cls(compliances[:, 0], compliances[:, 1:], times)
 
     def creep_compliance(self, time: float) -> FloatArray:
-        """D(t) (W,) [1/Pa]; the final compliance for an infinite time."""
+        """D(t) (W,) [1/Pa]; an infinite time gives the final compliance."""
         grown = -np.expm1(-time / self.time_constants)
         return self.instantaneous + np.sum(self.compliances * grown, axis=1)
 
     def relaxation(self) -> tuple[FloatArray, FloatArray]:
-        r"""Shares g_k of E_0 and times rho_k [s], ascending, each (W, K), of E(t).
+        r"""Return shares g_k of E_0 and times rho_k [s] of E(t), each (W, K), rho_k ascending.
 
         E(t) = E_0 (1 - sum_k g_k (1 - exp(-t/rho_k))) is the relaxation modulus, E*(s) D*(s) = 1.
-        With u_n = sqrt(E_0/(E_n tau_n)), x_n' = -x_n/tau_n + (E_0/(E_n tau_n)) (S - sum_m x_m) is
-        symmetric but for a scale of x: the rates 1/rho_k are the eigenvalues of
-        diag(1/tau) + u u^T, and g_k = rho_k (u . q_k)^2 with its eigenvectors q_k. NaN where
-        a modulus or a time is not positive.
+        With a suitable scale of x, x_n' = -x_n/tau_n + (E_0/(E_n tau_n)) (S - sum_m x_m) has a
+        symmetric matrix. With u_n = sqrt(E_0/(E_n tau_n)), the rates 1/rho_k are the eigenvalues
+        of diag(1/tau) + u u^T, and g_k = rho_k (u . q_k)^2 with its eigenvectors q_k. NaN if a
+        modulus or a time is not positive.
         """
         times = np.where(self.time_constants > 0.0, self.time_constants, np.nan)
         u = np.sqrt(self.compliances / (self.instantaneous[:, None] * times))
@@ -104,7 +104,7 @@ class Chain:
         return shares[:, ::-1], 1.0 / rates[:, ::-1]
 
     def state_space(self) -> StateSpace:
-        """From pressure [Pa] to strain without mass; states x_1..K [1], tau x' = -x + sigma/E.
+        """State space from pressure [Pa] to strain; states x_1..K [1], tau x' = -x + sigma/E.
 
         A draw with a time constant that is not positive has matrices of NaN.
         """
@@ -123,14 +123,14 @@ class Chain:
         return self.compliances[..., None] / (1.0 + self.time_constants[..., None] * rate)
 
     def complex_compliance(self, rate: ComplexArray) -> ComplexArray:
-        """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s as above."""
+        """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s (W, R) or (R,) [1/s]."""
         rate = np.atleast_2d(np.asarray(rate, dtype=complex))
         total = np.empty((self.instantaneous.size, rate.shape[1]), dtype=complex)
         _fill_compliance(self.instantaneous, self.compliances, self.time_constants, rate, total)
         return total
 
     def derived(self) -> dict[str, Derived]:
-        """`compliance_*` at 10, 100 and 500 ms and in the end [1/Pa], `eta_n` [Pa s]."""
+        """Return `compliance_*` at 10, 100 and 500 ms and final [1/Pa], and `eta_n` [Pa s]."""
         result = {
             f"compliance_{label}": Derived(
                 rf"D({time:g}\,\mathrm{{s}})",
@@ -152,7 +152,7 @@ class Chain:
 
 @njit(cache=True, error_model="numpy")
 def _fill_compliance(instantaneous, compliances, times, rates, total) -> None:  # type: ignore[no-untyped-def]
-    """Fill D*(s) (W, R) at the rates (W, R), or (1, R) for all draws."""
+    """Write D*(s) at the rates (W, R), or (1, R) for all draws, into `total` (W, R)."""
     own = rates.shape[0] > 1
     for w in range(total.shape[0]):
         for r in range(total.shape[1]):
@@ -173,7 +173,7 @@ class MovingChain:
     inertia: FloatArray
 
     def state_space(self) -> StateSpace:
-        """From pressure [Pa] to strain; states S [1], S' [1/s] and x_1..K [1].
+        """State space from pressure [Pa] to strain; states S [1], S' [1/s] and x_1..K [1].
 
         A draw with a time constant or a mass that is not positive has matrices of NaN.
         """
@@ -200,7 +200,7 @@ class MovingChain:
         return compliance / (1.0 + self.inertia[:, None] * rate**2 * compliance)
 
     def states(self, rate: ComplexArray) -> ComplexArray:
-        """States (W, n, R) per pressure while all grows as exp(s t), s as above but -1/tau_n."""
+        """States (W, n, R) per pressure if both are in proportion to exp(s t), s not -1/tau_n."""
         strain = self.transfer(rate)
         stress = strain / self.chain.complex_compliance(rate)
         units = self.chain.unit_compliances(rate) * stress[:, None]
@@ -209,15 +209,15 @@ class MovingChain:
     def resonance(self) -> tuple[FloatArray, FloatArray]:
         """Frequency [Hz] and height [1/Pa] of the peak of |S/sigma|, (W,).
 
-        Zero frequency where no resonance rises above the compliance at rest. The
-        peak lies below sqrt(E_0/M), since E_0 is the chain's greatest stiffness.
+        The frequency is zero if no resonance is higher than the compliance at rest. The peak is
+        below sqrt(E_0/M), because E_0 is the largest stiffness of the chain.
         """
         highest = np.sqrt(1.0 / (self.chain.instantaneous * self.inertia))
         angular, height = peak(lambda w: np.abs(self.transfer(1j * w)), highest)
         return angular / (2.0 * np.pi), height
 
     def derived(self) -> dict[str, Derived]:
-        """`inertial_parameter` M [kg/m] and `resonance_frequency` [Hz] of strain to pressure."""
+        """Return `inertial_parameter` M [kg/m] and `resonance_frequency` [Hz]."""
         return {
             "inertial_parameter": Derived("M", "kg/m", "inertial parameter", self.inertia),
             "resonance_frequency": Derived(
