@@ -1,12 +1,12 @@
-"""Figures drawn from results files: one module per figure, one line of the registry.
+"""Registry of the figures, which are drawn from results files; each figure has its own module.
 
-Those of a paper's results are beside their tables, in `papers`.
+Figures of a paper's results are in the package `papers`.
 
-A figure module has `SCOPE` (candidate | study | population), `TITLE`, `CAPTION` and
-`draw(results)`, which returns a Figure or a list of them (one per sheet) from a
-`CandidateResults`, a `StudyResults` or a `PopulationResults`. One that draws an analysis
-names it in `ANALYSIS`, and returns no figure where it was not computed; one for some systems
-only names them in `SYSTEMS`.
+A figure module defines `SCOPE` (candidate | study | population), `TITLE`, `CAPTION` and
+`draw(results)`. `draw` takes a `CandidateResults`, a `StudyResults` or a `PopulationResults`
+and returns a Figure or a list of figures (one per sheet). A module that draws an analysis names
+it in `ANALYSIS`, and returns no figure if the analysis was not computed. A module for
+particular systems lists them in `SYSTEMS`.
 """
 
 from __future__ import annotations
@@ -65,18 +65,19 @@ REGISTRY: Mapping[str, str] = {
     "shrinkage": "deabayes.figures.shrinkage",
     "new_specimen": "deabayes.figures.new_specimen",
 }
-"""Figure -> its module, in the report's order."""
+"""Module of each figure, in the order of the report."""
 
 OF_OTHERS = ("data_and_bands", "residuals", "marginals")
-"""Drawn of candidates that are not recommended; what failed a gate has `convergence` too."""
+"""Figures of candidates that are not recommended; unconverged ones also get `convergence`."""
 INDEX = "index.json"
 
 
 @dataclass(frozen=True)
 class SavedFigure:
-    """One sheet on disk; `candidate` is empty for a figure of a whole study or population.
+    """One sheet of a figure, saved on disk.
 
-    `analysis` is the one it draws, empty for none.
+    `candidate` is empty for a figure of a whole study or population. `analysis` names the
+    analysis that the figure draws, and is empty if it draws none.
     """
 
     name: str
@@ -90,7 +91,7 @@ class SavedFigure:
 
 
 def module(name: str) -> ModuleType:
-    """The module of a registered figure."""
+    """Return the module of a registered figure."""
     if name not in REGISTRY:
         raise UserError(f"no figure is called {name!r}{nearest(name, REGISTRY)}")
     return import_module(REGISTRY[name])
@@ -103,7 +104,7 @@ def names(scope: str) -> list[str]:
 
 
 def names_of(candidate: CandidateResults) -> list[str]:
-    """Figures that are drawn of a candidate, in the registry's order."""
+    """Names of the figures drawn for a candidate, in the order of the registry."""
     every = names("candidate")
     if candidate is candidate.study.recommended:
         return every
@@ -112,10 +113,10 @@ def names_of(candidate: CandidateResults) -> list[str]:
 
 
 def draw(name: str, results: Results) -> list[Figure]:
-    """Draw a registered figure, with the marks that no figure may go without.
+    """Draw a registered figure with its mandatory marks.
 
-    Simulated data are said to be simulated, and the figure of a candidate or a population
-    that did not converge is watermarked, whatever the figure's own module does.
+    Every figure gets a header. Figures from simulated data are marked as simulated. Figures of
+    an unconverged candidate or population get a watermark.
     """
     from deabayes.figures import style
     from deabayes.figures.results import StudyResults
@@ -140,21 +141,23 @@ def draw(name: str, results: Results) -> list[Figure]:
 def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     """Draw the figures of a study and its candidates as SVG and PNG (300 dpi).
 
-    Every registered figure of the study and of the recommended candidate, `OF_OTHERS` of others.
-    Files are `{figure}[_{sheet}].svg` for the study and
-    `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. The folder
-    may be a population's (`results/populations/NAME`), which has figures of its own.
+    The study and the recommended candidate get all registered figures, other candidates get
+    `OF_OTHERS`. Files are `{figure}[_{sheet}].svg` for the study and
+    `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. `study_folder`
+    may also be the folder of a population (`results/populations/NAME`). A population has its own
+    figures.
 
     Raises
     ------
     ExceptionGroup
-        Names the figures that failed, after all others were drawn; there is no `index.json` then.
+        Names the figures that failed. It is raised after all other figures were drawn, and
+        `index.json` is not written.
     """
     from deabayes.figures.results import PopulationResults, results_of
 
     whole, out = results_of(Path(study_folder)), Path(out)
     scope = "population" if isinstance(whole, PopulationResults) else "study"
-    candidates = () if isinstance(whole, PopulationResults) else whole.candidates  # or a fault
+    candidates = () if isinstance(whole, PopulationResults) else whole.candidates  # may raise
     out.mkdir(parents=True, exist_ok=True)
     (out / INDEX).unlink(missing_ok=True)
     wanted: list[tuple[str, Results]] = [(name, whole) for name in names(scope)]
@@ -166,7 +169,7 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
 
 
 def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFigure]:
-    """Draw all that can be drawn; what fails is raised at the end, a user's mistake at once."""
+    """Draw and save all figures; raise a UserError at once, all other errors at the end."""
     saved: list[SavedFigure] = []
     failures: dict[str, Exception] = {}
     for name, results in wanted:
@@ -182,7 +185,7 @@ def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFi
 
 
 def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
-    """What `save_all` wrote into `out`; None if it never did, or the results are newer."""
+    """Figures that `save_all` wrote into `out`; None if there are none or the results are newer."""
     from deabayes.figures.results import results_of
 
     index = out / INDEX
@@ -196,7 +199,7 @@ def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
 
 
 def _titles(source: ModuleType) -> tuple[str, str]:
-    """Title and caption; those of a paper's result stand beside its tables' own."""
+    """Title and caption of a figure; FIGURE_TITLE and FIGURE_CAPTION take precedence."""
     title, caption = (
         getattr(source, f"FIGURE_{n}", None) or getattr(source, n) for n in ("TITLE", "CAPTION")
     )

@@ -1,4 +1,4 @@
-"""The three 90 % bands of a prediction, the predictive one seen also where another covers it."""
+"""Draw the three 90 % bands of a prediction, with the edges of the predictive band on top."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
 
 EDGE_COLOUR, EDGE_WIDTH = style.GREY, 0.5
-"""Of the predictive band: with little white noise that of the discrepancy fills all of it."""
+"""Edges of the predictive band, which the discrepancy band fills if white noise is small."""
 Intervals = Mapping[str, tuple[FloatArray, FloatArray]]
-"""Band -> its lower and its upper ends."""
+"""Lower and upper ends of each band."""
 
 
 def handles(observed: str = "observed") -> list[Line2D | Patch]:
@@ -31,7 +31,7 @@ def handles(observed: str = "observed") -> list[Line2D | Patch]:
 
 
 def draw(ax: Axes, record: panels.Record, x: panels.Axis, minus: FloatArray | float = 0.0) -> None:
-    """Those of a record; `minus` is subtracted (the median, for residuals)."""
+    """Draw the bands of a record after subtracting `minus` (the median, for residuals)."""
     ends = {
         name: (record.response(name, level=0.9, bound="lower") - minus,
                record.response(name, level=0.9, bound="upper") - minus)
@@ -41,7 +41,10 @@ def draw(ax: Axes, record: panels.Record, x: panels.Axis, minus: FloatArray | fl
 
 
 def fill(ax: Axes, x: FloatArray, ends: Intervals) -> None:
-    """Bands along x, which may turn back, widest first; the predictive one's edges on top."""
+    """Draw bands along `x`, widest first, with the edges of the predictive band on top.
+
+    `x` need not be monotone.
+    """
     for name, (colour, _) in style.BANDS.items():
         lower, upper = ends[name]
         for part in panels.branches(x):

@@ -1,4 +1,4 @@
-"""What the records say about the model order."""
+"""Model comparison: differences of the criteria to the reference candidate."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ CAPTION = (
     "are named but not ranked."
 )
 OF_EACH = "log_evidence_mcse"
-"""A candidate's own error, where other columns hold that of the difference."""
+"""Column with the error of a candidate itself; others hold the error of the difference."""
 WIDE, LINEAR = 300.0, 10.0
-"""Nats from which on an axis is logarithmic, and how far it is linear then."""
+"""Range in nats above which an axis is logarithmic, and half width of its linear part."""
 CRITERIA = (
     ("log_evidence", OF_EACH, "Δ log evidence"),
     ("elpd_block_loo", "elpd_difference_se", "Δ elpd, blocks left out"),
@@ -36,13 +36,13 @@ CRITERIA = (
 )
 
 LABEL = 17
-"""Characters of a panel's label on one line, of four panels beside long names."""
+"""Characters per line of a panel's label, so that four panels fit beside long names."""
 LEAST_SHOWN = 1.0
-"""Nats to either side: an axis must not magnify rounding."""
+"""Nats that an axis shows at least on either side, so that it does not magnify rounding."""
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One panel per criterion; nothing where there are fewer than two candidates."""
+    """Return one panel per criterion; no figure for fewer than two candidates."""
     table = results.comparison
     if table is None or len(table) < 2:
         return []
@@ -97,7 +97,7 @@ def _criterion(
 
 
 def _standard_error(table: pd.DataFrame, reference: str, column: str | None) -> pd.Series:
-    """Of each difference to the reference, whose own is none; zero where it is not known."""
+    """Standard error of each difference to the reference; zero for itself or if unknown."""
     if column not in table:
         return pd.Series(0.0, table.index)
     error = table[column].fillna(0.0).astype(float)
@@ -108,7 +108,7 @@ def _standard_error(table: pd.DataFrame, reference: str, column: str | None) -> 
 
 
 def _three(shown: pd.Series) -> list[float]:
-    """Zero, and to either side of it the last power of ten."""
+    """Ticks at zero and at the largest power of ten on each side that exceeds `LINEAR`."""
     ends = [-shown.min(), shown.max()]
     powers = [10.0 ** np.floor(np.log10(end)) if end > LINEAR else 0.0 for end in ends]
     return sorted({-powers[0], 0.0, powers[1]})

@@ -1,4 +1,4 @@
-"""Whether independent runs agree: gates for every quantity, ranks and traces of the worst."""
+"""Agreement of independent runs: gates of every quantity, traces and ranks of the worst."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RANK_BINS = 20
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """The gates of all quantities, then traces and ranks of the worst."""
+    """Return a sheet of gates for all quantities, and one of traces and ranks of the worst."""
     table = results.summary
     if table is None:
         return []
@@ -75,7 +75,7 @@ def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
 
 
 def _lengths(ax: Axes, results: CandidateResults) -> None:
-    """How many autocorrelation times each run covers; red where all together are too short."""
+    """Draw each run's length in autocorrelation times, in red if the runs are too short."""
     limit = results.gate("autocorrelation_times", 10.0)
     lengths = np.array(results.convergence["autocorrelation_times"], dtype=float)
     rows = np.arange(lengths.size)
@@ -85,7 +85,7 @@ def _lengths(ax: Axes, results: CandidateResults) -> None:
     if panels.spans_much(np.append(lengths, limit)):
         panels.logarithmic(ax, np.append(lengths, limit), ticks=3)
     else:
-        # markers of the longest run stand clear of the axis' end
+        # keep the marker of the longest run away from the end of the axis
         ax.set_xlim(0.0, 1.1 * np.append(lengths, limit).max())
     ax.set_yticks(rows, [f"run {k + 1}" for k in rows], fontsize=6.0)
     ax.set_ylim(max(lengths.size, 1) - 0.5, -0.5)
@@ -124,7 +124,7 @@ def _trace(ax: Axes, runs: FloatArray) -> None:
 
 
 def _ranks(ax: Axes, runs: FloatArray) -> None:
-    """Rank counts per run relative to the count expected if all runs agree."""
+    """Draw rank counts per run, relative to the count expected if all runs agree."""
     for values in _average_ranks(runs) / runs.size:
         counts, edges = np.histogram(values, RANK_BINS, range=(0, 1))
         ax.stairs(counts * RANK_BINS / values.size, edges, linewidth=0.9)
@@ -134,7 +134,7 @@ def _ranks(ax: Axes, runs: FloatArray) -> None:
 
 
 def _average_ranks(values: FloatArray) -> FloatArray:
-    """Ranks from 1 among all values; equal ones share their mean."""
+    """Ranks among all values, from 1; equal values share their mean rank."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1)
     return np.asarray(ranks[place.reshape(values.shape)])

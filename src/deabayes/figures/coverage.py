@@ -1,4 +1,4 @@
-"""Whether the predictive bands hold as many observations as they promise."""
+"""Coverage of the predictive bands: share of points inside, against the nominal share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLOURS = {"calibrate": style.BLUE, "validate": style.VERMILLION}
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Two panels, 50 % and 90 %, one row per record."""
+    """Return two panels, 50 % and 90 %, with one row per record."""
     table = results.errors
     if table is None:
         return []

@@ -1,4 +1,4 @@
-"""Every record with the model's median and its three 90 % bands."""
+"""Every record with the posterior median and the three 90 % bands."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ def draw(
     role: str = "",
     observed: str = "observed",
 ) -> list[Figure]:
-    """One sheet per nine records; `log_time` forces or forbids a logarithmic time axis.
+    """Return one sheet per nine records.
 
-    `role` is said of all records instead of their own, `observed` in the legend.
+    `log_time` forces or forbids a logarithmic time axis. A non-empty `role` replaces the records'
+    own roles in their titles. `observed` is the legend's label of the points.
     """
     records = panels.side_by_side(results.predictions.values(), log_time)
     return [_sheet(group, role, observed) for group in panels.batches(records) if group]

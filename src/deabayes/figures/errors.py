@@ -1,4 +1,4 @@
-"""How far every candidate's curves are from every record, in the papers' measure."""
+"""Root-mean-square error of every candidate on every record."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROLES = (("calibrate", "calibration records"), ("validate", "held-out records"))
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One panel for the calibration records and one for the held-out ones."""
+    """Return one panel for the calibration records and one for the held-out records."""
     tables = {c.name: c.errors.set_index("experiment") for c in results.candidates
               if c.errors is not None}  # fmt: skip
     if not tables:
@@ -45,7 +45,7 @@ def draw(results: StudyResults) -> list[Figure]:
         for ax in axes:
             panels.logarithmic(ax, errors)
     else:
-        axes[0].set_xlim(left=0)  # last: it ends the scaling to the data of all panels
+        axes[0].set_xlim(left=0)  # last, because it stops autoscaling to the data of all panels
     axes[-1].set_xlabel("rms error (% of the record's range)")
     panels.legend_below(figure, panels.labelled(axes[0]), 4)
     return [figure]

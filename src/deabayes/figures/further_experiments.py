@@ -1,4 +1,4 @@
-"""Which further experiment would tell the candidates apart, and how much about each."""
+"""Expected information of further experiments about candidates and parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_SHOWN = 24
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """A row per experiment, the most telling on top; nothing where none was considered."""
+    """Return one row per experiment, most informative on top; no figure if there is no table."""
     table = results.further_experiments
     if table is None:
         return []
@@ -49,7 +49,7 @@ def draw(results: StudyResults) -> list[Figure]:
 
 
 def _told_apart(left: Axes, right: Axes, table: pd.DataFrame, count: int) -> None:
-    """Probability of naming the right candidate, and information about which it is."""
+    """Draw the probability of naming the right candidate, and the information about it."""
     left.axvline(1.0 / count, color=style.GREY, linestyle=":", linewidth=0.8)
     right.axvline(np.log(count), color=style.GREY, linestyle="--", linewidth=0.8)
     colours = (style.BLUE, style.BLUE)
@@ -62,7 +62,7 @@ def _told_apart(left: Axes, right: Axes, table: pd.DataFrame, count: int) -> Non
 
 
 def _parameters(ax: Axes, table: pd.DataFrame, candidates: list[str]) -> None:
-    """Information about the parameters of each candidate."""
+    """Draw the information about the parameters of each candidate."""
     offsets = np.linspace(-0.2, 0.2, len(candidates)) if len(candidates) > 1 else [0.0]
     for index, (candidate, offset) in enumerate(zip(candidates, offsets, strict=True)):
         colour = style.SERIES[(index + 1) % len(style.SERIES)]

@@ -1,4 +1,4 @@
-"""Which numbers the data determined, and which are still the prior's."""
+"""Which quantities the data determined, and which the prior still sets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COLOURS = {
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Bars of contraction, sensitivities, and the posterior's relative width."""
+    """Return panels of contraction, sensitivities, and relative width of the posterior."""
     table = results.summary
     if table is None:
         return []

@@ -1,4 +1,4 @@
-"""What the data taught about each parameter: posterior against prior."""
+"""Marginal posterior and prior of each parameter."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PRIOR_TAIL = 0.005
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Sheets of sampled parameters, material before noise."""
+    """Return sheets of the sampled parameters, in the order of the posterior file."""
     return [_sheet(results, names) for names in panels.batches(results.sampled, COLUMNS * ROWS)]
 
 
@@ -79,7 +79,10 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 def _window(posterior: FloatArray, prior: FloatArray) -> tuple[float, float, bool]:
-    """Limits that show both, unless the posterior is a needle in the prior; and log or linear."""
+    """Limits of the axis, and whether it is logarithmic.
+
+    The limits show posterior and prior. If the prior is much wider, they follow the posterior.
+    """
     low, high = np.quantile(posterior, [0.001, 0.999])
     if not prior.size:
         return float(low), float(high), False
@@ -99,7 +102,7 @@ def _window(posterior: FloatArray, prior: FloatArray) -> tuple[float, float, boo
 def _smooth(
     values: FloatArray, low: float, high: float, log: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """A normal kernel density of Scott's width, along 200 places."""
+    """Normal kernel density estimate with Scott's bandwidth, at 200 points."""
     if np.ptp(values) == 0:
         return np.array([]), np.array([])
     x = np.geomspace(low, high, 200) if log else np.linspace(low, high, 200)

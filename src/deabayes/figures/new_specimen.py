@@ -1,4 +1,4 @@
-"""What a specimen not yet tested is expected to do, beside the records of one that was."""
+"""Predictions for a new specimen, beside the records of the population's first member."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CAPTION = (
 
 
 def draw(results: PopulationResults) -> list[Figure]:
-    """One sheet per nine records."""
+    """Return one sheet per nine records."""
     return data_and_bands.draw(
         results.new_specimen,
         role="predicted for a new specimen",

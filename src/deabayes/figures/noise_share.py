@@ -1,4 +1,4 @@
-"""How much of what was measured the noise model explains instead of the physics."""
+"""Share of each record's variance that the noise model explains instead of the physics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ALARMING = 0.1
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One row per calibration record."""
+    """Return one row per calibration record."""
     shares = correlated_shares(results)
     if not shares:
         return []
@@ -51,7 +51,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, FloatArray]]:
-    """Record -> {`correlated`, `white`} -> (low, median, high) shares of the record's variance."""
+    """Shares (low, median, high) of each record's variance, by kind: `correlated`, `white`."""
     return {
         name: {kind: _quantiles(each / observed.var()) for kind, each in variances.items()}
         for name, observed, variances in _explained(results)
@@ -59,7 +59,7 @@ def correlated_shares(results: CandidateResults) -> dict[str, Mapping[str, Float
 
 
 def sizes(results: CandidateResults) -> dict[str, Mapping[str, float]]:
-    """Record -> {`correlated`, `white`} -> standard deviation, as a share of the record's range."""
+    """Noise standard deviations over each record's range, by kind: `correlated`, `white`."""
     return {
         name: {
             kind: float(np.sqrt(_quantiles(each)[1]) / np.ptp(observed))
@@ -72,8 +72,11 @@ def sizes(results: CandidateResults) -> dict[str, Mapping[str, float]]:
 def _explained(
     results: CandidateResults,
 ) -> Iterator[tuple[str, FloatArray, Mapping[str, FloatArray]]]:
-    """Each calibration record, its response (its logarithm where noise is proportional), and the
-    variances (S,) of correlated and white noise, where there is any."""
+    """Yield name, response and noise variances (S,) of each calibration record.
+
+    The response is its logarithm if the noise is proportional. Kinds of noise without variance
+    are left out.
+    """
     for name, prediction in results.predictions.items():
         if prediction.attrs["role"] != "calibrate":
             continue
@@ -90,12 +93,12 @@ def _explained(
 
 
 def _along_grid(results: CandidateResults) -> bool:
-    """Whether noise is correlated along the points of a record and not along its coordinate."""
+    """Whether noise is correlated along the index of the points instead of the coordinate."""
     return results.settings.get("noise_coordinate") == "grid"
 
 
 def _quantiles(values: FloatArray) -> FloatArray:
-    with np.errstate(invalid="ignore"):  # of infinite variances
+    with np.errstate(invalid="ignore"):  # variances may be infinite
         return np.nanquantile(values, [0.05, 0.5, 0.95])
 
 
@@ -108,7 +111,7 @@ def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
 
 
 def _coordinates(results: CandidateResults, names: list[str]) -> tuple[dict[str, float], str]:
-    """What each record's coordinate is divided by, and the label of the axis."""
+    """Divisor of each record's coordinate, and the label of the axis."""
     if _along_grid(results):
         return dict.fromkeys(names, 1.0), "points of the grid"
     axes = {name: results.predictions[name]["coordinate"] for name in names}

@@ -1,4 +1,4 @@
-"""Which material parameters the data can tell apart only together."""
+"""Joint posterior of each pair of material and specimen parameters."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ LARGEST = 12
 DRAWS = 20000
 BINS = 32
 WIDE = 5.0
-"""Ratio of the 95 to the 5 % quantile from which on an axis is logarithmic."""
+"""Ratio of the 95 % to the 5 % quantile above which an axis is logarithmic."""
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One matrix of twelve parameters at the most; a second one of the last twelve if more."""
+    """Return a matrix of the first twelve parameters, and of the last twelve if there are more."""
     names = results.names("material", "specimen")
     if len(names) < 2:
         return []
@@ -63,26 +63,26 @@ def _matrix(results: CandidateResults, names: list[str]) -> Figure:
 
 @dataclass(frozen=True)
 class _Column:
-    """Draws as they are drawn: in display units, or the logarithm of these to base ten."""
+    """Draws of one parameter for the plot, in display units or their logarithm to base ten."""
 
     drawn: FloatArray
     label: str
     log: bool
 
     def limits(self, tail: float) -> tuple[float, float]:
-        """Between the tails' quantiles; if these are far out, the 5 to 95 % range three times."""
+        """Limits at the `tail` quantiles, at most one width of the 5 to 95 % range beyond it."""
         values = self.drawn[np.isfinite(self.drawn)]
         low, inner_low, inner_high, high = np.quantile(values, [tail, 0.05, 0.95, 1.0 - tail])
         width = inner_high - inner_low
         return max(low, inner_low - width), min(high, inner_high + width)
 
     def on_axis(self, drawn: FloatArray) -> FloatArray:
-        """From what is drawn to what the axis shows."""
+        """Convert plotted values to values on the axis."""
         return np.power(10.0, drawn) if self.log else drawn
 
 
 def _column(results: CandidateResults, name: str) -> _Column:
-    """Draws thinned for drawing, and the axis label."""
+    """Return the thinned draws of a parameter with its axis label."""
     values = np.asarray(results.posterior[name].values, dtype=float).ravel()
     values = values[:: max(values.size // DRAWS, 1)]
     label = results.label(name)
@@ -110,7 +110,7 @@ def _cell(ax: Axes, x: _Column, y: _Column | None) -> None:
 
 
 def _contours(ax: Axes, x: _Column, y: _Column) -> None:
-    """Filled regions of highest density holding 50 % and 90 % of the draws."""
+    """Draw filled regions of highest density that hold 50 % and 90 % of the draws."""
     from scipy.interpolate import RegularGridInterpolator
     from scipy.ndimage import gaussian_filter
 

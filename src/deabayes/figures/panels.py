@@ -1,4 +1,4 @@
-"""Small multiples: sheets of panels, their headings, records and curves in them."""
+"""Sheets of panels: layout, headings, axes, and the drawing of records and curves."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
 CYCLES_SHOWN = 3
 NO_RESPONSE = "no draw has a response"
 GAP = 3.0
-"""Times the usual spacing of points."""
+"""A step of more than this many median spacings between two points is a gap."""
 SMALLEST = 0.05
-"""Of a unit: the smallest response that reads well in it."""
+"""Smallest response, as a share of a display unit, that is still shown in that unit."""
 Item = TypeVar("Item")
 
 
 def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequence[Item]]:
-    """Split into sheets of nearly equal length, `size` at most."""
+    """Split items into sheets of nearly equal length, at most `size` each."""
     count = max(-(-len(items) // size), 1)
     edges = np.linspace(0, len(items), count + 1).round().astype(int)
     return [items[a:b] for a, b in pairwise(edges)]
 
 
 def sheet(count: int, panel_height: float) -> tuple[Figure, list[Axes]]:
-    """A double-column figure with `count` panels, three abreast at most."""
+    """Return a figure with `count` panels, at most three in a row, and its axes."""
     columns = min(count, 3) if count != 4 else 2
     rows = -(-count // columns)
     width = style.DOUBLE_COLUMN if columns > 1 else 0.7 * style.DOUBLE_COLUMN
@@ -63,7 +63,7 @@ def sheet(count: int, panel_height: float) -> tuple[Figure, list[Axes]]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist], columns: int = 3) -> None:
-    """One legend for all panels, below them, in as many columns as its labels leave room for."""
+    """Draw one legend below all panels, in at most `columns` columns that fit in the figure."""
     for count in range(min(columns, len(handles)), 0, -1):
         legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=count)
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
@@ -72,7 +72,7 @@ def legend_below(figure: Figure, handles: Sequence[Artist], columns: int = 3) ->
 
 
 def labelled(*several: Axes) -> list[Artist]:
-    """What has a label in these axes, once per label, for a legend."""
+    """Return the labelled artists of these axes for a legend, one per label."""
     found: dict[str, Artist] = {}
     for ax in several:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -81,7 +81,7 @@ def labelled(*several: Axes) -> list[Artist]:
 
 
 def say(ax: Axes, words: str) -> None:
-    """Words in the middle of a panel that has nothing, or little, to show."""
+    """Write words in the middle of a panel, for example that there is no response."""
     place = {"transform": ax.transAxes, "ha": "center", "va": "center"}
     ax.text(0.5, 0.5, words, fontsize=6.5, style="italic", color=style.VERMILLION, **place)
 
@@ -99,14 +99,14 @@ class Axis:
 class Record:
     """One prediction file, in display units.
 
-    `shown` is the part that a panel shows: all of it, the last cycles of a long sine, or what
-    follows the last gap of one that keeps some cycles only.
+    `shown` is the part that a panel shows. It is the whole record, or the last cycles of a long
+    sine, or the points after the last gap of a sine with gaps.
     """
 
     prediction: xr.Dataset
     log_time: bool | None = None
     beside: float = 0.0
-    """Largest response of its kind among the records shown beside it (SI)."""
+    """Largest observed response (SI) among the records with the same response name."""
 
     @property
     def name(self) -> str:
@@ -126,12 +126,12 @@ class Record:
 
     @property
     def largest(self) -> float:
-        """Magnitude of the observed response (SI)."""
+        """Largest magnitude of the observed response (SI)."""
         return float(np.nanmax(np.abs(self.prediction["observed"].values), initial=0.0))
 
     @property
     def unit(self) -> DisplayUnit:
-        """That of the records beside it, its own where it would be next to nothing in theirs."""
+        """Display unit of the records beside it, or its own if the response is too small."""
         kind = str(self.prediction.attrs["response_unit"])
         theirs = display_unit(kind, max(self.largest, self.beside), self.response_name)
         if self.largest >= SMALLEST * theirs.factor:
@@ -144,21 +144,21 @@ class Record:
 
     @property
     def spans_decades(self) -> bool:
-        """Whether the response wants a logarithmic axis: a gain does."""
+        """Whether the response axis is logarithmic, as it is for a gain."""
         return self.response_name == "gain"
 
     @property
     def responds(self) -> bool:
-        """Whether there is a median, which there is not where every draw failed."""
+        """Whether the prediction has a finite median; it has none if every draw failed."""
         return bool(np.isfinite(self.prediction["median"].values).any())
 
     def whole(self, name: str, **selection: object) -> FloatArray:
-        """A variable of the response's kind over the whole record, in its display unit."""
+        """Variable `name` over the whole record, in the display unit of the response."""
         variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]
         return np.asarray(variable.values, dtype=float) / self.unit.factor
 
     def response(self, name: str, **selection: object) -> FloatArray:
-        """The same of the part shown."""
+        """Variable `name` over the part of the record that is shown, in display units."""
         return self.whole(name, **selection)[..., self.shown]
 
     @property
@@ -173,7 +173,7 @@ class Record:
         return slice(int(np.searchsorted(time, time[-1] - shown)), None)
 
     def against_coordinate(self) -> Axis:
-        """Time, frequency, or the excitation of a record without time."""
+        """Axis of the coordinate: time, frequency, or the excitation of a record without time."""
         coordinate = self.prediction["coordinate"]
         values = coordinate.values[self.shown]
         logarithmic = self.log_time
@@ -188,7 +188,7 @@ class Record:
         return _axis(values, name, _unit(coordinate), bool(logarithmic))
 
     def horizontal(self) -> Axis:
-        """The excitation for a loop, else the coordinate."""
+        """Horizontal axis: the excitation for a `load_unload` record, else the coordinate."""
         if self.protocol != "load_unload":
             return self.against_coordinate()
         excitation = self.prediction["excitation"]
@@ -197,7 +197,7 @@ class Record:
 
 
 def side_by_side(predictions: Iterable[xr.Dataset], log_time: bool | None = None) -> list[Record]:
-    """Records to be compared by eye: those of one response in one unit, where it suits them."""
+    """Records that share a display unit per response, so that they can be compared by eye."""
     alone = [Record(prediction, log_time) for prediction in predictions]
     largest: dict[str, float] = {}
     for each in alone:
@@ -216,7 +216,7 @@ def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -
 
 
 def after_last_gap(coordinate: FloatArray) -> int:
-    """Index of the first point behind the last gap between points; 0 where there is none."""
+    """Index of the first point after the last gap between points; 0 without a gap."""
     steps = np.diff(coordinate)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) if steps.size else steps
     return int(gaps[-1]) + 1 if gaps.size else 0
@@ -233,13 +233,13 @@ def branches(values: FloatArray) -> Iterator[slice]:
 
 
 def _filled(steps: FloatArray) -> FloatArray:
-    """Zero steps take the sign of the step before them."""
+    """Replace zero steps by the sign of the step before them."""
     index = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
     return steps[index]
 
 
 def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> None:
-    """Observed points; as pixels where they are many, so that a vector file stays small."""
+    """Draw observed points; more than `DENSE` points are rasterized to keep vector files small."""
     ax.plot(
         x,
         y,
@@ -259,35 +259,35 @@ BAND = "5–95 % of the draws"
 
 
 def colour(index: int) -> str:
-    """Of the index-th candidate of a study."""
+    """Colour of the index-th candidate of a study."""
     return style.SERIES[index % len(style.SERIES)]
 
 
 def line(index: int) -> str:
-    """Line style of the index-th candidate, for where colours are lost."""
+    """Line style of the index-th candidate, to tell candidates apart without colours."""
     return LINES[index % len(LINES)]
 
 
 def marker(index: int) -> str:
-    """Marker of the index-th candidate; another one where its colour comes round again."""
+    """Marker of the index-th candidate; it differs for candidates with the same colour."""
     return style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)]
 
 
 def names(curves: xr.Dataset) -> list[str]:
-    """Candidates of a data set, those that did not converge named so."""
+    """Names of a data set's candidates, marked if they did not converge."""
     pairs = zip(curves["candidate"].values, curves["converged"].values, strict=True)
     return [str(name) + ("" if converged else " (not converged)") for name, converged in pairs]
 
 
 def draw_candidate(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> None:
-    """Median and band of one candidate from (bound, N): lower, median, upper."""
+    """Draw median and band of one candidate; `bands` (3, N) holds lower, median and upper."""
     lower, median, upper = bands
     ax.fill_between(x, lower, upper, color=colour(index), alpha=0.22, linewidth=0)
     ax.plot(x, median, color=colour(index), linestyle=line(index), linewidth=1.0)
 
 
 def fill_loop(ax: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, index: int) -> None:
-    """Band of a loop, branch by branch: those of the two branches may overlap."""
+    """Fill the band of a loop for each branch separately; the two bands may overlap."""
     for part in branches(x):
         ax.fill_between(x[part], lower[part], upper[part], color=colour(index), alpha=0.22,
                         linewidth=0)  # fmt: skip
@@ -307,30 +307,30 @@ def handles(curves: xr.Dataset, measured: bool = True) -> list[Line2D | Patch]:
 
 
 def by_size(curves: Sequence[xr.Dataset], key: str) -> list[xr.Dataset]:
-    """Data sets by an attribute, largest first."""
+    """Data sets sorted by the attribute `key`, largest first."""
     return sorted(curves, key=lambda each: -float(each.attrs[key]))
 
 
 def spread(index: int, count: int, width: float = 0.22) -> float:
-    """Where the index-th of `count` candidates stands beside a category."""
+    """Offset of the index-th of `count` candidates from the centre of a category."""
     return 0.0 if count == 1 else float(np.linspace(-width, width, count)[index])
 
 
 LARGE, SMALL = 7.0, 6.0
 BOLD, LIGHT = 0.68, 0.56
-"""Mean width of a character, of its size."""
+"""Mean width of a bold and of a light character, as a share of the font size."""
 LINE = 8.0
-"""Points from one line to the next."""
+"""Height of a line of text in points."""
 BESIDE = 0.35
-"""Inches of a panel's share of the figure that its labels take."""
+"""Width in inches that the labels of a panel take from its share of the figure."""
 EXTRAPOLATION = "EXTRAPOLATION"
 
 
 def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None:
-    """Name, role and protocol of a record above its panel, and the extrapolation flag.
+    """Write name, role and protocol of a record above its panel, and the extrapolation flag.
 
-    `whole` says that what the panel shows of the record is said elsewhere; `role` is said instead
-    of the record's own.
+    `whole` leaves out the note on which cycles are shown. A non-empty `role` replaces the
+    record's own role.
     """
     attributes = record.prediction.attrs
     words = role or str(ROLES.get(str(attributes["role"]), attributes["role"]))
@@ -343,7 +343,7 @@ def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None
 
 
 def heading(ax: Axes, name: str, words: str, flag: str = "") -> None:
-    """A bold name over grey words, on as many lines as it needs; a flag to their right or below."""
+    """Write a bold name above grey words, and a flag to the right of the words or below them."""
     width = _width(ax)
     size = LARGE if len(name) * BOLD * LARGE <= width else SMALL
     beside = len(words) * LIGHT * SMALL + (len(flag) + 1) * BOLD * SMALL * 1.15 <= width
@@ -359,30 +359,30 @@ def heading(ax: Axes, name: str, words: str, flag: str = "") -> None:
 
 
 def room(records: Sequence[Record]) -> float:
-    """Inches by which panels three abreast must be higher for the longest name's further lines."""
+    """Extra panel height in inches if the longest name needs several lines."""
     longest = max(len(record.name) for record in records)
     width = 72.0 * (style.DOUBLE_COLUMN / 3 - BESIDE)
     return float(np.floor(longest * BOLD * SMALL / width) * LINE / 72.0)
 
 
 def wrapped(name: str, characters: int) -> str:
-    """A name on lines of at most so many characters, broken behind its underscores."""
+    """Break a name after its underscores into lines of at most `characters` (minimum 8)."""
     lines = textwrap.wrap(name.replace("_", "_ "), max(characters, 8))
     return "\n".join(line.replace("_ ", "_") for line in lines)
 
 
 def _width(ax: Axes) -> float:
-    """Points that a panel has about as its own, before the figure is laid out."""
+    """Approximate width of a panel in points, before the layout is computed."""
     place, figure = ax.get_subplotspec(), ax.figure
     columns = place.get_gridspec().ncols if place is not None else 1
     return float(72.0 * (figure.get_size_inches()[0] / columns - BESIDE))
 
 
 WITHIN_DECADES = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-"""Where a decade may have ticks, from fine to coarse."""
+"""Tick positions within a decade, from fine to coarse."""
 
 WIDE = 20.0
-"""Factor between values beyond which the smallest cannot be told apart on a linear axis."""
+"""Ratio of largest to smallest value above which a linear axis hides the smallest."""
 
 
 def spans_much(values: FloatArray) -> bool:
@@ -392,7 +392,7 @@ def spans_much(values: FloatArray) -> bool:
 
 
 def set_horizontal(ax: Axes, x: Axis) -> None:
-    """Label and scale of the horizontal axis."""
+    """Set label and scale of the horizontal axis."""
     ax.set_xlabel(x.label)
     if x.logarithmic:
         logarithmic(ax, x.values)
@@ -403,7 +403,7 @@ def set_horizontal(ax: Axes, x: Axis) -> None:
 def logarithmic(
     ax: Axes, values: FloatArray, ticks: int = 5, which: Literal["x", "y"] = "x"
 ) -> None:
-    """A logarithmic axis over `values`, horizontal unless told, with two to `ticks` labels."""
+    """Make an axis logarithmic over `values`, with two to `ticks` labels."""
     positive = values[values > 0]
     low, high = (positive.min(), positive.max()) if positive.size else (1.0, 10.0)
     axis = ax.xaxis if which == "x" else ax.yaxis
@@ -418,14 +418,14 @@ def logarithmic(
 
 
 def _powers(low: float, high: float, ticks: int) -> Locator:
-    """Powers of ten, so many apart that few lie between the limits, and the next ones beyond."""
+    """Ticks at powers of ten: at most `ticks` between the limits, and the next ones beyond."""
     first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
     step = np.ceil((last - first) / (ticks - 1))
     return FixedLocator(10.0 ** np.arange(first - step, last + 2 * step, step))
 
 
 def _fractions(low: float, high: float, ticks: int) -> Locator:
-    """Round places of less than two decades; equidistant ones where no two are between."""
+    """Ticks at round values within less than two decades; equidistant ticks if none fit."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
     for parts in WITHIN_DECADES:
         places = np.outer(decades, parts).ravel()

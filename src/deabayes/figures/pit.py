@@ -1,4 +1,4 @@
-"""Whether each point falls where the predictive distribution, given those before it, expects it."""
+"""Probability integral transform (PIT) of each point, given the points before it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ CAPTION = (
     "readings lie lower (above zero) or higher than predicted."
 )
 LEVEL = 0.05
-"""Share of uniform samples that leave the band: what the tables take for not as predicted."""
+"""Share of uniform samples that leave the band; the tables use the same limit."""
 NAMED = 6
 Line = tuple[FloatArray, FloatArray]
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """A panel per role; the records farthest from uniform have names and colours."""
+    """Return one panel per role; the records farthest from uniform have names and colours."""
     found = {role: _departures(results, role) for role in ROLES}
     shown = {role: lines for role, lines in found.items() if lines}
     if not shown:
@@ -50,7 +50,10 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _departures(results: CandidateResults, role: str) -> dict[str, Line]:
-    """Record -> PIT and the departure from uniform below and at each, 1 at the limit."""
+    """PIT of each record and its departure from uniform, in units of the 5 % limit.
+
+    Each PIT value has two departures: just below the value and at the value.
+    """
     from scipy.special import smirnovi
 
     lines = {}
@@ -88,5 +91,5 @@ def _panel(ax: Axes, lines: dict[str, Line], style_of_line: str) -> None:
 
 
 def _plot(ax: Axes, line: Line, **settings: Any) -> None:
-    """One record's line; as pixels where it has many points, so that a vector file stays small."""
+    """Draw one record's line; many points are rasterized to keep vector files small."""
     ax.plot(*line, rasterized=line[0].size > panels.DENSE, **settings)

@@ -35,7 +35,7 @@ HIDDEN, POINTS = "hidden from the likelihood", "points of the likelihood"
 
 @dataclass(frozen=True)
 class PreparedRecord:
-    """A prepared file with the raw record kept in it."""
+    """A prepared experiment and the overview of its raw record, both from one file."""
 
     experiment: Experiment
     raw: RawOverview | None
@@ -57,22 +57,22 @@ class PreparedRecord:
 
     @property
     def coordinate_unit(self) -> DisplayUnit:
-        """Seconds also for short records where the axis counts from a turn."""
+        """Display unit of the coordinate."""
         unit, values = self.experiment.coordinate_unit, self.experiment.coordinate
         return display_unit(unit, values, self.experiment.coordinate_name)
 
     @property
     def is_curve(self) -> bool:
-        """Whether the coordinate is the excitation itself, so that it needs no panel."""
+        """Whether the coordinate is the excitation, which then needs no panel of its own."""
         return self.experiment.coordinate_name == self.experiment.excitation.name
 
     @property
     def is_loop(self) -> bool:
-        """Whether response against excitation shows more than response against time."""
+        """Whether the response is drawn against the excitation, as for protocol `load_unload`."""
         return self.experiment.protocol == "load_unload"
 
     def turn(self) -> float | None:
-        """Where the last long hold begins; None if the record does not end in one."""
+        """Coordinate at which the final long hold begins; None if the record has none."""
         if self.is_curve:
             return None
         knots, values = self.experiment.excitation.coordinate, self.experiment.excitation.values
@@ -85,7 +85,7 @@ class PreparedRecord:
 
 
 def draw(results: StudyResults | str | Path) -> list[Figure]:
-    """Sheets of six records: a study's `prepared/*.nc`, or one prepared file given by its path."""
+    """Return sheets of up to six records, from a study's `prepared/*.nc` or one prepared file."""
     if isinstance(results, StudyResults):
         paths = [results.folder / "prepared" / f"{name}.nc" for name in results.experiments]
     else:
@@ -95,7 +95,7 @@ def draw(results: StudyResults | str | Path) -> list[Figure]:
 
 
 def _sheet(records: Sequence[PreparedRecord]) -> Figure:
-    """Up to three records abreast, the excitation below each that is driven in time."""
+    """Return a sheet with up to three records in a row, each with its excitation below."""
     columns = min(len(records), 3)
     rows = -(-len(records) // columns)
     curves = all(record.is_curve for record in records)
@@ -115,7 +115,7 @@ def _sheet(records: Sequence[PreparedRecord]) -> Figure:
 
 
 def _draw_response(ax: Axes, record: PreparedRecord) -> None:
-    """Raw samples, hidden samples and the points the likelihood sees."""
+    """Draw the raw samples, the hidden samples and the points of the likelihood."""
     experiment, unit = record.experiment, record.response_unit
     loop = record.is_loop
     at = experiment.excitation.at(experiment.coordinate)
@@ -133,12 +133,12 @@ def _draw_response(ax: Axes, record: PreparedRecord) -> None:
 
 
 def _draw_excitation(ax: Axes, record: PreparedRecord) -> None:
-    """The excitation as recorded and as it drives the model."""
+    """Draw the excitation as recorded and as it drives the model."""
     excitation, unit = record.experiment.excitation, record.excitation_unit
     if record.raw is not None:
         ax.plot(_across(record, record.raw.coordinate), record.raw.excitation / unit.factor,
                 color=style.GREY, alpha=0.55, linewidth=2.0)  # fmt: skip
-    # between two knots the axis is bent, so the straight piece is drawn through more points
+    # the axis is not linear between knots, so the straight piece needs more points
     dense = np.unique(np.concatenate([excitation.coordinate, _spread(record)]))
     ax.plot(_across(record, dense), excitation.at(dense) / unit.factor,
             color=style.VERMILLION, linewidth=0.7)  # fmt: skip
@@ -152,14 +152,14 @@ def _draw_excitation(ax: Axes, record: PreparedRecord) -> None:
 
 
 def _across(record: PreparedRecord, values: FloatArray, excitation: bool = False) -> FloatArray:
-    """Values along the horizontal axis: excitation, time, or time since the hold began."""
+    """Values for the horizontal axis in display units: excitation, time, or time since the hold."""
     if excitation:
         return values / record.excitation_unit.factor
     return (values - (record.turn() or 0.0)) / record.coordinate_unit.factor
 
 
 def _spread(record: PreparedRecord) -> FloatArray:
-    """Places along the coordinate that are dense near the turn."""
+    """Coordinate values that are dense near the start of the final hold."""
     first, last = record.experiment.excitation.coordinate[[0, -1]]
     turn = record.turn()
     if turn is None or last <= turn:
@@ -168,7 +168,7 @@ def _spread(record: PreparedRecord) -> FloatArray:
 
 
 def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) -> None:
-    """Scale, ticks and label of the horizontal axis."""
+    """Set scale, ticks and label of the horizontal axis."""
     experiment, turn = record.experiment, record.turn()
     if loop:
         ax.set_xlabel(plain(experiment.excitation.name) + record.excitation_unit.suffix)
@@ -180,7 +180,7 @@ def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) 
     else:
         linear = _bend(ax, record, turn)
         name = f"{name} since the hold began"
-        # on a line of its own: three such labels stand abreast
+        # on a separate line, because three such labels stand side by side
         suffix += f"\nlogarithmic beyond {linear:.2g}"
     if labelled:
         ax.set_xlabel(name + suffix)
@@ -189,7 +189,10 @@ def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) 
 
 
 def _bend(ax: Axes, record: PreparedRecord, turn: float) -> float:
-    """Linear up to the ramp's length on both sides of the turn, logarithmic beyond; that length."""
+    """Make the axis linear within the ramp's length of the turn, and logarithmic beyond.
+
+    Return the length of the linear part on either side, in display units.
+    """
     first, last = record.experiment.excitation.coordinate[[0, -1]]
     factor = record.coordinate_unit.factor
     ramp, hold = (turn - float(first)) / factor, (float(last) - turn) / factor
@@ -205,7 +208,7 @@ def _bend(ax: Axes, record: PreparedRecord, turn: float) -> float:
 
 
 def _rounded(value: float) -> float:
-    """Down to one digit, for a tick."""
+    """Round down to one significant digit, for a tick."""
     if value <= 0.0:
         return 0.0
     power = 10.0 ** np.floor(np.log10(value))
@@ -213,7 +216,7 @@ def _rounded(value: float) -> float:
 
 
 def _title(ax: Axes, experiment: Experiment) -> None:
-    """Name of the record, and how many samples became how many points."""
+    """Write the record's name and its numbers of points and samples."""
     samples = int(experiment.samples_averaged.sum())
     words = f"{experiment.coordinate.size} points from {samples} samples"
     ax.set_title(experiment.name, loc="left", fontsize=7.0, pad=11, weight="bold")

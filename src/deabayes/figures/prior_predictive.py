@@ -1,4 +1,4 @@
-"""What the prior held possible before it saw the data."""
+"""Model curves drawn from the prior, beside the calibration data."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CURVES = 50
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Sheets of the calibration records."""
+    """Return sheets of the records with prior curves."""
     known = results.prior_predictive
     records = panels.side_by_side(p for n, p in results.predictions.items() if n in known)
     return [_sheet(results, group) for group in panels.batches(records) if group]
@@ -51,7 +51,7 @@ def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figur
 
 
 def _limits(observed: np.ndarray, curves: np.ndarray) -> tuple[float, float]:
-    """Show the data and most curves, not the wildest."""
+    """Vertical limits that show the data and most curves, but not the extreme ones."""
     finite = curves[np.isfinite(curves).all(axis=1)]
     low, high = float(observed.min()), float(observed.max())
     if finite.size:

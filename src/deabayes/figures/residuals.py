@@ -1,4 +1,4 @@
-"""What the model leaves over, along each record and per noise group."""
+"""Residuals along each record, and their spread by noise group."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CAPTION = (
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Sheets of residuals along the coordinate, then their spread by noise group."""
+    """Return sheets of residuals along the coordinate, then their spread by noise group."""
     records = panels.side_by_side(results.predictions.values())
     sheets = [_sheet(group) for group in panels.batches(records) if group]
     return [*sheets, _spread(results, records)] if records else sheets
@@ -53,7 +53,7 @@ def _along(ax: Axes, record: panels.Record, x: panels.Axis) -> None:
 
 
 def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
-    """Box of residuals in per cent of each record's range, coloured by noise group."""
+    """Draw boxes of residuals in per cent of each record's range, coloured by noise group."""
     groups = {r.name: results.noise_group(r.name) for r in records}
     order = sorted(records, key=lambda r: (groups[r.name], r.name))
     present = list(dict.fromkeys(groups[r.name] for r in order))
@@ -75,7 +75,7 @@ def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figu
 
 
 def _box(ax: Axes, row: int, record: panels.Record, index: int, group: str) -> None:
-    """Residuals of all that was fitted or predicted, not only of the cycles that panels show."""
+    """Draw the box of a record's residuals, over all points and not only the shown cycles."""
     if not record.responds:
         ax.text(0.5, row, panels.NO_RESPONSE, transform=ax.get_yaxis_transform(), fontsize=6,
                 ha="center", va="center", style="italic", color=style.VERMILLION)  # fmt: skip

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AnalysisResults:
-    """`results/{study}/analyses/{name}`: its title and caption, tables and curves by name."""
+    """One analysis in `results/{study}/analyses/{name}`: title, caption, tables and curves."""
 
     folder: Path
     title: str
@@ -33,7 +33,7 @@ class AnalysisResults:
 
     @classmethod
     def of(cls, folder: Path, entry: Mapping[str, Any]) -> AnalysisResults:
-        """From an entry of index.json."""
+        """Build the results from an entry of index.json."""
         names = (tuple(entry[kind]) for kind in ("tables", "curves"))
         return cls(folder / entry["name"], entry["title"], entry["caption"], *names)
 
@@ -57,7 +57,7 @@ class AnalysisResults:
 
 @dataclass(frozen=True)
 class StudyResults:
-    """`results/{study}`: what was prepared, its fitted candidates and their comparison."""
+    """One study in `results/{study}`: prepared records, fitted candidates and their comparison."""
 
     folder: Path
 
@@ -67,7 +67,7 @@ class StudyResults:
 
     @property
     def study(self) -> StudyResults:
-        """Itself, so that a figure may ask any results for their study."""
+        """This object itself, so that all results have the attribute `study`."""
         return self
 
     @cached_property
@@ -83,19 +83,19 @@ class StudyResults:
 
     @cached_property
     def comparison(self) -> pd.DataFrame | None:
-        """comparison.csv indexed by candidate; None where there is none."""
+        """Table comparison.csv indexed by candidate; None if there is no such file."""
         table = _table(self.folder / "comparison.csv")
         return None if table is None else table.set_index("candidate")
 
     @cached_property
     def further_experiments(self) -> pd.DataFrame | None:
-        """further_experiments.csv, the most telling first; None where none was considered."""
+        """Table further_experiments.csv, most informative first; None if it is missing or empty."""
         table = _table(self.folder / "further_experiments.csv")
         return None if table is None or table.empty else table
 
     @cached_property
     def recommended(self) -> CandidateResults:
-        """The candidate that the comparison ended at, else the first converged, the first."""
+        """Candidate that the comparison selects; else the first converged one, else the first."""
         by_name = {c.name: c for c in self.candidates}
         if self.comparison is not None:
             shown = self.comparison["verdict"].astype(str).str.contains(SHOWN)
@@ -114,14 +114,14 @@ class StudyResults:
 
     @cached_property
     def analyses(self) -> tuple[AnalysisResults, ...]:
-        """What the stage `analyse` wrote, in the report's order; empty where it did not run."""
+        """Analyses written by the stage `analyse`, in report order; empty if it did not run."""
         folder = self.folder / "analyses"
         index = folder / "index.json"
         entries = json.loads(index.read_text(encoding="utf-8")) if index.is_file() else []
         return tuple(AnalysisResults.of(folder, entry) for entry in entries)
 
     def analysis(self, name: str) -> AnalysisResults | None:
-        """One analysis by name; None where it was not computed."""
+        """Return an analysis by its name; None if it was not computed."""
         return next((each for each in self.analyses if each.name == name), None)
 
     @property
@@ -142,7 +142,7 @@ class StudyResults:
 
 @dataclass(frozen=True)
 class CandidateResults:
-    """`results/{study}/{candidate}`: the posterior file, its tables and its predictions."""
+    """One candidate in `results/{study}/{candidate}`: posterior file, tables and predictions."""
 
     study: StudyResults
     folder: Path
@@ -153,12 +153,12 @@ class CandidateResults:
 
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
-        """Root attributes of the posterior file, JSON decoded."""
+        """Root attributes of the posterior file, decoded from JSON."""
         attributes = self.group(None).attrs
         return {str(key): _decoded(value) for key, value in attributes.items()}
 
     def group(self, name: str | None) -> xr.Dataset:
-        """A group of the posterior file in memory; empty where the file has none."""
+        """Load a group of the posterior file; empty if the file has no such group."""
         import h5py
         import xarray as xr
 
@@ -198,22 +198,22 @@ class CandidateResults:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """The study's settings as they were at the fit."""
+        """Settings of the study at the time of the fit."""
         found = self.attributes.get("study", {})
         return found if isinstance(found, Mapping) else {}
 
     def gate(self, name: str, default: float) -> float:
-        """A convergence gate of the sampling settings: `r_hat` or `ess`."""
+        """Limit of a convergence gate in the sampling settings, such as `r_hat` or `ess`."""
         sampling = self.settings.get("sampling")
         return float(sampling.get(name, default)) if isinstance(sampling, Mapping) else default
 
     def kind(self, name: str) -> str:
-        """material | specimen | noise | derived."""
+        """Kind of a quantity: material | specimen | noise | derived."""
         fallback = "noise" if "." in name else "material"
         return str(self.posterior[name].attrs.get("kind", fallback))
 
     def names(self, *kinds: str) -> list[str]:
-        """Quantities of these kinds, in the file's order."""
+        """Names of the quantities of these kinds, in the order of the file."""
         return [str(n) for n in self.posterior.data_vars if self.kind(str(n)) in kinds]
 
     @property
@@ -221,13 +221,13 @@ class CandidateResults:
         return self.names("material", "specimen", "noise")
 
     def label(self, name: str) -> dict[str, str]:
-        """symbol, unit, description, prior of a quantity."""
+        """Symbol, unit, description and prior of a quantity."""
         keys = ("symbol", "unit", "description", "prior")
         return {key: str(self.posterior[name].attrs.get(key, "")) for key in keys}
 
     @cached_property
     def summary(self) -> pd.DataFrame | None:
-        """summary.csv indexed by parameter."""
+        """Table summary.csv indexed by parameter; None if there is no such file."""
         table = _table(self.folder / "summary.csv")
         return None if table is None else table.set_index(table.columns[0])
 
@@ -249,7 +249,7 @@ class CandidateResults:
 
     @cached_property
     def records(self) -> Mapping[str, Mapping[str, Any]]:
-        """Calibrated records as the posterior file remembers them: `group`, `scale`, ..."""
+        """Calibration records by name, as stored in the posterior file: `group`, `scale`, ..."""
         found = self.attributes.get("experiments", [])
         return {r["name"]: r for r in found} if isinstance(found, list) else {}
 
@@ -264,13 +264,13 @@ class CandidateResults:
 
     @property
     def noise(self) -> NoiseModel:
-        """The model of the noise that the candidate was fitted with."""
+        """Noise model that the candidate was fitted with."""
         from deabayes.noise import REGISTRY as NOISE_MODELS
 
         return NOISE_MODELS[str(self.attributes["noise"])]()
 
     def noise_draws(self, experiment: str) -> dict[str, FloatArray]:
-        """An experiment's noise parameters, by the noise model's own names, (W,) each."""
+        """Draws (W,) of an experiment's noise parameters, by their names in the noise model."""
         group = f"{self.noise_group(experiment)}."
         names = [name for name in self.names("noise") if name.startswith(group)]
         return {name.removeprefix(group): self.posterior[name].values.ravel() for name in names}
@@ -281,7 +281,7 @@ def _table(path: Path) -> pd.DataFrame | None:
 
     try:
         return pd.read_csv(path) if path.is_file() else None
-    except (ValueError, pd.errors.ParserError) as error:  # an empty file among them
+    except (ValueError, pd.errors.ParserError) as error:  # also for an empty file
         raise UserError(f"{path}: is no table ({error}); remove it and make it again") from None
 
 
@@ -299,7 +299,7 @@ SETTINGS = "population.yaml"
 
 @dataclass(frozen=True)
 class PopulationResults:
-    """`results/populations/{name}`: mean and spread, the specimens, a new specimen."""
+    """One population in `results/populations/{name}`: mean, spread, specimens, a new specimen."""
 
     folder: Path
 
@@ -309,12 +309,12 @@ class PopulationResults:
 
     @property
     def study(self) -> PopulationResults:
-        """Itself: a population is no candidate of a study."""
+        """This object itself, because a population does not belong to a study."""
         return self
 
     @cached_property
     def new_specimen(self) -> CandidateResults:
-        """Its posterior file, summary and predictions are laid out as a candidate's."""
+        """The new specimen as a candidate, because its files have the same layout."""
         return CandidateResults(StudyResults(self.folder.parent), self.folder)
 
     @property
@@ -335,13 +335,13 @@ class PopulationResults:
 
     @cached_property
     def settings(self) -> Mapping[str, Any]:
-        """As the population was put together with."""
+        """Settings of the population, from its posterior file."""
         found: Mapping[str, Any] = self.attributes["population"]
         return found
 
     @property
     def parameters(self) -> list[str]:
-        """Those that scatter between specimens, in the file's order."""
+        """Names of the parameters that vary between specimens, in the order of the file."""
         return self.new_specimen.names("material", "specimen")
 
     @property
@@ -350,14 +350,14 @@ class PopulationResults:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """summary.csv indexed by quantity."""
+        """Table summary.csv indexed by quantity."""
         import pandas as pd
 
         return pd.read_csv(self.folder / "summary.csv", index_col="parameter")
 
     @cached_property
     def shrinkage(self) -> pd.DataFrame:
-        """shrinkage.csv, one row per specimen and parameter."""
+        """Table shrinkage.csv, one row per specimen and parameter."""
         import pandas as pd
 
         return pd.read_csv(self.folder / "shrinkage.csv")
@@ -370,6 +370,6 @@ class PopulationResults:
 
 
 def results_of(folder: Path) -> StudyResults | PopulationResults:
-    """What a results folder holds, by its settings file."""
+    """Return a population if the folder holds a population.yaml, else a study."""
     is_population = (folder / SETTINGS).is_file()
     return PopulationResults(folder) if is_population else StudyResults(folder)

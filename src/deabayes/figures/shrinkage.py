@@ -1,4 +1,4 @@
-"""Every specimen's estimate by itself and with the population for a prior."""
+"""Estimates of every specimen, from its own records and with the population as prior."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEGIBLE_DECADES = 1.0
 
 
 def draw(results: PopulationResults) -> list[Figure]:
-    """A panel per parameter, a row per specimen."""
+    """Return one panel per parameter, with one row per specimen."""
     table, names = results.shrinkage, results.parameters
     return [_sheet(results, table, each) for each in panels.batches(names, 2 * MOST_ACROSS)]
 

@@ -1,4 +1,4 @@
-"""How every figure looks: sizes for a journal's columns, colours safe for the colour-blind."""
+"""Style of all figures: sizes for journal columns, colours safe for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 MILLIMETRE = 1 / 25.4
 DOUBLE_COLUMN = 183 * MILLIMETRE
 HEADER = 0.22
-"""Inches above the axes for the study's name and the marks."""
+"""Height in inches above the axes for the study's name and the marks."""
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -25,7 +25,7 @@ BANDS = {
     "discrepancy": ("#f3c766", "90 % with model discrepancy"),
     "parameter": (SKY, "90 % parameters only (not predictive)"),
 }
-"""Band -> (colour, label), widest first so that the narrower are drawn on top."""
+"""Colour and label of each band, widest first so that narrower bands are drawn on top."""
 
 SETTINGS = {
     "font.family": "sans-serif",
@@ -67,13 +67,13 @@ def apply() -> None:
 
 @contextmanager
 def applied() -> Iterator[None]:
-    """The same for the duration of a block."""
+    """Set matplotlib's defaults for the duration of a `with` block."""
     with matplotlib.rc_context(SETTINGS):
         yield
 
 
 def mark_simulated(target: Axes | Figure) -> None:
-    """Say in the upper right corner, outside the data, that nothing here was measured."""
+    """Write "simulated data" in the upper right corner, outside the data."""
     style = {"fontsize": 6.5, "color": VERMILLION, "style": "italic", "ha": "right"}
     if isinstance(target, Figure):
         height = target.get_size_inches()[1]
@@ -83,7 +83,7 @@ def mark_simulated(target: Axes | Figure) -> None:
 
 
 def watermark_unconverged(figure: Figure) -> None:
-    """Write NOT CONVERGED across the figure: its numbers are not to be trusted."""
+    """Write NOT CONVERGED across the figure, because its numbers cannot be trusted."""
     width, height = figure.get_size_inches()
     figure.text(
         0.5,
@@ -101,9 +101,9 @@ def watermark_unconverged(figure: Figure) -> None:
 
 
 def header(figure: Figure, text: str) -> None:
-    """Name what the figure was made from, in a strip kept free above the axes.
+    """Write `text` in a strip above the axes, which is kept free.
 
-    The layout is computed here once and then kept, not again for every file written.
+    The layout is computed here once, and not again for every file that is written.
     """
     height = figure.get_size_inches()[1]
     engine = figure.get_layout_engine()
@@ -115,9 +115,12 @@ def header(figure: Figure, text: str) -> None:
 
 
 def write(figure: Figure, svg: Path, png: Path) -> None:
-    """Write both files; `Figure.savefig` would draw each twice, to find a layout that is known."""
+    """Write the figure as SVG and PNG.
+
+    `Figure.savefig` would draw each file twice, to find a layout that is already known.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    FigureCanvasAgg(figure).print_png(png)  # first: the other leaves another resolution behind
+    FigureCanvasAgg(figure).print_png(png)  # PNG first: writing the SVG changes the resolution
     FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})

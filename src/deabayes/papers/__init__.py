@@ -1,8 +1,8 @@
-"""What a paper of a system reports, computed from a study's posteriors: one module each.
+"""Analyses of the papers' results, computed from a study's posteriors; one module each.
 
-An analysis module has `SYSTEMS` (the systems it is for, empty: every one), `TITLE` and
+An analysis module defines `SYSTEMS` (the systems it applies to; empty for all), `TITLE` and
 `CAPTION` (of its section and tables in the report), and `compute(context)`, which returns an
-`Analysis`. Figures read what is written here and compute nothing.
+`Analysis`. Figures read the files written here and compute nothing themselves.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ REGISTRY: Mapping[str, str] = {
     "resonance": "deabayes.papers.tubular.resonance",
     "amplifier_current": "deabayes.papers.tubular.amplifier_current",
 }
-"""Analysis -> its module, in the report's order."""
+"""Module of each analysis, in the order of the report."""
 
 INDEX = "index.json"
 TABLES_OF_EVERY_STUDY = ("errors", "summary", "comparison")
 
 
 def module(name: str) -> ModuleType:
-    """The module of a registered analysis."""
+    """Return the module of a registered analysis."""
     if name not in REGISTRY:
         raise UserError(f"no analysis is called {name!r}{nearest(name, REGISTRY)}")
     return import_module(REGISTRY[name])
 
 
 def names_for(system: str) -> list[str]:
-    """Registered analyses of a system, in the registry's order."""
+    """Names of the registered analyses of a system, in the order of the registry."""
     return [name for name in REGISTRY if not module(name).SYSTEMS or system in module(name).SYSTEMS]
 
 
 def run_all(context: StudyContext, output: Path) -> list[str]:
-    """Compute every analysis of the study's system into the folder `output`, whole or not at all.
+    """Compute every analysis of the study's system and write them to the folder `output`.
 
-    Writes `{name}/{table}.csv`, `{name}/{curve}.nc`, and `index.json`, which lists them with
-    their titles and captions.
+    The files are `{name}/{table}.csv`, `{name}/{curve}.nc`, and `index.json`, which lists the
+    analyses with titles and captions. If an analysis fails, `output` stays as it was.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What a result of a paper is computed from, what it gives, and intervals as columns."""
+"""Input and output of an analysis, and helpers for columns with intervals."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Analysis:
-    """Tables and curves by name; columns and variables carry their units.
+    """Tables and curves of an analysis, by name; columns and variables carry their units.
 
-    A table's name is unique among all analyses of a study: the report keeps it as
+    Table names are unique among all analyses of a study, because the report writes
     `{study}_{table}.csv`.
     """
 
@@ -49,13 +49,13 @@ class Analysis:
 
 @dataclass(frozen=True)
 class StudyContext:
-    """A study after its fits: what analyses compute from.
+    """A fitted study, the input of the analyses.
 
     Attributes
     ----------
     experiments : the prepared records, with the roles the study gives them.
     candidates : fitted candidates by name, in the study's order, with a few hundred draws.
-    inherited : the prior that the study takes over from another's posterior.
+    inherited : the prior that the study takes from another study's posterior.
     """
 
     study: Study
@@ -66,25 +66,25 @@ class StudyContext:
     _responses: dict[tuple[str, str], FloatArray] = field(default_factory=dict, repr=False)
 
     def system_of(self, candidate: str) -> System:
-        """The forward model of a candidate."""
+        """Return the forward model of a candidate."""
         return self.candidates[candidate].system
 
     def prior_of(self, candidate: str) -> Prior:
-        """The prior a candidate was fitted under, noise parameters included."""
+        """Return the prior that a candidate was fitted with, including noise parameters."""
         from deabayes.inference.log_posterior import build
 
         target = build(self.study, candidate, self.specimen, self.experiments, self.inherited)
         return target.prior
 
     def rng(self, name: str) -> np.random.Generator:
-        """One explicit stream per (seed, study, analysis)."""
+        """Return a random generator with its own stream per (seed, study, analysis)."""
         words = [zlib.crc32(text.encode()) for text in (self.study.name, "analysis", name)]
         return np.random.default_rng([self.study.sampling.seed, *words])
 
     def responses(self, candidate: str, experiment: Experiment) -> FloatArray:
-        """The model's response to a record (S, N), one row per draw with a finite one.
+        """Return the model's responses (S, N) to a record, one row per draw with a finite response.
 
-        One row of NaN where no draw has.
+        If no draw has a finite response, the result is one row of NaN.
         """
         key = candidate, experiment.name
         if key not in self._responses:
@@ -94,7 +94,7 @@ class StudyContext:
         return self._responses[key]
 
     def records(self, response: str, *protocols: str) -> list[Experiment]:
-        """The records of a response, of any of these protocols."""
+        """Return the records of a response that have any of these protocols."""
         return [
             each
             for each in self.experiments
@@ -108,12 +108,12 @@ QUANTILES = (0.05, 0.95)
 def interval(
     name: str, unit: str, draws: ArrayLike, value: float | None = None
 ) -> dict[str, float]:
-    """`{name}_{unit}`, `{name}_q05`, `{name}_q95` of draws (S,).
+    """Return the columns `{name}_{unit}`, `{name}_q05`, `{name}_q95` of draws (S,).
 
     Parameters
     ----------
-    unit : last word of the column; empty for a plain number.
-    value : the number itself; the median of the draws by default. NaN draws are left out.
+    unit : last word of the column name; empty for a number without unit.
+    value : value of the first column, by default the median. Draws that are not finite are left out.
     """
     found = np.asarray(draws, dtype=float)
     found = found[np.isfinite(found)]
@@ -130,16 +130,16 @@ def band(draws: FloatArray) -> FloatArray:
 
 
 def labels(name: str, fitted: Fitted) -> dict[str, object]:
-    """First columns of a row about a candidate."""
+    """First columns of a candidate's row: name, order and convergence."""
     return {"candidate": name, "order": fitted.system.order, "converged": fitted.converged}
 
 
 def beside(rows: Sequence[Mapping[str, object]], unit: str = "kV") -> list[dict[str, object]]:
-    """Rows of one candidate and frequency joined, columns told apart by their `voltage_{unit}`.
+    """Join the rows of a candidate at one frequency, with the voltage in the column names.
 
-    `x_mm` at 5 kV becomes `x_5kV_mm`, `x_q05` becomes `x_5kV_q05`; lowest frequency and
-    highest voltage first. A voltage that comes again at its frequency stands in a row of its
-    own below, in the order given.
+    The voltage is that of the column `voltage_{unit}`. `x_mm` at 5 kV becomes `x_5kV_mm`, and
+    `x_q05` becomes `x_5kV_q05`. The lowest frequency and the highest voltage come first. If a
+    voltage is repeated at a frequency, the repetition gets its own row below, in the given order.
     """
     same = ("candidate", "order", "converged", "frequency_Hz")
     voltage = f"voltage_{unit}"

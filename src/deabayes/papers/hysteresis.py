@@ -1,8 +1,6 @@
-"""Displacement against voltage, cycle by cycle: the loop's area, its creep, when it is stable."""
+"""Hysteresis loops of displacement against voltage: area, creep and stability per cycle."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,9 +18,6 @@ from deabayes.papers.base import Analysis, StudyContext, band, interval, labels
 from deabayes.papers.timing import PHASES, Cycles, Loops, amplitude
 from deabayes.quantities import short
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SYSTEMS = ("membrane", "minimum_energy_structure")
 TITLE = "Hysteresis under alternating voltage"
 CAPTION = (
@@ -38,9 +33,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Tables per cycle and per record; one data set of loops per displacement sine."""
-    import pandas as pd
-
+    """Return tables per cycle and per record, and one data set of loops per displacement sine."""
     cycles, stability, loops = [], [], {}
     for each in context.records("displacement", "sine"):
         found = Cycles.of(each)
@@ -64,7 +57,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:
-    """One cycle's row: measured beside predicted, with the draws' interval."""
+    """Row of cycle `k`: measured and predicted values, with the interval of the draws."""
     row: dict[str, object] = {"cycle": int(measured.numbers[k])}
     kinds = (("area", "kVmm", 1.0), ("mean", "mm", 1e-3), ("peak_to_peak", "mm", 1e-3))
     for name, unit, scale in kinds:
@@ -75,7 +68,7 @@ def of_cycle(measured: Loops, predicted: Loops, k: int) -> dict[str, object]:
 
 
 def creep(measured: Loops, predicted: Loops) -> dict[str, float]:
-    """Rise of the cycles' mean from the first to the last, measured beside predicted."""
+    """Rise of the mean displacement from the first to the last cycle, measured and predicted."""
     found = {"measured_creep_um": float(measured.mean[-1] - measured.mean[0]) / 1e-6}
     of_draws = predicted.mean[:, -1] - predicted.mean[:, 0]
     return found | interval("predicted_creep", "um", of_draws / 1e-6)
@@ -84,9 +77,7 @@ def creep(measured: Loops, predicted: Loops) -> dict[str, float]:
 def loop_curves(
     context: StudyContext, experiment: Experiment, measured: Loops, bands: FloatArray
 ) -> xr.Dataset:
-    """Measured and predicted loops, bands (candidate, bound, cycle, phase)."""
-    import xarray as xr
-
+    """Data set of measured and predicted loops; `bands` is (candidate, bound, cycle, phase)."""
     names = list(context.candidates)
     loop = ("cycle", "phase")
     return xr.Dataset(
@@ -120,7 +111,7 @@ SHOWN = 4
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One row per sine, highest voltage and slowest first."""
+    """Return one row per sine, with the highest voltage and then the lowest frequency first."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

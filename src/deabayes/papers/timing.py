@@ -1,4 +1,4 @@
-"""What happens when in a record: steps, cycles, loops, sweeps."""
+"""Timing within a record: steps, cycles, loops and sweeps."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from deabayes.experiment import Excitation, Experiment, FloatArray
 from deabayes.integrate.periodic import HYSTERESIS, upward_crossings, usual_period
 
 STEPS = ("step", "creep")
-"""Protocols of a voltage that is switched on and stays."""
+"""Protocols in which the voltage is switched on and stays constant."""
 REACH = 1.2
-"""Spacings of a record's points: how far beyond the outer ones a cycle may end."""
+"""Distance, in point spacings, that a cycle may extend beyond the outer points of a record."""
 GAP = 2.0
-"""Times that reach: neighbouring points further apart have a gap between them."""
+"""Points further apart than `GAP` times `REACH` spacings have a gap between them."""
 IntArray = NDArray[np.int64]
 
 
@@ -33,13 +33,13 @@ def amplitude(excitation: Excitation) -> float:
 
 @dataclass(frozen=True)
 class Cycles:
-    """The whole cycles of a sine within a record.
+    """Whole cycles of a sine within a record.
 
     Attributes
     ----------
-    period : [s].
-    starts : (C,) where each starts [s].
-    numbers : (C,) which of the sine's cycles each is, from 1.
+    period : of the sine [s].
+    starts : (C,) start of each cycle [s].
+    numbers : (C,) number of each cycle within the sine, from 1.
     """
 
     period: float
@@ -48,11 +48,11 @@ class Cycles:
 
     @classmethod
     def of(cls, experiment: Experiment) -> Cycles:
-        """Those that the record's points show from end to end.
+        """Return the cycles that the record's points cover from start to end.
 
-        As the preparation counted them where its step `cycles` left some of them only, else
-        from the excitation. A last cycle counts if the record's points reach its end within
-        about their spacing; one with a gap inside does not, as nothing was measured there.
+        If the preparation's step `cycles` kept some cycles, its counts are used. Otherwise the
+        cycles come from the excitation. A cycle counts if points reach its start and end within
+        `REACH` spacings. A cycle with a gap inside does not count.
         """
         counted = next((s for s in experiment.steps if s.get("step") == "cycles"), None)
         found = cls.driven(experiment.excitation) if counted is None else cls._counted(counted)
@@ -64,10 +64,11 @@ class Cycles:
 
     @classmethod
     def driven(cls, drive: Excitation) -> Cycles:
-        """From the upward crossings of half the amplitude, of a single sign: of the mid-range.
+        """Return the cycles found from upward crossings of the excitation.
 
-        A sine through zero starts its cycle there, a twelfth of a period earlier; one of a
-        single sign at its lowest magnitude.
+        For a sine of both signs the level is half the amplitude. Its cycle starts at zero, a
+        twelfth of a period before the crossing. For a sine of one sign the level is the
+        mid-range. Its cycle starts at the lowest magnitude.
         """
         drive = as_positive(drive)
         level = float(np.quantile([drive.values.min(), drive.values.max()], 0.75))
@@ -85,7 +86,7 @@ class Cycles:
 
     @classmethod
     def _counted(cls, step: Mapping[str, object]) -> Cycles:
-        """From what the preparation's step `cycles` says it kept: the middle one of each group."""
+        """Return the cycles that the preparation kept: the middle one of each averaged group."""
         sizes = np.asarray(step["group_sizes"], dtype=np.int64)
         before = np.cumsum(sizes) - sizes + sizes // 2
         period = float(str(step["period_s"]))
@@ -94,7 +95,7 @@ class Cycles:
 
     @property
     def frequency(self) -> float:
-        """Of the excitation [Hz]."""
+        """Frequency of the excitation [Hz]."""
         return 1.0 / self.period
 
     def times(self, points: int) -> FloatArray:
@@ -103,33 +104,33 @@ class Cycles:
 
 
 def as_positive(drive: Excitation) -> Excitation:
-    """A drive of negative sign only with its sign turned, any other as it is.
+    """Return a purely negative drive with its sign reversed, any other drive unchanged.
 
-    The Maxwell pressure goes by the square, so the cycle of a motion is that of the magnitude.
+    The Maxwell pressure depends on the squared voltage, so the motion follows the magnitude.
     """
     negative = _of_one_sign(-drive.values) and not _of_one_sign(drive.values)
     return replace(drive, values=-drive.values) if negative else drive
 
 
 def _of_one_sign(values: FloatArray) -> bool:
-    """Whether values are positive but for noise, of a tenth of their range at most."""
+    """Whether values are positive, apart from noise of at most a tenth of their range."""
     return bool(values.min() > -HYSTERESIS * np.ptp(values))
 
 
 def _covered(times: FloatArray, start: float, end: float, spacing: float) -> bool:
-    """Whether points lie all along from `start` to `end`, none further apart than a gap."""
+    """Whether points cover the time from `start` to `end` without a gap."""
     near = times[(times >= start - spacing) & (times <= end + spacing)]
     reached = near.size > 1 and near[0] <= start + spacing and near[-1] >= end - spacing
     return bool(reached and np.max(np.diff(near)) <= GAP * spacing)
 
 
 def resampled(coordinate: FloatArray, values: FloatArray, times: FloatArray) -> FloatArray:
-    """Curves (..., N) at other times, (..., *times.shape), by a cubic spline.
+    """Interpolate curves (..., N) at other times by a cubic spline, (..., *times.shape).
 
-    A record's points are too few per cycle to read a peak or a loop's area from them as they
-    stand; measured and predicted curves go through the same spline. It goes on beyond the
-    points as far as `Cycles` allows. Points on either side of a gap have splines of their own.
-    Curves of nothing but NaN, as of no draw, stay NaN.
+    A record has too few points per cycle to read a peak or a loop's area from them directly.
+    Measured and predicted curves use the same spline. The spline extends beyond the points as
+    far as `Cycles` allows. Points on the two sides of a gap have separate splines. If all values
+    are NaN, the result is NaN.
     """
     from scipy.interpolate import CubicSpline
 
@@ -156,7 +157,7 @@ STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
 class Loops:
     """Displacement (..., C, P + 1) and voltage (C, P + 1) at even phases of each cycle.
 
-    `numbers` (C,) are those of the cycles, from 1; in succession by default.
+    `numbers` (C,) are the numbers of the cycles, by default 1, 2, ..., C.
     """
 
     def __init__(
@@ -168,7 +169,7 @@ class Loops:
 
     @classmethod
     def of(cls, experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Loops:
-        """Of a record's curves (..., N)."""
+        """Return the loops of a record's curves (..., N)."""
         times = cycles.times(PHASES)
         moved = resampled(experiment.coordinate, curves, times)
         return cls(moved, experiment.excitation.at(times), cycles.numbers)
@@ -196,9 +197,11 @@ class Loops:
         return np.concatenate([np.full_like(self.mean[..., :1], np.nan), change], axis=-1)
 
     def stable_from(self) -> float:
-        """Number of the first cycle after which nothing changes much per cycle; NaN if none.
+        """Number of the first cycle after which the loops are stable; NaN if there is none.
 
-        The last cycle alone proves nothing, so it does not count.
+        Loops are stable if, per cycle, the area changes by less than `STABLE_AREA` of its value
+        and the mean by less than `STABLE_DRIFT` of the peak-to-peak displacement. The last cycle
+        cannot be tested, so it does not count.
         """
         passed = np.diff(self.numbers)
         steady = np.abs(np.diff(self.area)) < STABLE_AREA * passed * np.abs(self.area[1:])
@@ -210,23 +213,24 @@ class Loops:
 
 HARMONICS = 2
 FEWEST = 16
-"""Points of a window: more than twice its unknowns."""
+"""Smallest number of points in a window, more than twice its unknowns."""
 WORST_CONDITION = 10.0
-"""Of a window's harmonics; beyond, the points alias them into each other."""
+"""Largest condition number of a window's design; above it the points alias the harmonics."""
 LEAST_PROMINENCE = 0.02
-"""Of a resonance, over the largest amplitude: noise is below."""
+"""Smallest prominence of a resonance over the largest amplitude; noise stays below it."""
 SWEEP_PHASES = 97
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Successive windows of whole cycles, as many as have points enough.
+    """Successive windows of whole cycles along a sweep, each with at least `FEWEST` points.
 
     Attributes
     ----------
-    frequency : (K,) mean of each window [Hz].
+    frequency : (K,) mean frequency of each window [Hz].
     ends : (K, 2) first and past-the-last point of each window.
-    designs : offset, slope, cosines and sines of the voltage's phase at a window's points.
+    designs : regressors at each window's points: offset, slope, cosines and sines of the
+        voltage's phase.
     """
 
     frequency: FloatArray
@@ -235,7 +239,7 @@ class Sweep:
 
     @classmethod
     def of(cls, experiment: Experiment) -> Sweep:
-        """The windows of a record whose points can tell the harmonics apart."""
+        """Return the windows in which the record's points can separate the harmonics."""
         drive, times = experiment.excitation, experiment.coordinate
         middle = 0.5 * (drive.values.max() + drive.values.min())
         crossings = upward_crossings(drive.coordinate, drive.values, float(middle))
@@ -251,7 +255,7 @@ class Sweep:
         return cls(np.array(frequencies), np.array(ends).reshape(-1, 2), tuple(designs))
 
     def amplitude(self, curves: FloatArray) -> FloatArray:
-        """Peak-to-peak displacement (..., K) of curves (..., N), a drift taken out."""
+        """Peak-to-peak displacement (..., K) of curves (..., N), without drift."""
         phases = _harmonics(np.linspace(0.0, 1.0, SWEEP_PHASES))
         found = []
         for (begin, end), design in zip(self.ends, self.designs, strict=True):
@@ -261,7 +265,7 @@ class Sweep:
         return np.stack(found, axis=-1) if found else np.empty((*curves.shape[:-1], 0))
 
     def resonance(self, amplitude: FloatArray) -> tuple[float, float]:
-        """Frequency [Hz] and height of the most prominent peak of amplitudes (K,), else NaN."""
+        """Frequency [Hz] and height of the most prominent peak of amplitudes (K,); NaN if none."""
         from scipy.signal import find_peaks
 
         peaks, of = find_peaks(amplitude, prominence=LEAST_PROMINENCE * np.max(amplitude))
@@ -272,7 +276,7 @@ class Sweep:
 
 
 def _windows(points: IntArray) -> Iterator[tuple[int, int]]:
-    """First and last crossing of successive windows with points enough between them."""
+    """Yield first and last crossing of successive windows of at least `FEWEST` points."""
     first = 0
     for last in range(1, points.size):
         if points[last] - points[first] >= FEWEST:

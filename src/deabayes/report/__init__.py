@@ -1,4 +1,4 @@
-"""One self-contained page about one or more studies, made from results files alone."""
+"""Build the report: one self-contained page about studies, made only from results files."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def build(
     ----------
     study_folders : `results/{study}` of every study to report, in the page's order, and
         `results/populations/{population}` of every population.
-        Figures that `deabayes.figures.save_all` left in `{study}/figures` are used
-        if they are newer than the results; else they are drawn there first.
-    output : the page, one HTML file that refers to nothing outside itself.
-    tables_folder : where `{study}_{errors,summary,comparison}.csv` and analyses' tables go.
-    left_out : one sentence per study that was not run, and how to get its data.
-    failed : what a run could not make, by study and candidate, and where the log is.
+        Figures that `deabayes.figures.save_all` wrote to `{study}/figures` are used if they
+        are newer than the results. Otherwise they are drawn first.
+    output : the page, one HTML file without references to other files.
+    tables_folder : folder for `{study}_{errors,summary,comparison}.csv` and tables of analyses.
+    left_out : one sentence per study that was not run, with the way to get its data.
+    failed : notices of the jobs that failed, with the paths of their logs.
 
     Returns
     -------
@@ -42,7 +42,8 @@ def build(
     Raises
     ------
     UserError
-        If a folder holds no fitted candidate, or two are called alike.
+        If a folder holds no fitted candidate, or if two studies or two populations have the
+        same name.
     """
     from deabayes.figures.results import PopulationResults, StudyResults, results_of
     from deabayes.files import write_text_atomically
@@ -55,7 +56,7 @@ def build(
     populations = [each for each in found if isinstance(each, PopulationResults)]
     _check_names(studies)
     _check_names(populations)
-    figures = {each.folder: _figures(each) for each in found}  # or a fault, nothing written
+    figures = {each.folder: _figures(each) for each in found}  # may raise, before tables and page
     write_csv(studies, Path(tables_folder))
     sections.write_csv(populations, Path(tables_folder))
     images = embed_all([sheet for sheets in figures.values() for sheet in sheets])
@@ -66,7 +67,7 @@ def build(
 
 
 def _check_names(found: Sequence[StudyResults | PopulationResults]) -> None:
-    """Refuse two of one name: sections and tables are called by it."""
+    """Check that names are unique, because sections and tables are named after them."""
     folders: dict[str, Path] = {}
     for each in found:
         if each.name in folders:

@@ -1,4 +1,4 @@
-"""What a reader must know before trusting a number."""
+"""Notices of the report: what a reader must know before trusting its numbers."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from deabayes.sampling.diagnostics import Failed
 
 
 def grouped(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> list[str]:
-    """One sentence per gate that failed, about the worst quantity or run; then the advice, once.
+    """One sentence per failed convergence gate, about its worst quantity or run, then advice.
 
     Parameters
     ----------
-    convergence : as in a posterior file.
-    sampling : the settings it was sampled with; without them no number is advised.
+    convergence : the attribute `convergence` of a posterior file.
+    sampling : the sampling settings; without `max_steps` the advice names no number of steps.
     """
     failed = [Failed(**each) for each in convergence.get("failed_gates") or ()]
     gates: dict[str, list[Failed]] = defaultdict(list)
@@ -42,7 +42,7 @@ def _worst(failed: list[Failed]) -> str:
 
 
 def _advice(convergence: Mapping[str, Any], sampling: Mapping[str, Any]) -> str:
-    """How many steps it takes at the autocorrelation time, or effective draws, found so far."""
+    """Advice on the number of steps, from the gates and the values reached so far."""
     limit = sampling.get("max_steps")
     if limit is None or "steps" not in convergence:
         return "Sample longer: double sampling.max_steps"
@@ -75,7 +75,7 @@ NEAR_THE_BOUND = 0.95
 
 @dataclass(frozen=True)
 class Notice:
-    """One kind of trouble in one study; `details` are its instances, in plain words."""
+    """One kind of problem in one study; `details` lists its instances in plain words."""
 
     study: str
     candidate: str
@@ -85,7 +85,7 @@ class Notice:
 
 
 def of_study(results: StudyResults) -> list[Notice]:
-    """Notices of a study: of the candidate shown in full, and what may have held up others."""
+    """Notices of a study: all of the recommended candidate, and why others did not converge."""
     found = [n for c in results.candidates for n in unconverged(c)]
     found += unresolved(results)
     found += evidence(results)
@@ -98,12 +98,12 @@ def of_study(results: StudyResults) -> list[Notice]:
 
 
 def of_candidate(results: CandidateResults) -> list[Notice]:
-    """Notices of one candidate's numbers, convergence aside."""
+    """Notices of one candidate, except convergence."""
     return [notice for check in CHECKS for notice in check(results)]
 
 
 def unconverged(results: CandidateResults) -> Iterator[Notice]:
-    """Convergence gates that failed."""
+    """Notice of the convergence gates that failed."""
     if not results.converged:
         reasons = grouped(results.convergence, results.settings.get("sampling") or {})
         yield _notice(
@@ -112,7 +112,7 @@ def unconverged(results: CandidateResults) -> Iterator[Notice]:
 
 
 def unresolved(results: StudyResults) -> Iterator[Notice]:
-    """An order comparison that the data did not decide."""
+    """Notice of a comparison of model orders that the data did not decide."""
     table = results.comparison
     if table is None:
         return
@@ -127,7 +127,7 @@ def unresolved(results: StudyResults) -> Iterator[Notice]:
 
 
 def evidence(results: StudyResults) -> Iterator[Notice]:
-    """Candidates on whose evidence bridge and nested sampling do not agree."""
+    """Candidates for which bridge sampling and nested sampling disagree on the evidence."""
     table = results.comparison
     if table is None:
         return
@@ -138,14 +138,14 @@ def evidence(results: StudyResults) -> Iterator[Notice]:
 
 
 def leaning(results: CandidateResults) -> Iterator[Notice]:
-    """Parameters at a bound of their prior: they and others are wrong, whatever else is said."""
+    """Parameters at a bound of their prior; their values and others' cannot be trusted."""
     details = [str(text) for text in results.attributes.get("leaning") or []]
     if details:
         yield _notice(results, "A prior's bound decides", details)
 
 
 def not_adequate(results: CandidateResults) -> Iterator[Notice]:
-    """Records to which the candidate was fitted, and which reject it all the same."""
+    """Calibration records that reject the candidate although it was fitted to them."""
     if results.errors is None:
         return
     details = [
@@ -158,7 +158,7 @@ def not_adequate(results: CandidateResults) -> Iterator[Notice]:
 
 
 def extrapolation(results: CandidateResults) -> Iterator[Notice]:
-    """Predictions outside the calibrated region, records with the same reason together."""
+    """Predictions outside the calibrated region, with the records grouped by reason."""
     if results.errors is None:
         return
     by_reason: dict[str, list[str]] = defaultdict(list)
@@ -171,7 +171,7 @@ def extrapolation(results: CandidateResults) -> Iterator[Notice]:
 
 
 def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
-    """Records a good part of whose variance the correlated noise explains."""
+    """Records of whose variance the correlated noise explains a share above `ALARMING`."""
     from deabayes.figures.noise_share import ALARMING, correlated_shares
 
     details = []
@@ -185,7 +185,7 @@ def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
 
 
 def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
-    """Correlated noise that would last longer than its prior lets it."""
+    """Correlation lengths of the noise whose posterior is at the upper end of the prior."""
     details = []
     along_grid = results.settings.get("noise_coordinate") == "grid"
     for name in results.names("noise"):
@@ -206,7 +206,7 @@ def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
 
 
 def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
-    """Independent noise, whose intervals are too narrow."""
+    """Noise models with independent residuals, whose intervals are too narrow."""
     if results.noise.diagnostic_only:
         text = "residuals are treated as independent: intervals are too narrow, diagnostic only"
         title = f"{plain(results.noise.name).capitalize()} noise"
@@ -214,14 +214,14 @@ def noise_diagnostic_only(results: CandidateResults) -> Iterator[Notice]:
 
 
 def set_by_prior(results: CandidateResults) -> Iterator[Notice]:
-    """Material parameters that the data said nothing about."""
+    """Material parameters that the prior sets and not the data."""
     if weak := _decided_by(results, SET_BY_PRIOR, "material"):
         text = f"{', '.join(weak)}: less than 10 % of the prior's variance was removed by the data"
         yield _notice(results, "Set by the prior, not by the data", [text])
 
 
 def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
-    """Parameters, specimen's ones too, that are a compromise of prior and data."""
+    """Material and specimen parameters that are a compromise between prior and data."""
     if names := _decided_by(results, MOVED_BY_BOTH, "material", "specimen"):
         text = (
             f"{', '.join(names)}: a compromise, more weight on either moves the number; "
@@ -231,7 +231,7 @@ def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
 
 
 def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
-    """Material parameters that follow the priors though their own was narrowed."""
+    """Material parameters that move with the priors but not with the data."""
     if names := _decided_by(results, MOVED_BY_PRIOR, "material"):
         text = (
             f"{', '.join(names)}: what is left of the uncertainty is that of priors, its own or of "
@@ -249,7 +249,7 @@ def _decided_by(results: CandidateResults, words: str, *kinds: str) -> list[str]
 
 
 def carried_over_noise(results: CandidateResults) -> Iterator[Notice]:
-    """Records whose noise, or its size, is that of other ones; records alike together."""
+    """Records whose noise, or its scale, is taken from other records, grouped by note."""
     by_note: dict[str, list[str]] = defaultdict(list)
     for name, prediction in results.predictions.items():
         if note := str(prediction.attrs.get("noise_note", "")):
@@ -288,7 +288,7 @@ def narrow_bands(results: CandidateResults) -> Iterator[Notice]:
 
 
 def stored(results: CandidateResults) -> Iterator[Notice]:
-    """Warnings in the posterior file, but for those of its records, which stand under `data`."""
+    """Warnings in the posterior file, except those of records, which `data` reports."""
     texts = results.attributes.get("warnings") or []
     of_records = set(_of_records(results.study))
     details = [str(text) for text in texts if text not in of_records]
@@ -297,7 +297,7 @@ def stored(results: CandidateResults) -> Iterator[Notice]:
 
 
 def data(results: StudyResults) -> Iterator[Notice]:
-    """What preparation noticed about the records."""
+    """Warnings of the preparation about the records."""
     details = _of_records(results)
     if details:
         yield Notice(results.name, "", "Data", tuple(details), serious=False)

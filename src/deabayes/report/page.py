@@ -1,4 +1,4 @@
-"""Fill the page's template from results, with figures small enough to embed."""
+"""Fill the page's template from results, and shrink the figures to embed them."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
 QUALITIES = ((1300, 96), (1000, 64), (800, 32))
-"""Width in pixels and colours, tried in turn until the page is small enough."""
+"""Width in pixels and number of colours, tried in turn until the page is small enough."""
 DOUBLE_COLUMN = 2161
-"""Pixels of a figure as wide as two columns of a journal, at 300 dpi."""
+"""Width in pixels of a double-column figure at 300 dpi."""
 SAMPLED = 3
-"""Every so many pixels either way are looked at for the rarer colours."""
+"""Step in pixels, in both directions, of the samples from which rarer colours are found."""
 LARGEST = 13_000_000
-"""Bytes of all sheets: mail servers commonly refuse more than 20 MB after their own encoding."""
+"""Largest size of all sheets in bytes; mail servers often refuse more than 20 MB encoded."""
 TRIED, FAR_TOO_LARGE = 8, 1.4
-"""Every so many sheets are scaled to see whether all would fit; and the factor of `LARGEST` beyond
-which the others are not."""
+"""Every `TRIED`-th sheet is scaled first, to estimate the size of all sheets. The others are
+skipped if the estimate exceeds `FAR_TOO_LARGE` times `LARGEST`."""
 THREADS = 2
-"""Nothing else runs when the report is made."""
+"""Threads that scale sheets; nothing else runs while the report is made."""
 
 
 @dataclass(frozen=True)
 class Image:
-    """An embedded sheet; `width` and `height` in CSS pixels keep the page from jumping."""
+    """An embedded sheet; `width` and `height` in CSS pixels reserve its space on the page."""
 
     source: str
     width: int
@@ -50,7 +50,7 @@ class Image:
 
 
 def embed_all(figures: Sequence[SavedFigure]) -> dict[Path, Image]:
-    """All sheets by their PNG, as well as they can be within `LARGEST`."""
+    """Return the embedded sheets by PNG path, in the best quality that fits in `LARGEST`."""
     images: list[Image] = []
     with ThreadPoolExecutor(THREADS) as pool:
         for width, colours in QUALITIES:
@@ -69,7 +69,7 @@ def _size(images: Iterable[Image]) -> int:
 
 
 def embed(figure: SavedFigure, width: int, colours: int) -> Image:
-    """The PNG of a saved sheet, scaled down and with few colours, as a data URI."""
+    """Embed the PNG of a saved sheet as a data URI, scaled down and with few colours."""
     data, size = shrink(figure.png, width, colours)
     scale = 900 / DOUBLE_COLUMN
     return Image(
@@ -81,10 +81,11 @@ def embed(figure: SavedFigure, width: int, colours: int) -> Image:
 
 
 def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]]:
-    """PNG bytes at most `width` pixels wide with a palette, and the original's size.
+    """Return the bytes of a smaller PNG with a palette, and the size of the original.
 
-    A figure holds few colours, so a palette costs nothing visible and saves
-    two thirds. Those of areas are in it as they are: a legend must not take another one.
+    A double-column figure becomes at most `width` pixels wide. A figure has few colours, so a
+    palette costs nothing visible and saves two thirds. The palette holds the exact colours of
+    areas, so that areas and legend agree.
     """
     from PIL import Image as Pictures
 
@@ -101,7 +102,7 @@ def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]
 
 
 def _palette(picture: Picture, colours: int) -> Picture:
-    """The most frequent colours, half as many as there may be, and medians of all."""
+    """Palette of the most frequent colours (half of the palette) and medians of all colours."""
     from PIL import Image as Pictures
 
     counted = picture.getcolors(picture.width * picture.height) or []
@@ -138,13 +139,13 @@ def render(
     tables_folder: Path = Path("tables"),
     failed: Sequence[notices.Notice] = (),
 ) -> str:
-    """The page as HTML.
+    """Return the page as HTML.
 
     Parameters
     ----------
-    figures : those of every results folder.
-    images : sheet -> as it is embedded.
-    failed : what is missing.
+    figures : saved figures of every results folder.
+    images : embedded image of each sheet, by PNG path.
+    failed : notices of results that are missing.
     """
     from jinja2 import Environment, StrictUndefined
 
@@ -179,7 +180,7 @@ def render(
 def figure_folders(
     studies: Sequence[StudyResults], populations_: Sequence[PopulationResults]
 ) -> list[str]:
-    """Where the figures of all are, with a word in place of a name."""
+    """Figure folders, with `<study>` or `<population>` in place of the names."""
     named = [(each.folder, "<study>") for each in studies]
     named += [(each.folder, "<population>") for each in populations_]
     places = ((folder if folder.name else folder.resolve(), word) for folder, word in named)
@@ -215,7 +216,7 @@ def _study(study: StudyResults, figures: Figures, images: Images) -> dict[str, A
 
 
 def _analyses(study: StudyResults, figures: Figures, images: Images) -> list[dict[str, Any]]:
-    """What the paper of the system reports: each analysis with its figures and tables, if any."""
+    """Sections of the analyses, each with its figures and tables; empty ones are left out."""
     shown = {"", study.recommended.name}
     readable = sections.analysis_tables(study)
     found = []
@@ -236,7 +237,7 @@ def _analyses(study: StudyResults, figures: Figures, images: Images) -> list[dic
 
 
 def verdict(study: StudyResults) -> str:
-    """Which candidate to use, and whether the records that it was fitted to reject it."""
+    """State which candidate to use, and whether its calibration records reject it."""
     best = study.recommended
     lost = [] if best.errors is None else list(rejected(best.errors)["experiment"])
     if not lost:

@@ -1,4 +1,4 @@
-"""Sections of the report: paper results, further experiments, orders, populations."""
+"""Sections of the report: analyses, further experiments, model orders, populations."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ UNITS = {
     },
     **{unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz nF mA rad g".split()},
 }
-"""Last word of a column's name -> the unit it stands for."""
+"""Unit for which the last word of a column's name stands."""
 LOW, HIGH = "_q05", "_q95"
 DIGITS = 4
-"""Of a number without interval: as many as the papers print."""
+"""Significant digits of a number without interval, as many as the papers print."""
 HIDDEN = ("converged",)
 LONGEST = 80
-"""Rows of a table shown; longer ones are in the report's tables folder only."""
+"""Most rows of a table on the page; longer tables are only in the report's tables folder."""
 
 
 def analysis_tables(study: StudyResults, names: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
-    """Table -> header, rows and which of them are of unconverged candidates, by analysis."""
+    """Return the readable tables of at most `LONGEST` rows, by analysis and table name."""
     return {
         each.name: {
             name: readable(table) for name, table in each.tables.items() if len(table) <= LONGEST
@@ -61,7 +61,7 @@ def analysis_tables(study: StudyResults, names: Sequence[str] = ()) -> dict[str,
 
 
 def readable(table: pd.DataFrame) -> dict[str, Any]:
-    """Columns `x`, `x_q05`, `x_q95` as one ``median [5 %, 95 %]``; numbers rounded."""
+    """Join columns `x`, `x_q05`, `x_q95` as ``median [5 %, 95 %]`` and round the numbers."""
     bounds = {str(c) for c in table.columns if str(c).endswith((LOW, HIGH))}
     kept = [str(c) for c in table.columns if str(c) not in bounds and c not in HIDDEN]
     cells = {name: _cells(table, name, bounds) for name in kept}
@@ -75,7 +75,7 @@ def readable(table: pd.DataFrame) -> dict[str, Any]:
 
 
 def heading(column: str) -> str:
-    """``e_m_percent`` -> ``e m (%)``."""
+    """Heading of a column: ``e_m_percent`` becomes ``e m (%)``."""
     name, unit = _split(column)
     return plain(name) + (f" ({unit})" if unit else "")
 
@@ -90,7 +90,7 @@ def _cells(table: pd.DataFrame, column: str, bounds: set[str]) -> list[str]:
     if base is None:
         return [_text(value) for value in table[column]]
     ends = zip(table[column], table[base + LOW], table[base + HIGH], strict=True)
-    # A printed figure among posteriors has no interval.
+    # A value printed in a paper has no interval.
     return [interval(*each) if np.all(np.isfinite(each)) else _text(each[0]) for each in ends]
 
 
@@ -104,14 +104,14 @@ def _text(value: object) -> str:
 
 
 SURE, MAY_FAIL = 0.9, 0.01
-"""Probability of deciding rightly that is called telling, and share of draws without a response
-from which an experiment is not proposed."""
+"""Probability of deciding rightly above which an experiment is said to decide, and share of draws
+without a response above which an experiment is not proposed."""
 ROUNDING = 0.005
-"""Nats that make no difference."""
+"""Difference in nats that is ignored."""
 
 
 def further_sentence(study: StudyResults) -> str:
-    """The best further experiment in plain words; empty where there is nothing to tell apart."""
+    """Describe the best further experiment; empty unless there are several candidates."""
     table = study.further_experiments
     if table is None or ", " not in str(table["candidates"].iloc[0]):
         return ""
@@ -141,7 +141,7 @@ def further_sentence(study: StudyResults) -> str:
 
 
 def further_rows(study: StudyResults) -> list[dict[str, Any]]:
-    """The table of the page, the most telling experiment first."""
+    """Rows of the table of further experiments, the most informative first."""
     table = study.further_experiments
     if table is None:
         return []
@@ -164,7 +164,11 @@ def further_rows(study: StudyResults) -> list[dict[str, Any]]:
 
 
 def _preferred(telling: pd.DataFrame) -> pd.Series:
-    """Of those as telling as the best, within errors: one already measured, one in range."""
+    """Choose among the experiments that are as informative as the best one, within errors.
+
+    A held-out record comes first, because it is already measured, then an experiment inside the
+    calibrated range.
+    """
     nats, error = telling["information_candidate_nats"], telling["information_candidate_error_nats"]
     margin = np.maximum(2.0 * np.hypot(error, error.iloc[0]), ROUNDING)
     equal = telling[nats >= nats.iloc[0] - margin]
@@ -215,7 +219,7 @@ def _number(value: float, error: float, decimals: int = 2) -> str:
 
 
 def order_rows(study: StudyResults) -> list[dict[str, Any]]:
-    """Rows of the order comparison."""
+    """Rows of the table that compares model orders."""
     if study.comparison is None:
         return []
     return [
@@ -239,15 +243,15 @@ def order_rows(study: StudyResults) -> list[dict[str, Any]]:
 
 
 def asked_for_nested(study: StudyResults) -> bool:
-    """Whether a candidate's evidence was checked by nested sampling."""
+    """Whether nested sampling checked the evidence of at least one candidate."""
     table = study.comparison
     return table is not None and bool(table.get("log_evidence_nested", pd.Series()).notna().any())
 
 
 def may_hide(study: StudyResults) -> str:
-    """How small a further unit the candidate's correlated noise would take for itself.
+    """State how large a further unit may be and still be hidden in correlated noise.
 
-    Empty where nothing is compared, or where correlated noise is below white noise everywhere.
+    Empty if nothing is compared, or if correlated noise is nowhere larger than white noise.
     """
     if study.comparison is None or len(study.comparison) < 2:
         return ""
@@ -283,7 +287,7 @@ FIGURES = ("shrinkage", "new_specimen")
 
 
 def population_section(results: PopulationResults) -> dict[str, Any]:
-    """What the page says of a population, its figures apart."""
+    """Content of a population's section, without its figures."""
     return {
         "name": results.name,
         "candidate": results.attributes["candidate"],
@@ -297,7 +301,7 @@ def population_section(results: PopulationResults) -> dict[str, Any]:
 
 
 def _parameter(results: PopulationResults, name: str) -> dict[str, Any]:
-    """A new specimen's value, the population's mean and its spread: median [5 %, 95 %]."""
+    """Row of a parameter: new specimen, population mean and spread as median [5 %, 95 %]."""
     summary, label = results.summary, results.new_specimen.label(name)
     new, mean, spread = (summary.loc[p + name] for p in ("", "mean_", "spread_"))
     unit = display_unit(label["unit"], mean["median"], name)
@@ -315,7 +319,7 @@ def _parameter(results: PopulationResults, name: str) -> dict[str, Any]:
 
 
 def specimens(results: PopulationResults) -> Iterator[dict[str, Any]]:
-    """Every specimen's estimate of every parameter, by itself and with the population."""
+    """Yield the estimates of every specimen, from its own records and with the population."""
     for _, row in results.shrinkage.iterrows():
         unit = display_unit(row["unit"], row["median"], row["parameter"])
         yield {
@@ -334,7 +338,7 @@ def specimens(results: PopulationResults) -> Iterator[dict[str, Any]]:
 
 
 def population_notices(results: PopulationResults) -> Iterator[Notice]:
-    """What a reader must know before trusting the numbers."""
+    """Notices of a population: what a reader must know before trusting its numbers."""
     where = results.name, str(results.attributes["candidate"])
     if not results.converged:
         reasons = tuple(grouped(results.new_specimen.convergence, {}))
@@ -348,7 +352,7 @@ def population_notices(results: PopulationResults) -> Iterator[Notice]:
 
 
 def write_csv(populations: Iterable[PopulationResults], folder: Path) -> None:
-    """`population_{name}_{summary,shrinkage}.csv`: full precision, SI."""
+    """Write `population_{name}_{summary,shrinkage}.csv` in full precision and SI units."""
     for each in populations:
         tables: dict[str, pd.DataFrame] = {
             "summary": each.summary.reset_index(),

@@ -1,4 +1,4 @@
-"""The report's tables: rounded for reading on the page, full precision as CSV."""
+"""Tables of the report: rounded on the page, in full precision as CSV."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from deabayes.units import USUAL_UNITS
 _PLAIN_UNITS = sorted((u for u in USUAL_UNITS if u.isalpha()), key=len, reverse=True)
 _ONE_UNIT = "|".join(map(re.escape, _PLAIN_UNITS))
 UNIT_AT_END = re.compile(rf"(?P<name>.+?)_(?P<unit>(?:(?:(?:{_ONE_UNIT})_)?per_)?(?:{_ONE_UNIT}))")
-"""A column of experiments.csv with its unit in its name: `bias_kV`, `crosshead_mm_per_min`."""
+"""Column name of experiments.csv that ends in a unit: `bias_kV`, `crosshead_mm_per_min`."""
 
 UNIFORM = 0.05
-"""p-value of uniform PIT from which a record's points fall as predicted."""
+"""Smallest p-value of uniform PIT at which a record's points count as predicted."""
 KINDS = {
     "material": "Material",
     "specimen": "Specimen (measured, with uncertainty)",
@@ -41,9 +41,10 @@ KINDS = {
 
 
 def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
-    """`{study}_{errors,summary,comparison,further_experiments}.csv`, full precision, SI.
+    """Write the tables of each study as CSV, in full precision and SI units.
 
-    All candidates of a study. And `{study}_{table}.csv` for every table of its analyses.
+    `{study}_{errors,summary,comparison,further_experiments}.csv` hold all candidates of a study.
+    `{study}_{table}.csv` holds a table of its analyses.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -76,7 +77,7 @@ def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
 
 
 def records(study: StudyResults) -> list[dict[str, Any]]:
-    """What was fitted to, one row per prepared record."""
+    """Rows of the records table, one per prepared record."""
     return [_record(experiment) for experiment in study.experiments.values()]
 
 
@@ -98,9 +99,9 @@ def _record(e: Experiment) -> dict[str, Any]:
 
 
 def about(metadata: Mapping[str, float | str]) -> str:
-    """What experiments.csv states of a record besides, the note last.
+    """Text of the metadata of a record in experiments.csv, with the note last.
 
-    A number's unit stands behind it: `load_g` of 100 is "load 100 g".
+    The unit follows the number: `load_g` of 100 becomes "load 100 g".
     """
     stated = [_stated(name, value) for name, value in metadata.items() if name != "note"]
     return "; ".join(text for text in [*stated, str(metadata.get("note", ""))] if text)
@@ -120,7 +121,7 @@ def _stated(name: str, value: float | str) -> str:
 
 
 def _range(values: FloatArray, unit: str, name: str) -> tuple[str, str]:
-    """The channel's name, and its lowest and highest value in a display unit."""
+    """Name of a channel, and its lowest and highest value in a display unit."""
     display = display_unit(unit, values, name)
     low, high = float(np.min(values)) / display.factor, float(np.max(values)) / display.factor
     low, high = (0.0 if abs(end) < 1e-3 * (high - low) else end for end in (low, high))
@@ -129,7 +130,7 @@ def _range(values: FloatArray, unit: str, name: str) -> tuple[str, str]:
 
 
 def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
-    """Kind -> rows of the parameter table: median [5 %, 95 %] in display units."""
+    """Rows of the parameter table by kind: median [5 %, 95 %] in display units."""
     table = results.summary
     if table is None:
         return {}
@@ -164,7 +165,7 @@ def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str
 
 
 def _sensitivities(row: pd.Series) -> str:
-    """Prior's / likelihood's; a dash for files from before they were computed."""
+    """Sensitivities to prior and likelihood as text; a dash if the table has no such columns."""
     columns = ("prior_sensitivity", "likelihood_sensitivity")
     if not set(columns) <= set(row.index):
         return "–"
@@ -175,7 +176,7 @@ def _sensitivities(row: pd.Series) -> str:
 
 
 def errors(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
-    """Role -> rows of the error table."""
+    """Rows of the error table by role."""
     table = results.errors
     if table is None:
         return {}
@@ -207,7 +208,7 @@ def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
 
 
 def _uniform(p: float) -> str:
-    """What the p-value of uniform PIT says, at the 5 % of the figure `pit`."""
+    """Verdict on the p-value of uniform PIT, with the 5 % limit of the figure `pit`."""
     if np.isnan(p):
         return ""
     shown = f"p = {fixed(p, 3)}" if p >= 0.0005 else "p < 0.001"

@@ -33,7 +33,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """A table over the records, and bands over a grid of frequencies that spans them."""
+    """Return a table of the records, and bands over a grid that spans their frequencies."""
     import pandas as pd
 
     records = [
@@ -69,7 +69,7 @@ def of_record(experiment: Experiment, curves: FloatArray, cycles: Cycles) -> Flo
 
 
 def bands(context: StudyContext, records: list[Experiment], volts: float) -> xr.Dataset:
-    """Predicted (candidate, bound, frequency) over the records' frequencies."""
+    """Predicted bands (candidate, bound, frequency) over the range of the records' frequencies."""
     import xarray as xr
 
     found = [Cycles.of(each) for each in records]
@@ -96,7 +96,7 @@ def bands(context: StudyContext, records: list[Experiment], volts: float) -> xr.
 
 
 def predicted_amplitude(fitted: Fitted, frequency: float, volts: float, count: int) -> FloatArray:
-    """Peak-to-peak displacement (S,) of the last of `count` cycles from rest [m]."""
+    """Mean peak-to-peak displacement (S,) of the last of `count` cycles from rest [m]."""
     phase = np.arange(count * KNOTS + 1) / KNOTS
     drive = Excitation(
         "voltage", "V", phase / frequency, volts * np.sin(2.0 * np.pi * phase)
@@ -120,7 +120,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One panel."""
+    """Return one panel."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

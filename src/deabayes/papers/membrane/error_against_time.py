@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -17,9 +16,6 @@ from deabayes.papers.base import Analysis, StudyContext, band
 from deabayes.papers.timing import amplitude, since_step
 from deabayes.quantities import ROLES
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SYSTEMS = ("membrane",)
 TITLE = "Error against time (Fig. 13)"
 CAPTION = (
@@ -29,18 +25,16 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One data set per displacement record."""
+    """Return one data set per displacement record."""
     records = [e for e in context.experiments if e.response_name == "displacement"]
     return Analysis(curves={each.name: error_curves(context, each) for each in records})
 
 
 def error_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
-    """(y - f)/(max y - min y) in percent: band (candidate, bound, time).
+    """Bands (candidate, bound, time) of the error (y - f)/(max y - min y) in percent.
 
-    The zero at rest is counted among the y.
+    The range of y includes zero, the value at rest.
     """
-    import xarray as xr
-
     size = np.ptp(np.append(experiment.response, 0.0))
     names = list(context.candidates)
     errors = [
@@ -74,7 +68,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """A sheet of steps and a sheet of sines, one row per record."""
+    """Return a sheet of steps and a sheet of sines, with one row per record."""
     found = results.analysis(ANALYSIS)
     if found is None:
         return []

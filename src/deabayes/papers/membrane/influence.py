@@ -1,4 +1,4 @@
-"""What each parameter does to the response before any data (Nguyen et al. 2021, Figs. 7, 8, 10)."""
+"""Influence of each parameter on the prior response (Nguyen et al. 2021, Figs. 7, 8, 10)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FEWEST = 2
-"""Whole cycles: creep shows between the first and the last."""
+"""Smallest number of whole cycles; creep shows between the first and the last."""
 FIRST, LAST = 0, -1
 
 
@@ -37,25 +37,25 @@ def has_cycles(record: Experiment) -> bool:
 
 
 def cycle_numbers(record: Experiment) -> tuple[int, int]:
-    """The first and the last whole cycle, counted from 1."""
+    """Numbers of the first and the last whole cycle, counted from 1."""
     first, last = Cycles.of(record).numbers[[FIRST, LAST]].tolist()
     return first, last
 
 
 def over_cycles(model: PriorModel) -> PriorModel:
-    """The model with its response taken at even phases of the first and the last whole cycle."""
+    """Return the model with its response at even phases of the first and last whole cycle."""
     return replace(model, at=_times(model.experiment).ravel())
 
 
 def loops(record: Experiment, response: FloatArray) -> Loops:
-    """The two cycles' loops of responses (..., N) taken `over_cycles`."""
+    """Loops of the two cycles, from responses (..., N) of a model `over_cycles`."""
     times = _times(record)
     shape = *response.shape[:-1], *times.shape
     return Loops(response.reshape(shape), record.excitation.at(times))
 
 
 def cycle_stages(model: PriorModel, z: FloatArray) -> dict[str, FloatArray]:
-    """Amplitude of the first and the last whole cycle, creep between, hysteresis; (W,) each."""
+    """Amplitude of the first and last whole cycle, creep between them, loop area; (W,) each."""
     found = loops(model.experiment, over_cycles(model).response(model.parameters(z)))
     first, last = cycle_numbers(model.experiment)
     mean, size = found.mean, found.peak_to_peak
@@ -72,14 +72,14 @@ def _times(record: Experiment) -> FloatArray:
 
 
 HELD = ("step", "creep", "relaxation")
-"""Protocols of an excitation that goes to a level and stays."""
+"""Protocols in which the excitation goes to a level and stays there."""
 SHOWN = 20
-"""Of the draws: those whose curves are kept."""
+"""Number of draws whose curves are kept."""
 BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def prior_dataset(model: PriorModel, drawn: Curves) -> xr.Dataset:
-    """The first draws' curves, quantiles of all that have one, and every draw's parameters."""
+    """Data set of the first draws' curves, quantiles of all curves, and all parameters."""
     kept = drawn.response[~drawn.failed]
     band = np.quantile(kept, BAND, axis=0) if len(kept) else np.full((5, kept.shape[1]), np.nan)
     names = list(model.names)
@@ -92,16 +92,16 @@ def prior_dataset(model: PriorModel, drawn: Curves) -> xr.Dataset:
 
 
 def moved_dataset(model: PriorModel, moved: Mapping[str, Curves]) -> xr.Dataset:
-    """A curve per parameter and quantile, NaN where it failed, and the values moved to."""
+    """Data set of one curve per parameter and quantile (NaN if failed), and their values."""
     responses = np.stack([curves.response for curves in moved.values()])
     curve = {"curve": (("parameter", "quantile", "coordinate"), responses)}
     return _dataset(model).assign(curve).merge(_moved(model, moved))
 
 
 def loops_dataset(model: PriorModel) -> xr.Dataset:
-    """Loops of the first and the last whole cycle per parameter and quantile, NaN where it failed.
+    """Data set of the loops of the first and last whole cycle, per parameter and quantile.
 
-    Beside them, the mean of the response over the cycle and the loop's area.
+    It also holds the mean response over the cycle and the loop's area. Failed curves are NaN.
     """
     import xarray as xr
 
@@ -122,7 +122,7 @@ def loops_dataset(model: PriorModel) -> xr.Dataset:
 
 
 def _moved(model: PriorModel, moved: Mapping[str, Curves]) -> xr.Dataset:
-    """The values moved to, with the parameters' symbols and units."""
+    """Data set of the values of each parameter at its quantiles, with symbols and units."""
     import xarray as xr
 
     names = list(moved)
@@ -139,7 +139,7 @@ def _moved(model: PriorModel, moved: Mapping[str, Curves]) -> xr.Dataset:
 
 
 def _dataset(model: PriorModel) -> xr.Dataset:
-    """What a figure needs to know of the record."""
+    """Data set of the record's response and excitation, for the figures."""
     import xarray as xr
 
     record = model.experiment
@@ -182,14 +182,14 @@ CAPTION = (
 DRAWS = 1000
 POINTS, POINTS_IN_TIME, EARLIEST = 120, 601, 1e-4
 GROUPS = 4096
-"""With 1024 the half-widths of the membrane's indices are twice as wide, which the figure shows."""
+"""With 1024 groups, the intervals of the membrane's indices are visibly wider (twice)."""
 FEWEST_FAILED_SHARE = 0.01
-"""Indices of so rare an event as failure would be noise."""
+"""Smallest share of failures that is analysed; indices of rarer failures would be noise."""
 Row = dict[str, Any]
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Curves of the strongest record of each protocol; indices of the extreme records."""
+    """Return curves of the strongest record per protocol, and indices of the extreme records."""
     import pandas as pd
 
     rng = context.rng("influence")
@@ -225,7 +225,7 @@ def _draw_curves(
 def _ask_who_decides(
     model: PriorModel, rng: np.random.Generator, rows: dict[str, list[Row]]
 ) -> None:
-    """Indices of the stages, and of the failure where it is not too rare."""
+    """Add rows of Sobol' indices for the stages, and for failure if it is not too rare."""
     for found in (
         influence.stage_sensitivity(model, stages_of(model.experiment), GROUPS, rng),
         influence.failure_sensitivity(model, GROUPS, rng),
@@ -238,13 +238,13 @@ def _ask_who_decides(
 
 
 def of_calibrated_response(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """The records of the response that was calibrated first; all where none was."""
+    """Records with the response of the first calibration record; all if there is none."""
     first = next((e.response_name for e in experiments if e.role == "calibrate"), None)
     return [e for e in experiments if first in (None, e.response_name)]
 
 
 def strongest(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """Per protocol, the record with the largest peak excitation, of these the shortest."""
+    """Record of each protocol with the largest peak excitation; the shortest of equal ones."""
     best: dict[str, Experiment] = {}
     for each in experiments:
         kept = best.get(each.protocol)
@@ -254,9 +254,9 @@ def strongest(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """The weakest and the strongest record that holds its excitation, and two sines.
+    """Weakest and strongest record with a held excitation, and two sines.
 
-    Of the sines with the largest peak: the slowest and the fastest.
+    The sines are the slowest and the fastest of those with the largest peak.
     """
     held = sorted((e for e in experiments if e.protocol in HELD), key=_strength)
     sines = [e for e in experiments if has_cycles(e)]
@@ -266,14 +266,14 @@ def extremes(experiments: Sequence[Experiment]) -> list[Experiment]:
 
 
 def stages_of(record: Experiment) -> Stages:
-    """What indices are asked of: the change by times after a step, or the cycles of a sine."""
+    """Stages of the Sobol' indices: changes by times after a step, or cycles of a sine."""
     if record.protocol in HELD:
         return partial(influence.stage_changes, times=influence.stage_times(record))
     return cycle_stages
 
 
 def curve_times(record: Experiment) -> FloatArray:
-    """Denser than the record: even in log time after a step, else even in time."""
+    """Times of smooth curves: even in logarithmic time after a step, else even in time."""
     start, end = record.excitation.onset, float(record.coordinate.max())
     if record.protocol in HELD:
         return start + np.geomspace(EARLIEST * (end - start), end - start, POINTS)
@@ -281,7 +281,7 @@ def curve_times(record: Experiment) -> FloatArray:
 
 
 def _strength(experiment: Experiment) -> tuple[float, float]:
-    """The peak, to the two digits that a noisy monitor leaves the same, and the brevity."""
+    """Sort key: the peak to two digits, which monitor noise does not change, then brevity."""
     peak = float(f"{np.abs(experiment.excitation.values).max():.2g}")
     return peak, -float(np.ptp(experiment.coordinate))
 
@@ -295,7 +295,7 @@ def _ends(records: Sequence[Experiment]) -> list[Experiment]:
 
 
 def sobol_rows(model: PriorModel, found: Sensitivity) -> list[Row]:
-    """One row per stage and parameter."""
+    """Rows of Sobol' indices, one per stage and parameter."""
     symbols = {p.name: p.symbol for p in model.system.parameters()}
     return [
         {
@@ -337,7 +337,7 @@ def _failed_row(model: PriorModel, where: str, draws: int, why: Mapping[str, int
 
 
 def failed_parameters(model: PriorModel, drawn: Curves) -> list[Row]:
-    """Which draws fail: each parameter's quantiles in failed and other draws, in SI."""
+    """Rows of each parameter's quantiles (SI) among failed draws and among the others."""
     lost = drawn.failed
     if lost.sum() < FEWEST_FAILED_SHARE * lost.size or lost.all():
         return []

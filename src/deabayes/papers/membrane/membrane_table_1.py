@@ -21,7 +21,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per candidate and displacement record."""
+    """Return one row per candidate and displacement record."""
     import pandas as pd
 
     steps, sines = [], []
@@ -42,8 +42,8 @@ def compute(context: StudyContext) -> Analysis:
 def step_errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
     """e_m after the overshoot and within it, in percent of the range from rest.
 
-    e_m = max|y - f| / (max y - min y), equations.md section 4, the zero at rest counted
-    among the y: the preparation may hide it.
+    e_m = max|y - f| / (max y - min y), equations.md section 4. The range of y includes zero, the
+    value at rest, because the preparation may hide it.
     """
     reading = np.append(experiment.response, 0.0)
     late = since_step(experiment) > paper.OVERSHOOT

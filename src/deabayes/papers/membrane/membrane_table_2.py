@@ -20,7 +20,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per candidate and area record."""
+    """Return one row per candidate and area record."""
     import pandas as pd
 
     rows = [

@@ -1,4 +1,4 @@
-"""Each parameter moved alone over its prior (Nguyen et al. 2021, Figs. 8 and 10)."""
+"""Response as each parameter alone moves over its prior (Nguyen et al. 2021, Figs. 8 and 10)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CAPTION = (
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One sheet per record, one panel per parameter."""
+    """Return one sheet per record, with one panel per parameter."""
     found = results.study.analysis(ANALYSIS)
     if found is None:
         return []

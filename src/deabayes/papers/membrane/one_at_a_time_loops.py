@@ -1,4 +1,4 @@
-"""Hysteresis loops as each parameter moves alone over its prior (Nguyen et al. 2021, Fig. 10)."""
+"""Hysteresis loops as each parameter alone moves over its prior (Nguyen et al. 2021, Fig. 10)."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ CAPTION = (
 )
 FIRST, LAST = 0, -1
 GAP, SPACING = 0.16, 0.09
-"""Of the peak excitation: from the loops to the first creep bar, and between bars."""
+"""Distances from loops to the first creep bar, and between bars, over the peak excitation."""
 ROUNDING = 0.01
-"""A monitor's noise and even phases leave a peak of 2 kV a little beside it."""
+"""Tolerance of the peak, because noise and even phases slightly shift a peak of 2 kV."""
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One sheet per record, one panel per parameter."""
+    """Return one sheet per record, with one panel per parameter."""
     found = results.study.analysis(ANALYSIS)
     if found is None:
         return []
@@ -78,7 +78,7 @@ def _panel(ax: Axes, parameter: xr.Dataset, factor: float) -> None:
 
 
 def _creep(ax: Axes, peak: float, means: FloatArray, shades: FloatArray) -> None:
-    """A bar per quantile from the first to the last mean, right of the loops."""
+    """Draw one bar per quantile from the first to the last mean, to the right of the loops."""
     for k, (ends, colour) in enumerate(zip(means, shades, strict=True)):
         place = peak * (1.0 + GAP + k * SPACING)
         ax.plot([place, place], ends, color=colour, linewidth=0.9)

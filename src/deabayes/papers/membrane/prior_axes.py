@@ -1,4 +1,4 @@
-"""What figures of the analysis `influence` have in common: axes, colours, the legend."""
+"""Axes, colours and legend that the figures of the analysis `influence` share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ CYCLES = 3
 
 
 def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], panels.Axis]:
-    """Which points to show, and where: log time since a step, or an excitation's first cycles."""
+    """Return which points to show, and their horizontal axis.
+
+    The axis is logarithmic time since a step, or time over the excitation's first cycles.
+    """
     time = curves["coordinate"].values - curves.attrs["onset"]
     if curves.attrs["held"]:
         shown = time > 0
@@ -32,19 +35,19 @@ def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], panels.Axis]:
 
 
 def vertical(curves: xr.Dataset, values: FloatArray) -> tuple[DisplayUnit, str]:
-    """The display unit of the response, and the axis' label."""
+    """Return the display unit of the response and the label of the axis."""
     name = str(curves.attrs["response_name"])
     unit = display_unit(str(curves.attrs["response_unit"]), values, name)
     return unit, plain(name) + unit.suffix
 
 
 def head(figure: Figure, text: str) -> None:
-    """Name the record in the strip above the axes, between the study and the marks."""
+    """Write `text` in the strip above the axes, between the study's name and the marks."""
     figure.text(0.5, 1 - 0.05 / figure.get_size_inches()[1], text, ha="center", va="top")
 
 
 def drive(curves: xr.Dataset) -> str:
-    """``step_4kV, voltage to 4 kV``: the record and its peak excitation."""
+    """Name and peak excitation of a record, such as ``step_4kV, voltage to 4 kV``."""
     peak = float(np.abs(curves["excitation"].values).max())
     name = str(curves.attrs["excitation_name"])
     unit = display_unit(str(curves.attrs["excitation_unit"]), peak, name)
@@ -53,12 +56,15 @@ def drive(curves: xr.Dataset) -> str:
 
 
 DARKEST, LIGHTEST = 0.0, 0.88
-"""Of the colour map: its yellow end cannot be seen on white."""
+"""Range of the colour map in use; its yellow end is not visible on white."""
 MARGIN = 0.04
 
 
 def colours(quantiles: int) -> FloatArray:
-    """One per quantile (Q, 4), dark to light; their order survives colour blindness and print."""
+    """Colours (Q, 4), one per quantile, from dark to light.
+
+    Their order stays visible in print and to colour-blind readers.
+    """
     return np.asarray(colormaps["viridis"](np.linspace(DARKEST, LIGHTEST, quantiles)))
 
 
@@ -72,7 +78,7 @@ def handles(curves: xr.Dataset) -> list[Line2D]:
 
 
 def words(ax: Axes, parameter: xr.Dataset, lost: NDArray[np.bool_]) -> None:
-    """The parameter and its range above the panel, the values without a response in it."""
+    """Write parameter and range above a panel, and values without a response in it."""
     name, values = str(parameter["parameter"].values), parameter["value"].values
     unit = display_unit(str(parameter["unit"].values), values, name)
     shown = values / unit.factor
@@ -89,7 +95,7 @@ def words(ax: Axes, parameter: xr.Dataset, lost: NDArray[np.bool_]) -> None:
 
 
 def limits(values: FloatArray) -> tuple[float, float]:
-    """Of the vertical axis that all panels share; values of curves that failed are NaN."""
+    """Limits of the vertical axis that all panels share; NaN of failed curves is ignored."""
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         return 0.0, 1.0
@@ -98,7 +104,7 @@ def limits(values: FloatArray) -> tuple[float, float]:
 
 
 def label_outer(axes: list[Axes], label: str) -> None:
-    """Of panels that share both axes, label those with no panel below or none left of them."""
+    """Label shared axes only where no panel lies below or to the left."""
     columns = axes[0].get_gridspec().ncols
     for k, ax in enumerate(axes):
         if k + columns < len(axes):

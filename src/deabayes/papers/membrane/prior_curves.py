@@ -1,4 +1,4 @@
-"""What the prior of every candidate lets a record look like (Nguyen et al. 2021, Fig. 7)."""
+"""Curves drawn from the prior of every candidate (Nguyen et al. 2021, Fig. 7)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WIDE, NARROW = "#dbe9f4", "#a9cce6"
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One sheet per record, one panel per candidate."""
+    """Return one sheet per record, with one panel per candidate."""
     found = results.analysis(ANALYSIS)
     if found is None:
         return []

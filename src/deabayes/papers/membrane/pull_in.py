@@ -1,4 +1,4 @@
-"""The voltage a membrane bears, and its steady stretch below it."""
+"""Voltage at which a membrane's near equilibrium ends, and steady stretch below it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ from deabayes.posteriors.fitted import Fitted
 from deabayes.quantities import short
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from deabayes.systems.membrane.system import Membrane
 
 SYSTEMS = ("membrane",)
@@ -42,9 +40,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Pull-in and steady stretch per candidate; steady stretch over the voltage."""
-    import pandas as pd
-
+    """Return pull-in and steady stretch per candidate, and steady stretch against voltage."""
     ends, steady = [], []
     for name, fitted in context.candidates.items():
         found = membrane(fitted).pull_in(fitted.draws)
@@ -59,7 +55,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def membrane(fitted: Fitted) -> Membrane:
-    """The candidate's forward model, known to be a membrane."""
+    """Return the forward model of a candidate, which must be a membrane."""
     from deabayes.systems.membrane.system import Membrane
 
     assert isinstance(fitted.system, Membrane)
@@ -67,7 +63,7 @@ def membrane(fitted: Fitted) -> Membrane:
 
 
 def steady_row(fitted: Fitted, kilovolt: float) -> dict[str, object]:
-    """Steady stretch at one voltage, and the share of draws that lie beyond pull-in."""
+    """Row of the steady stretch at one voltage, and of the share of draws that have none."""
     stretch = membrane(fitted).steady_stretch(fitted.draws, 1e3 * kilovolt)
     return {
         "voltage_kV": kilovolt,
@@ -78,12 +74,10 @@ def steady_row(fitted: Fitted, kilovolt: float) -> dict[str, object]:
 
 
 def steady_curves(context: StudyContext) -> xr.Dataset:
-    """Bands (candidate, bound, voltage) over the draws with a near equilibrium, and their share.
+    """Bands (candidate, bound, voltage) of the draws with a near equilibrium, and their share.
 
-    With the stretch at the end of each step record, which is not the steady one yet.
+    The data set also holds the stretch at the end of each step record, which is not yet steady.
     """
-    import xarray as xr
-
     records = context.records("displacement", *STEPS)
     highest = max([amplitude(each.excitation) for each in records], default=4e3)
     grid = np.linspace(0.0, BEYOND * highest, POINTS)
@@ -136,7 +130,7 @@ HALF = 0.5
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """Two panels."""
+    """Return two panels: steady stretch against voltage, and end of the near equilibrium."""
     found = results.analysis(ANALYSIS)
     if found is None:
         return []

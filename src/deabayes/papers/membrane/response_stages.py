@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,13 +17,10 @@ from deabayes.papers.base import Analysis, StudyContext, band, interval, labels
 from deabayes.papers.timing import STEPS, amplitude, since_step
 from deabayes.quantities import ROLES
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SYSTEMS = ("membrane",)
 TITLE = "Stages of the step response"
 STAGES = {"instantaneous": 1.0, "fast": 30.0, "slow": np.inf}
-"""Stage -> when it ends [s] after the step; the boundaries are ours."""
+"""End of each stage [s] after the step; the boundaries are ours."""
 TIMES = (1.0, 5.0, 30.0, 100.0, 300.0)
 CAPTION = (
     "Share of the record's last displacement reached at stated times, and gained in each stage: "
@@ -35,9 +31,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Tables of shares and stages; one data set per displacement step."""
-    import pandas as pd
-
+    """Return tables of shares and stages, and one data set per displacement step."""
     records = context.records("displacement", *STEPS)
     shares, stages = [], []
     for each in records:
@@ -70,8 +64,8 @@ def compute(context: StudyContext) -> Analysis:
 def share_at(times: FloatArray, curves: FloatArray, at: list[float]) -> FloatArray:
     """Share (..., len(at)) of the last value reached at times since the step, in percent.
 
-    Straight between the record's points, for measured and predicted curves alike; held at the
-    first point before it.
+    Measured and predicted curves are interpolated linearly between the record's points. Before
+    the first point they are constant.
     """
     rows = np.atleast_2d(curves)
     found = np.array([np.interp(at, times, row) for row in rows]) / rows[:, -1:]
@@ -87,9 +81,7 @@ def gained(times: FloatArray, curves: FloatArray) -> FloatArray:
 
 
 def step_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
-    """Displacement against the time since the step, measured and predicted."""
-    import xarray as xr
-
+    """Data set of measured and predicted displacement against the time since the step."""
     names = list(context.candidates)
     bands = np.array([band(context.responses(name, experiment)) for name in names])
     edges = [(a, b) for a, b in pairwise([0.0, *STAGES.values()])]
@@ -124,7 +116,7 @@ NUMBERS = ("I", "II", "III")
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One column per step record, highest voltage first; three to a sheet."""
+    """Return sheets of up to three columns, one per step record, highest voltage first."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

@@ -32,7 +32,7 @@ FIRST, TOTAL = style.BLUE, "#b9d4ea"
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One sheet per record, one panel per stage."""
+    """Return one sheet per record, with one panel per stage."""
     found = results.study.analysis(ANALYSIS)
     if found is None or "sobol" not in found.tables:
         return []
@@ -66,7 +66,7 @@ def _sheet(rows: pd.DataFrame) -> Figure:
 
 
 def _bars(ax: Axes, rows: pd.DataFrame) -> None:
-    """A wide light bar for the total index, a narrow dark one for the first order in it."""
+    """Draw a wide light bar for the total index and a narrow dark one for the first order."""
     place = range(len(rows))
     for name, colour, height, shift in (
         ("total", TOTAL, 0.8, 0.2),

@@ -1,8 +1,6 @@
-"""A sine's stable cycle and its error against the phase, as in the paper's Figs 8 and 10."""
+"""Last cycle of a sine and its error against the phase, as in the paper's Figs 8 and 10."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -16,9 +14,6 @@ from deabayes.papers import minimum_energy_structure as paper
 from deabayes.papers.base import Analysis, StudyContext, band, beside, interval, labels
 from deabayes.papers.timing import Cycles, IntArray
 from deabayes.quantities import ROLES, short
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Error against phase (Figs 8 and 10)"
@@ -34,7 +29,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One data set per sine of the paper's figures; the largest error of each."""
+    """Return one data set per sine of the paper's figures, and a table of their errors."""
     import pandas as pd
 
     rows, curves = [], {}
@@ -51,7 +46,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def stable_points(experiment: Experiment) -> IntArray:
-    """Indices of the points of the last whole cycle, by phase of the voltage."""
+    """Indices of the points of the last whole cycle, sorted by phase of the voltage."""
     cycles, times = Cycles.of(experiment), experiment.coordinate
     if cycles.starts.size == 0 or Cycles.driven(experiment.excitation).starts.size == 0:
         return np.array([], dtype=np.int64)
@@ -61,7 +56,7 @@ def stable_points(experiment: Experiment) -> IntArray:
 
 
 def phase(experiment: Experiment) -> FloatArray:
-    """Share of a period since the voltage's magnitude was lowest, 0 to 1, at each point (N,)."""
+    """Phase (N,) of each point, 0 to 1, from the lowest magnitude of the voltage."""
     driven = Cycles.driven(experiment.excitation)
     since = experiment.coordinate[:, None] - driven.starts
     last = np.clip(np.sum(since >= 0.0, axis=1) - 1, 0, None)
@@ -69,7 +64,7 @@ def phase(experiment: Experiment) -> FloatArray:
 
 
 def relative(experiment: Experiment, curves: FloatArray) -> FloatArray:
-    """(y - f)/(max y - min y) in percent (S, N)."""
+    """Relative error (y - f)/(max y - min y) in percent (S, N)."""
     return PERCENT * (experiment.response - curves) / experiment.response_range
 
 
@@ -81,9 +76,7 @@ def of_cycle(error: FloatArray) -> dict[str, float]:
 
 
 def phase_curves(context: StudyContext, experiment: Experiment, points: IntArray) -> xr.Dataset:
-    """Measured and predicted displacement and error over the phase: bands."""
-    import xarray as xr
-
+    """Data set of measured displacement, and bands of predicted displacement and error."""
     names = list(context.candidates)
     moved = [context.responses(name, experiment) for name in names]
     errors = np.array([band(relative(experiment, m)[:, points]) for m in moved])
@@ -117,7 +110,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One sheet per voltage, one column per frequency."""
+    """Return one sheet per voltage, with one column per frequency."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

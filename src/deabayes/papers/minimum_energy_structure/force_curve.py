@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -18,9 +16,6 @@ from deabayes.papers.base import Analysis, StudyContext, band, interval, labels
 from deabayes.prediction.errors import relative_maximum_error, relative_rms_error
 from deabayes.quantities import ROLES, short
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Force against displacement (Fig. 7)"
 CAPTION = (
@@ -32,7 +27,7 @@ PERCENT = 100.0
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Errors per candidate and voltage; measured and predicted forces per record."""
+    """Return errors per candidate and voltage, and measured and predicted forces per record."""
     import pandas as pd
 
     records = sorted(context.records("force", "quasi_static"), key=paper.kilovolts)
@@ -60,9 +55,7 @@ def errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
 
 
 def force_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
-    """Measured and predicted forces and errors: bands (candidate, bound, displacement)."""
-    import xarray as xr
-
+    """Data set of forces and errors, with bands (candidate, bound, displacement)."""
     names = list(context.candidates)
     forces = [context.responses(name, experiment) for name in names]
     share = [PERCENT * (experiment.response - f) / experiment.response_range for f in forces]
@@ -86,7 +79,7 @@ def force_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
 
 
 def of_paper(context: StudyContext, experiment: Experiment) -> FloatArray:
-    """Force (N,) of the paper's Table 3 in this specimen [N]."""
+    """Force (N,) of this specimen with the parameters of the paper's Table 3 [N]."""
     from deabayes.systems import build
 
     system = build(context.specimen.system, f"ogden_{paper.TERMS}", context.specimen)
@@ -107,7 +100,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """Forces of all voltages in one panel, errors in one each."""
+    """Return one panel with the forces of all voltages, and one panel of errors per voltage."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

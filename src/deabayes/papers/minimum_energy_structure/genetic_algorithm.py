@@ -1,10 +1,10 @@
-"""The paper's fit of the film by a genetic algorithm, and where it lands in the posterior."""
+"""The paper's fit of the film by a genetic algorithm, compared with the posterior."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,9 +19,6 @@ from deabayes.papers import minimum_energy_structure as paper
 from deabayes.papers.base import Analysis, StudyContext, band, labels
 from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.base import System
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Genetic algorithm beside the posterior"
@@ -44,7 +41,7 @@ CAPTION = (
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where one run ended: parameters (SI, exponents ascending), rms error [N], generations."""
+    """Result of one run: parameters (SI, exponents ascending), rms error [N], generations."""
 
     seed: int
     parameters: dict[str, float]
@@ -53,7 +50,7 @@ class Optimum:
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Runs, their terms, and the draws beside them, per candidate without units."""
+    """Return runs, their terms and posterior draws of every candidate without Maxwell units."""
     import pandas as pd
 
     records = [e for e in context.records("force", "quasi_static") if e.role == "calibrate"]
@@ -73,7 +70,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def optimum(system: System, records: Sequence[Experiment], seed: int) -> Optimum:
-    """One run of differential evolution."""
+    """Result of one run of differential evolution."""
     from scipy.optimize import differential_evolution
 
     names = [p.name for p in system.parameters() if bounds_of(p.name) is not None]
@@ -88,14 +85,17 @@ def optimum(system: System, records: Sequence[Experiment], seed: int) -> Optimum
 
 
 def bounds_of(name: str) -> tuple[float, float] | None:
-    """(25); None for what the paper did not fit."""
+    """Bounds (25) of a parameter; None if the paper did not fit the parameter."""
     return paper.GA_BOUNDS.get(name if name in paper.GA_BOUNDS else name.partition("_")[0])
 
 
 def mean_square(
     system: System, records: Sequence[Experiment], names: Sequence[str]
 ) -> Callable[[FloatArray], FloatArray]:
-    """Mean squared error of the forces [N^2] of populations (P, S); huge where there is none."""
+    """Return the function that computes the mean squared force error [N^2] of populations (P, S).
+
+    Its value is very large where the error is not finite.
+    """
     models = [system.simulator_of(e) for e in records]
     measured = np.concatenate([e.response for e in records])
     worst = 1e6 * float(np.mean(measured**2))
@@ -110,7 +110,7 @@ def mean_square(
 
 
 def ascending(parameters: dict[str, float]) -> dict[str, float]:
-    """The same film, its terms in the order of their exponents."""
+    """Return the parameters with the terms in ascending order of their exponents."""
     count = sum(name.startswith("alpha_") for name in parameters)
     terms = sorted((parameters[f"alpha_{i}"], parameters[f"mu_{i}"]) for i in range(1, count + 1))
     renamed = {f"mu_{i}": mu for i, (_, mu) in enumerate(terms, start=1)}
@@ -132,7 +132,7 @@ def mu_0(parameters: dict[str, FloatArray] | dict[str, float]) -> FloatArray:
 
 
 def hinge(system: System, parameters: Mapping[str, float]) -> float:
-    """Stiffness of a hinge that the rest angle asks for [N m/rad]."""
+    """Stiffness of a hinge that follows from the rest angle [N m/rad]."""
     draws = {name: np.array([value]) for name, value in parameters.items()}
     return float(system.derived(draws)["hinge_stiffness"].values[0])
 
@@ -143,7 +143,7 @@ def below(draws: FloatArray, value: float) -> float:
 
 
 def run_row(fitted: Fitted, found: Optimum, posterior: float) -> dict[str, object]:
-    """Fitness, permittivity and mu_0 of one run, and where they lie in the posterior."""
+    """Row of one run: fitness, permittivity and mu_0, and where they lie in the posterior."""
     modulus = float(mu_0(found.parameters))
     row: dict[str, object] = {
         "seed": found.seed,
@@ -163,7 +163,7 @@ def run_row(fitted: Fitted, found: Optimum, posterior: float) -> dict[str, objec
 
 
 def term_rows(fitted: Fitted, found: Optimum) -> list[dict[str, object]]:
-    """Each term of one run, and where it lies in the posterior."""
+    """Rows of one run: each term, and where it lies in the posterior."""
     count = sum(name.startswith("alpha_") for name in found.parameters)
     rows = []
     for i in range(1, count + 1):
@@ -183,9 +183,7 @@ def term_rows(fitted: Fitted, found: Optimum) -> list[dict[str, object]]:
 
 
 def draws_and_optima(fitted: Fitted, found: Sequence[Optimum], posterior: float) -> xr.Dataset:
-    """Exponents, shares mu_i alpha_i/2 and mu_0, of draws and of the runs' optima."""
-    import xarray as xr
-
+    """Data set of exponents, shares mu_i alpha_i/2 and mu_0, of draws and of optima."""
     count = sum(name.startswith("alpha_") for name in found[0].parameters)
     numbers = range(1, count + 1)
     draws = fitted.draws
@@ -232,7 +230,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One row per candidate."""
+    """Return sheets with one row per candidate."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

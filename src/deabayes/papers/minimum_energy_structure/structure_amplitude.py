@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -19,14 +17,11 @@ from deabayes.papers.timing import Cycles, Loops, Sweep, as_positive
 from deabayes.posteriors.fitted import Fitted
 from deabayes.quantities import ROLES, short
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Amplitude against frequency (Fig. 9)"
 PHASES, KNOTS, DRAWS = 48, 100, 100
 WITHIN, BEYOND = 12, 16
-"""Frequencies of the predicted curve over the sines', and from there to the sweep's end."""
+"""Numbers of frequencies of the predicted curve: over the sines, and on to the sweep's end."""
 PERCENT, MILLIMETRE = 100.0, 1e-3
 CAPTION = (
     "Peak-to-peak displacement in the last whole cycle of each sine, measured beside predicted "
@@ -41,7 +36,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Amplitudes of the sines, predicted curves per voltage, and those of the sweeps."""
+    """Return amplitudes of the sines, predicted curves per voltage, and curves of the sweeps."""
     import pandas as pd
 
     sines = [e for e in context.records("displacement", "sine") if Cycles.of(e).starts.size]
@@ -79,7 +74,7 @@ def amplitude_of(experiment: Experiment, curves: FloatArray) -> FloatArray:
 
 
 def record_row(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
-    """Measured beside predicted amplitude of a sine."""
+    """Row of measured and predicted amplitude of a sine."""
     seen = float(amplitude_of(experiment, experiment.response))
     of_draws = amplitude_of(experiment, curves)
     return {
@@ -93,12 +88,10 @@ def record_row(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
 
 
 def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experiment]) -> xr.Dataset:
-    """Predicted (candidate, bound, frequency) under the sines' voltage; what was measured.
+    """Predicted bands (candidate, bound, frequency) at the sines' voltage, and measured values.
 
-    Over the frequencies of the sines, and on to the end of a sweep where there is one.
+    The frequencies span the sines, and continue to the end of the sweeps if there are any.
     """
-    import xarray as xr
-
     sines = sorted(sines, key=lambda e: Cycles.of(e).frequency)
     cycles = [Cycles.of(e) for e in sines]
     at = np.array([each.frequency for each in cycles])
@@ -131,7 +124,10 @@ def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experimen
 
 
 def frequencies(at: FloatArray, sweeps: list[Experiment]) -> FloatArray:
-    """Of the predicted curve: those of the sines, ascending, and on to the sweeps' end [Hz]."""
+    """Frequencies of the predicted curve: over the sines, and on to the sweeps' end [Hz].
+
+    `at` holds the frequencies of the sines in ascending order.
+    """
     grid = np.geomspace(at[0], at[-1], WITHIN) if at[-1] > at[0] else at[:1]
     end = max((float(Sweep.of(each).frequency[-1]) for each in sweeps), default=0.0)
     if end <= at[-1]:
@@ -140,9 +136,9 @@ def frequencies(at: FloatArray, sweeps: list[Experiment]) -> FloatArray:
 
 
 def levels(experiment: Experiment) -> tuple[float, float]:
-    """Lowest and highest voltage of a sine [V], what is before its first cycle left out.
+    """Lowest and highest voltage of a sine [V], after the start of its second cycle.
 
-    Of a negative voltage the magnitudes, which make the same motion.
+    For a purely negative voltage they are magnitudes, which cause the same motion.
     """
     drive = as_positive(experiment.excitation)
     start = Cycles.driven(drive).starts[:2]
@@ -169,7 +165,7 @@ def predicted_amplitude(
 
 
 def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[str, float]:
-    """Frequency and amplitude of the resonance, measured beside predicted."""
+    """Row of frequency and amplitude of the resonance, measured and predicted."""
     seen = sweep.resonance(sweep.amplitude(measured))
     drawn = np.array([sweep.resonance(each) for each in sweep.amplitude(curves)])
     return {
@@ -183,8 +179,6 @@ def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[st
 
 def sweep_curves(context: StudyContext, experiment: Experiment, sweep: Sweep) -> xr.Dataset:
     """Measured amplitude and predicted bands (candidate, bound, frequency) along a sweep."""
-    import xarray as xr
-
     names = list(context.candidates)
     drawn = [band(sweep.amplitude(context.responses(name, experiment))) for name in names]
     return xr.Dataset(
@@ -218,7 +212,7 @@ FIGURE_CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One panel per voltage of sines, one per sweep."""
+    """Return one panel per voltage of the sines and one panel per sweep."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

@@ -31,9 +31,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per candidate and frequency, the voltages side by side."""
-    import pandas as pd
-
+    """Return one row per candidate and frequency, with the voltages side by side."""
     records = context.records("displacement", "sine")
     rows = [
         labels(name, fitted)
@@ -47,7 +45,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def errors(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
-    """e_rms of the whole record and of the second half of its time, and the printed figure."""
+    """e_rms of the whole record and of its second half in time, and the value of the paper."""
     start = experiment.excitation.onset
     late = experiment.coordinate > 0.5 * (start + experiment.coordinate[-1])
     found: dict[str, object] = {"role": experiment.role}
@@ -81,7 +79,7 @@ ERRORS = r"e_rms_.*_(percent|q05|q95)$"
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One panel per voltage."""
+    """Return one panel per voltage."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.tables:
         return []

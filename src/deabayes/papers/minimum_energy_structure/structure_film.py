@@ -1,4 +1,4 @@
-"""Table 3 of the minimum-energy structure's paper: the film, and what of it is well determined."""
+"""Table 3 of the minimum-energy structure's paper: the film, and how well it is determined."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WHOLE = {
     "blocking_force_5kV": ("blocking_force_5kV", "mN", 1e3),
     "slider_stiffness": ("slider_stiffness", "Nperm", 1.0),
 }
-"""What the whole film does: quantity -> its column, unit and factor from SI."""
+"""Column, unit and factor from SI of each quantity of the whole film."""
 CAPTION = (
     "Coefficients and exponents of the Ogden terms, their shares μα/2 of the small-strain shear "
     "modulus μ0, the effective permittivity, and what the whole film does at rest: stiffness K of "
@@ -44,9 +44,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """Terms, whole film, and contraction, for a study of forces at rest."""
-    import pandas as pd
-
+    """Return terms, whole film and contraction, for a study of forces at rest."""
     if not context.records("force", "quasi_static"):
         return Analysis()
     terms, whole, determined = [], [], []
@@ -66,7 +64,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """What `WHOLE` names, SI, each (W,)."""
+    """Quantities of the film, including those in `WHOLE`, SI, (W,) each."""
     from deabayes.systems.minimum_energy_structure.system import MinimumEnergyStructure
 
     assert isinstance(system, MinimumEnergyStructure)
@@ -77,7 +75,10 @@ def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatA
 
 
 def term_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
-    """mu_i, alpha_i and their share of each Ogden term, and the paper's where it has as many."""
+    """Rows of mu_i, alpha_i and share of each Ogden term.
+
+    The paper's values stand beside them if it has as many terms.
+    """
     draws, count = fitted.draws, sum(name.startswith("alpha_") for name in fitted.draws)
     for i in range(1, count + 1):
         mu, alpha = draws[f"mu_{i}"], draws[f"alpha_{i}"]
@@ -96,7 +97,7 @@ def term_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
 
 
 def whole_row(fitted: Fitted, derived: dict[str, FloatArray]) -> dict[str, object]:
-    """Permittivity, mu_0, K and the blocking force."""
+    """Row of the permittivity and the quantities in `WHOLE`."""
     row: dict[str, object] = {}
     if "relative_permittivity" in fitted.draws:
         row |= interval("relative_permittivity", "", fitted.draws["relative_permittivity"])
@@ -106,7 +107,7 @@ def whole_row(fitted: Fitted, derived: dict[str, FloatArray]) -> dict[str, objec
 
 
 def paper_row(context: StudyContext) -> dict[str, object]:
-    """The same of the paper's Table 3 in this specimen."""
+    """Row of the same quantities for the paper's Table 3 in this specimen."""
     from deabayes.systems import build
 
     system = build(context.specimen.system, f"ogden_{paper.TERMS}", context.specimen)
@@ -122,7 +123,7 @@ def paper_row(context: StudyContext) -> dict[str, object]:
 def determined_rows(
     context: StudyContext, name: str, derived: dict[str, FloatArray]
 ) -> Iterator[dict[str, object]]:
-    """Contraction and relative half width of every film parameter and of the whole film's."""
+    """Rows of contraction and relative half width, of film parameters and the whole film."""
     from deabayes.posteriors.file import contractions
 
     fitted, prior = context.candidates[name], context.prior_of(name)
@@ -167,7 +168,7 @@ NAMES = {
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """Two panels of points, one row per quantity."""
+    """Return two panels of points, with one row per quantity."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.tables:
         return []

@@ -29,7 +29,7 @@ CAPTION = (
 
 
 def draw(results: StudyResults) -> list[Figure]:
-    """One row per voltage."""
+    """Return one row per voltage."""
     found = results.analysis(ANALYSIS)
     if found is None or not found.curves:
         return []

@@ -21,7 +21,7 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per unit, one per candidate for the friction."""
+    """Return one row per Maxwell unit, and one row per candidate for the friction."""
     import pandas as pd
 
     moving = {n: f for n, f in context.candidates.items() if "tau_1" in f.draws}
@@ -32,7 +32,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def unit_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
-    """k_i, tau_i and xi_i of each unit."""
+    """Rows of k_i, tau_i and xi_i of each Maxwell unit."""
     draws, count = fitted.draws, sum(name.startswith("tau_") for name in fitted.draws)
     for i in range(1, count + 1):
         stiffness, time = draws[f"k_{i}"], draws[f"tau_{i}"]
@@ -51,7 +51,7 @@ def unit_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
 
 
 def friction_row(fitted: Fitted) -> Mapping[str, object]:
-    """eta_0, or F_c of dry friction."""
+    """Row of eta_0, or of F_c for dry friction."""
     if "eta_0" not in fitted.draws:
         return interval("dry_friction", "mN", 1e3 * fitted.draws["friction_force"])
     return interval("eta_0", "Nsperm", fitted.draws["eta_0"]) | {"paper_eta_0_Nsperm": paper.ETA_0}

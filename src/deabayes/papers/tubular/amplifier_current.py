@@ -1,4 +1,4 @@
-"""Whether the amplifier can give the current that the records ask for: (16) of Sarban et al."""
+"""Whether the amplifier can supply the current that records need: (16) of Sarban et al."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ CAPTION = (
 )
 UNDER, OVER = "under the limit", "over the limit: the voltage is distorted"
 CERTAIN = 0.95
-"""Share of the draws that makes a verdict."""
+"""Share of the draws that must agree for a verdict."""
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per circuit and record that a sine or a step drives."""
+    """Return one row per circuit and record that is driven by a sine or a step."""
     import pandas as pd
 
     limit = instrument(context.specimen, "current_limit", "current", "A")
@@ -42,9 +42,9 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def asked_of(experiment: Experiment, circuit: Circuit, limit: float) -> list[dict[str, object]]:
-    """What a record asks of the amplifier: one row, or none."""
+    """Current that a record needs from the amplifier: one row, or none."""
     if experiment.response_name == "phase":
-        return []  # of the same sweep as its gain
+        return []  # phase and gain are from the same sweep
     first = {"experiment": experiment.name, "protocol": experiment.protocol}
     if experiment.protocol in STEPS:
         return [first | step_row(amplitude(experiment.excitation), circuit, limit)]
@@ -53,7 +53,7 @@ def asked_of(experiment: Experiment, circuit: Circuit, limit: float) -> list[dic
 
 
 def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> dict[str, object]:
-    """Of a sine of amplitude `volts` [V]."""
+    """Row of a sine of amplitude `volts` [V]."""
     current = circuit.current_amplitude(volts, np.array([frequency]))[:, 0]
     over = float(np.mean(current > limit))
     verdict = f"over the limit in {100.0 * over:.0f} % of the draws"
@@ -72,7 +72,7 @@ def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> 
 
 
 def step_row(volts: float, circuit: Circuit, limit: float) -> dict[str, object]:
-    """Of a step to `volts` [V] from zero: v_C rises at I/C until v_C + R_S I is the command."""
+    """Row of a step from zero to `volts` [V]: v_C rises at I/C until v_C + R_S I equals it."""
     left = volts - circuit.series_resistance * limit
     held = np.maximum(left, 0.0) * circuit.capacitance / limit
     at_limit = float(np.median(held)) > 0.0

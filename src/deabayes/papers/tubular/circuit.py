@@ -1,4 +1,4 @@
-"""Table III of the tubular actuator's paper: its circuit, beside the phase method."""
+"""Table III of the tubular actuator's paper: its circuit and the phase method."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ CAPTION = (
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per circuit; one per posterior, record and printed figure of the phase method."""
+    """Return a table of circuits and a table of the phase method.
+
+    The first has one row per circuit. The second has rows of the posteriors, the records of
+    current and the paper.
+    """
     import pandas as pd
 
     found = circuits(context, context.rng("circuit"))
@@ -45,7 +49,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def circuit_row(circuit: Circuit) -> dict[str, float]:
-    """R_S, R_L, C, tau_e and R_S C with their intervals."""
+    """Row of a circuit: R_S, R_L, C, tau_e and R_S C with their intervals."""
     series = circuit.series_resistance * circuit.capacitance
     return {
         **interval("series_resistance", "ohm", circuit.series_resistance),
@@ -57,7 +61,7 @@ def circuit_row(circuit: Circuit) -> dict[str, float]:
 
 
 def posterior_row(labels: Labels, circuit: Circuit) -> dict[str, object]:
-    """R_S C of draws, and the phase at the paper's frequency that its median makes."""
+    """Row of a posterior: R_S C, and the phase of its median at the paper's frequency."""
     series = circuit.series_resistance * circuit.capacitance
     low, middle, high = np.quantile(series, [QUANTILES[0], 0.5, QUANTILES[1]])
     phase = np.arctan(1.0 / (2.0 * np.pi * paper.FREQUENCY * middle))
@@ -65,7 +69,7 @@ def posterior_row(labels: Labels, circuit: Circuit) -> dict[str, object]:
 
 
 def phase_rows(experiment: Experiment) -> list[dict[str, object]]:
-    """The phase method on a record of current: as measured, and rounded as the paper does."""
+    """Rows of the phase method for a record of current: as measured, and rounded as in print."""
     time = experiment.coordinate
     volts = experiment.excitation.at(time)
     frequency = frequency_of(time, volts)
@@ -82,7 +86,7 @@ def phase_rows(experiment: Experiment) -> list[dict[str, object]]:
 
 
 def paper_row() -> dict[str, object]:
-    """What the paper prints."""
+    """Row of the phase method for the phase printed in the paper."""
     return _rounded("(15), Sarban et al. 2012", paper.PHASE, paper.FREQUENCY)
 
 

@@ -1,4 +1,4 @@
-"""Gain and phase against frequency, all loads together: Fig. 10 of the tubular paper."""
+"""Gain and phase against frequency under all loads: Fig. 10 of the tubular paper."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BAND = 0.22
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """Gain above phase; one colour per record."""
+    """Return one figure with gain above phase and one colour per record."""
     records = panels.side_by_side(results.predictions.values())
     responses = {
         kind: [r for r in records if r.prediction.attrs["response_name"] == kind]
@@ -50,12 +50,12 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _motion(record: panels.Record) -> str:
-    """What a record of a gain and that of its phase are both named after."""
+    """Name that the gain record and the phase record of a motion share."""
     return record.name.removesuffix("_phase")
 
 
 def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]) -> None:
-    """Every record of one response; a factor of display units is shared."""
+    """Draw every record of one response in one panel."""
     for record in records:
         index = motions.index(_motion(record))
         frequency = record.against_coordinate().values
@@ -91,7 +91,7 @@ def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> lis
 
 
 def _label(results: CandidateResults, record: panels.Record) -> str:
-    """The load where the record says it, else its name; whether it was fitted."""
+    """Legend label: the record's load, or its name if no load is stated, and its role."""
     load = results.study.experiments[record.name].metadata.get("load_g")
     name = record.name if load is None else f"{short(float(load))} g"
     role = str(record.prediction.attrs["role"])

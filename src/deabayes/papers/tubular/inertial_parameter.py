@@ -22,7 +22,7 @@ GRAM = 1e-3
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per load, as stated and for every candidate with inertia."""
+    """Return one row per load, for the stated values and for every candidate with inertia."""
     import pandas as pd
 
     if not stated(context.specimen, (*MASSES, *SIZES)):
@@ -36,7 +36,7 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
-    """Moving mass [g] and M [kg/m] under a load [g]."""
+    """Row of moving mass [g] and M [kg/m] under a load [g]."""
     mass = drawn["moving_mass"] + GRAM * load
     parameter = mass * drawn["active_length"] / drawn["cross_section"]
     return {
@@ -61,7 +61,7 @@ def _sources(context: StudyContext) -> list[tuple[Labels, dict[str, FloatArray]]
 
 
 def _loads(context: StudyContext) -> list[float]:
-    """The paper's loads and the records' [g]."""
+    """Loads of the paper and of the records [g]."""
     hung = [each.metadata.get("load_g") for each in context.experiments]
     given = [float(load) for load in hung if isinstance(load, int | float)]
     return sorted({*paper.LOADS, *given})

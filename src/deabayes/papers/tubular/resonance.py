@@ -21,13 +21,13 @@ CAPTION = (
     "not survive in its text."
 )
 NEAR_PEAK = 0.6
-"""Share of the largest gain above which points are taken to show the peak's shape."""
+"""Points above this share of the largest gain are used to fit the peak."""
 FEWEST_POINTS = 5
 PERCENT = 100.0
 
 
 def compute(context: StudyContext) -> Analysis:
-    """One row per candidate and measured gain whose model has mass."""
+    """Return one row per measured gain and candidate whose model has mass."""
     import pandas as pd
 
     rows = [
@@ -42,13 +42,13 @@ def compute(context: StudyContext) -> Analysis:
 
 
 def has_mass(fitted: Fitted, experiment: Experiment) -> bool:
-    """Whether the model that answers to this record can resonate."""
+    """Whether the model used for this record has mass, so that it can resonate."""
     system = fitted.system_for(experiment)
     return isinstance(system, Tubular) and system.inertia
 
 
 def errors(experiment: Experiment, fitted: Fitted) -> dict[str, float]:
-    """E(f_n) and E(A_n): of the frequency and of the gain of the peak, in percent."""
+    """Measured and predicted peak, and errors E(f_n) and E(A_n) in percent."""
     system = fitted.system_for(experiment)
     assert isinstance(system, Tubular)
     measured = measured_peak(experiment.coordinate, experiment.response)
@@ -65,8 +65,9 @@ def errors(experiment: Experiment, fitted: Fitted) -> dict[str, float]:
 def measured_peak(frequency: FloatArray, gain: FloatArray) -> tuple[float, float]:
     """Frequency [Hz] and gain of the peak between the points (F,), by least squares.
 
-    1/gain^2 of a damped mass on a spring is a parabola in f^2; points count alike in proportion
-    to their gain. NaN where the greatest gain is the first or the last: no peak was measured.
+    1/gain^2 of a damped mass on a spring is a parabola in f^2. The weights correspond to equal
+    relative errors of the gains. NaN if the largest gain is at the first or last point, because
+    then no peak was measured.
     """
     top = int(np.argmax(gain))
     if top in (0, gain.size - 1):

@@ -1,4 +1,4 @@
-"""Where masses and circuit of a tubular actuator come from: posteriors, or what is stated."""
+"""Masses and circuit of a tubular actuator, from posteriors or from stated values."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from deabayes.systems.tubular.circuit import Circuit
 Labels = dict[str, object]
 STATED_DRAWS = 4000
 STATED: Mapping[str, object] = {"candidate": "specimen.yaml", "order": "", "converged": True}
-"""First columns of a row that no record has informed."""
+"""First columns of a row that rests on stated values only."""
 
 
 def circuits(context: StudyContext, rng: np.random.Generator) -> list[tuple[Labels, Circuit]]:
-    """Draws of R_S, R_L and C of every candidate with a circuit; else those that are stated.
+    """Draws of R_S, R_L and C of every candidate with a circuit, else of the stated values.
 
-    A candidate whose held-out records are predicted with a circuit (`predict_with`) has one.
-    None where the specimen does not state a circuit.
+    A candidate that is predicted with a circuit (`predict_with`) counts as one with a circuit.
+    The list is empty if no candidate has a circuit and the specimen states none.
     """
     found: list[tuple[Labels, Circuit]] = []
     for name, fitted in context.candidates.items():
@@ -37,7 +37,10 @@ def circuits(context: StudyContext, rng: np.random.Generator) -> list[tuple[Labe
 
 
 def having(fitted: Fitted, part: str) -> TubularBase | None:
-    """The candidate's system that holds a `circuit` or `inertia`: the fitted or a wider one."""
+    """Return the candidate's system that has the `part` `circuit` or `inertia`, or None.
+
+    The fitted system comes first, then the systems used for prediction.
+    """
     for system in (fitted.system, *fitted.predicts_with.values()):
         if isinstance(system, TubularBase) and getattr(system, part):
             return system
@@ -45,7 +48,7 @@ def having(fitted: Fitted, part: str) -> TubularBase | None:
 
 
 def sourced(name: str, fitted: Fitted, system: TubularBase) -> Labels:
-    """First columns of a row; of a part that was not fitted draws are still those of the prior."""
+    """First columns of a row; a note says if the part was not fitted and follows its prior."""
     first = labels(name, fitted)
     return (
         first if system is fitted.system else first | {"candidate": f"{name} (prior, not fitted)"}
@@ -60,7 +63,7 @@ def stated(specimen: Specimen, names: Iterable[str]) -> bool:
 def prior_draws(
     specimen: Specimen, names: Iterable[str], rng: np.random.Generator
 ) -> dict[str, FloatArray]:
-    """Quantities as they are stated, (S,) each: drawn where they carry an sd, else constant."""
+    """Draws (S,) of stated quantities: random if a standard deviation is stated, else constant."""
     given = {name: specimen.quantities[name] for name in names}
     units = {name: quantity.unit for name, quantity in given.items()}
     uncertain = uncertain_quantities(specimen, {name: name for name in given}, units)

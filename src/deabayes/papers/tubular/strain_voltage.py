@@ -1,4 +1,4 @@
-"""A sine against time and against voltage: Fig. 9 of the tubular paper."""
+"""Response to a sine against time and against voltage: Fig. 9 of the tubular paper."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOTIONS = ("strain", "displacement")
 
 
 def draw(results: CandidateResults) -> list[Figure]:
-    """One sheet per sine whose motion was recorded."""
+    """Return one sheet per sine record of strain or displacement."""
     return [
         _sheet(panels.Record(prediction))
         for prediction in results.predictions.values()
@@ -55,7 +55,7 @@ def _sheet(record: panels.Record) -> Figure:
 
 
 def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
-    """Bands, points and median of a stretch against time or voltage."""
+    """Draw bands, points and median of a part of the record against time or voltage."""
     ends = {
         name: (record.whole(name, level=0.9, bound="lower")[part],
                record.whole(name, level=0.9, bound="upper")[part])
