@@ -25,7 +25,6 @@ from deabayes.study import Study, settings_on_file
 if TYPE_CHECKING:
     from deabayes.experiment import Experiment
     from deabayes.inference.log_posterior import LogPosterior
-    from deabayes.study import Study
 
 
 @click.command()

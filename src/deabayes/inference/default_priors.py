@@ -1,4 +1,4 @@
-"""Default priors that follow the records, and models that predict held-out protocols."""
+"""Default priors adapted to the records, and models that predict held-out protocols."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from deabayes.systems.base import System
 STIFF = ("Pa", "Pa s", "N/m", "N s/m")
 """Units of moduli, stiffnesses and viscosities."""
 WIDE = 2.0
-"""Of a log-normal prior that is left where it is: it spans three decades as it is."""
+"""Sigma from which a log-normal prior is not shifted, because it already spans three decades."""
 LENGTHS = 4.0
-"""Of the longest record: a unit that is slower than that looks like a spring."""
+"""Longest relaxation time in lengths of the longest record; a slower unit acts like a spring."""
 DECADES = np.arange(-2, 3)
-"""By which a material may be stiffer than the literature's."""
+"""Decades by which a material may be stiffer than in the literature."""
 ALIKE = 0.5
-"""Decades by which a record and the prior's median may differ before moduli are moved."""
+"""Decades by which a shift of moduli must bring the model's responses closer to the records'."""
 
 
 def following(
@@ -34,17 +34,16 @@ def following(
     overrides: Mapping[str, object],
     inherited: Collection[str] = (),
 ) -> tuple[Parameter, ...]:
-    """A system's parameters with default priors that follow the records to calibrate on.
+    """Return a system's parameters with default priors adapted to the calibration records.
 
-    Times of relaxation units are log-uniform from the shortest interval between points to
-    four lengths of the longest record, in the system's own measure of a time. Moduli, stiffnesses
-    and viscosities are as many decades larger than in the literature as the model must be
-    stiffer to move, or to pull, as the records do; wide priors stay. Priors of a system of one's
-    own are its own.
+    Relaxation times are log-uniform from the shortest interval between points to four lengths of
+    the longest record, times `System.time_scale`. Moduli, stiffnesses and viscosities are shifted
+    by the whole decades that make the responses of the median model as large as the records'.
+    Wide priors are not shifted. The priors of a user's own system do not change.
 
     Parameters
     ----------
-    overrides : priors of the study, by parameter or group.
+    overrides : priors set by the study, by parameter or group.
     inherited : names of parameters whose prior is another study's posterior.
     """
     from deabayes.systems import OWN
@@ -87,7 +86,7 @@ def _stiffened(
     overrides: Mapping[str, object],
     inherited: Collection[str],
 ) -> tuple[Parameter, ...]:
-    """Moduli and what goes with them moved by the decades that the records ask for."""
+    """Shift moduli, stiffnesses and viscosities by the decades that fit the records best."""
     prior = Prior.from_parameters(parameters, overrides, overrides)
     moved = [
         p.name
@@ -113,7 +112,7 @@ def _stiffened(
 def _decades(
     prior: Prior, system: System, experiments: Sequence[Experiment], moved: Sequence[str]
 ) -> int:
-    """How many decades stiffer the median specimen must be to answer as the records do."""
+    """Number of decades by which the median model must be stiffer to match the records."""
     middle = prior.to_parameters(np.zeros((1, len(prior.names))))[0]
     draws = {n: np.full(DECADES.size, v) for n, v in zip(prior.names, middle, strict=True)}
     draws |= {name: draws[name] * 10.0**DECADES for name in moved}
@@ -129,7 +128,7 @@ def _decades(
 
 
 def _size(system: System, experiment: Experiment, response: FloatArray) -> FloatArray:
-    """The largest response, or its range where it is not counted from rest, over points."""
+    """Largest magnitude of a response over the points, or its range if not zero at rest."""
     if experiment.response_name in system.zero_at_rest:
         return np.asarray(np.max(np.abs(response), axis=-1))
     return np.asarray(np.ptp(response, axis=-1))
@@ -152,7 +151,7 @@ def further_prior(
 ) -> Prior | None:
     """The prior of the parameters that only `predict_with` needs; None if there are none.
 
-    No fitted record tells anything of them: their posterior is this.
+    The fitted records do not depend on these parameters, so this prior is their posterior.
 
     Parameters
     ----------
@@ -177,14 +176,14 @@ def further_prior(
 def only_for_predictions(
     inherited: PriorFromPosterior, prior: Prior, study: Study, specimen: Specimen
 ) -> bool:
-    """Whether `prior_from` holds parameters of what `predict_with` adds, and none of the fit's."""
+    """Whether `prior_from` has parameters that only `predict_with` adds, and none of the fit."""
     names = set(inherited.names)
     further = set(names_of_all(study, specimen)) if study.predict_with else set()
     return not names & set(prior.names) and bool(names & further)
 
 
 def names_of_all(study: Study, specimen: Specimen) -> tuple[str, ...]:
-    """Parameters of all candidates, and of what predicts with them."""
+    """Names of the parameters of all candidates, and of the models that predict with them."""
     return tuple(
         parameter.name
         for candidate in study.candidates

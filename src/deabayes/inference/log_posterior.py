@@ -40,7 +40,7 @@ class Record:
         return 1.0 / self.experiment.samples_averaged
 
     def solved_by(self, system: System) -> Record:
-        """The same record with the forward model of a system."""
+        """Return the same record with the forward model of `system`."""
         return replace(self, simulate=system.simulator_of(self.experiment))
 
 
@@ -61,13 +61,13 @@ class LogPosterior:
 
     log L(theta) = sum_e [ log p_noise((y_e - f_e(theta)) / s_e) - N_e log s_e ],
 
-    and with ln(y_e / f_e) in place of y_e - f_e where a response's errors are in proportion
-    to it (see `ResidualScale`).
+    with ln(y_e / f_e) in place of y_e - f_e if a response's errors are proportional to the
+    response (see `ResidualScale`).
 
     Sampling happens in the prior's standard-normal coordinate z (see
-    `Prior.to_parameters`): calling the object with z (W, d) gives
-    log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence (corrected where
-    theta(z) makes only nearly the prior of N(0, I), see `Prior.log_correction`).
+    `Prior.to_parameters`). Calling the object with z (W, d) gives
+    log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence. A correction is
+    added if theta(z) maps N(0, I) to the prior only approximately (see `Prior.log_correction`).
     A draw whose response is not finite has log-probability -inf and is counted.
     """
 
@@ -77,7 +77,7 @@ class LogPosterior:
     prior: Prior
     failures: Failures = field(default_factory=Failures)
     quantities_counted: bool = False
-    """Whether the prior knows the data on the specimen itself, so that they do not count again."""
+    """Whether the prior already includes the data on the specimen itself."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,7 +99,7 @@ class LogPosterior:
     def pointwise_log_likelihood(
         self, theta: FloatArray, experiments: Sequence[str] | None = None
     ) -> dict[str, FloatArray]:
-        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment, of all or of those named."""
+        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment; `experiments` selects some."""
         draws = self.draws(theta)
         return {
             record.experiment.name: self.noise.pointwise_log_prob(
@@ -113,10 +113,11 @@ class LogPosterior:
     def log_likelihood(
         self, theta: FloatArray, experiments: Sequence[str] | None = None
     ) -> FloatArray:
-        """log L(theta), (W,); `experiments` limits the sum to those records, without the data on
-        the specimen itself (`System.log_likelihood_of_quantities`).
+        """log L(theta), (W,), of all records or of those in `experiments`.
 
-        A proposal far outside the prior may overflow: it fails, and is counted, in silence.
+        With `experiments`, the data on the specimen itself
+        (`System.log_likelihood_of_quantities`) are left out. A proposal far outside the prior may
+        overflow. It then fails and is counted, without a warning.
         """
         total = np.zeros(theta.shape[0])
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -137,9 +138,10 @@ class LogPosterior:
         return np.where(finite, total, -np.inf)
 
     def log_density_beside_records(self, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """What the log-posterior holds beside the records and N(z; 0, I), (W,).
+        """Terms of the log-posterior other than the records and N(z; 0, I), (W,).
 
-        The data on the specimen itself, and the correction of an inherited prior.
+        These are the log-likelihood of the data on the specimen itself, and the correction of an
+        inherited prior.
         """
         total = self.prior.log_correction(theta, z)
         if not self.quantities_counted:
@@ -149,8 +151,8 @@ class LogPosterior:
     def log_likelihood_of_normal(self, z: FloatArray) -> FloatArray:
         """log [L(theta) p(theta) / q(theta)], (W,), for z (W, d) in the standard-normal coordinate.
 
-        q is what theta(z) makes of N(0, I): the prior p itself but for some inherited ones
-        (`Prior.log_correction`).
+        q is the density of theta(z) for z ~ N(0, I). It equals the prior p, except for some
+        inherited priors (`Prior.log_correction`).
         """
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             theta = self.prior.to_parameters(z)
@@ -161,7 +163,7 @@ class LogPosterior:
         return self.log_likelihood_of_normal(z) + log_standard_normal(z)
 
     def rough(self) -> LogPosterior:
-        """The same, solved less accurately where that is quicker: for draws that are dropped."""
+        """Return the same posterior with a faster, less accurate solver, for dropped draws."""
         system = self.system.for_likelihood(rough=True)
         if system is self.system:
             return self
@@ -175,7 +177,7 @@ class LogPosterior:
     def residuals(
         self, record: Record, draws: Mapping[str, FloatArray]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As the noise model takes them: residuals (W, N), its coordinate and weights (N,)."""
+        """Residuals (W, N), and the noise model's coordinate (N,) and weights (N,)."""
         experiment = record.experiment
         residuals = record.scale.residuals(experiment.response, record.simulate(draws))
         return residuals, record.noise_coordinate, record.weights
@@ -194,14 +196,14 @@ def build(
     inherited: PriorFromPosterior | None = None,
     quantities_counted: bool = False,
 ) -> LogPosterior:
-    """Put a candidate and its calibration records together.
+    """Build the log-posterior of a candidate from its calibration records.
 
     Parameters
     ----------
     experiments : prepared records; only those with role `calibrate` are used.
-    inherited : names and draws (S, k) of another study's posterior that becomes
-        the prior of the parameters of those names, correlations kept.
-    quantities_counted : whether it is of the same specimen.
+    inherited : names and draws (S, k) of another study's posterior, which becomes the
+        joint prior of the parameters of these names.
+    quantities_counted : whether the inherited posterior is of the same specimen.
     """
     system = build_system(specimen.system, candidate, specimen)
     solved, noise = system.for_likelihood(), NOISE_MODELS[study.noise]()

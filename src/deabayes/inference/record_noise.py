@@ -1,4 +1,4 @@
-"""Which noise a record has: group, scale, priors, and whether it is relative."""
+"""The noise of a record: its group, coordinate, scale, unit and priors."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from deabayes.systems.specimen_quantities import instrument
 
 @dataclass(frozen=True)
 class ResidualScale:
-    r"""The residual r of a response y about a model's f, and back.
+    r"""Map between a response y and its residual r relative to a model's f.
 
-    r = (y - f) / s, or ln(y / f) / s for a response whose errors are in proportion to it.
+    r = (y - f) / s, or ln(y / f) / s for a response whose errors are proportional to it.
 
-    The second suits the gain of a frequency response, which spans decades: with the phase's
-    difference it is the complex logarithm of measured over modelled response, real and
-    imaginary part, so that both may share one law. Noise that is stationary in r is, in the
-    gain, largest at the resonance.
+    The second form suits the gain of a frequency response, which spans decades. The logarithm of
+    the gains' ratio and the difference of the phases are the real and imaginary part of one
+    complex logarithm, that of measured over modelled response. So gain and phase may share one
+    noise model. Noise that is stationary in r is, in the gain, largest at the resonance.
 
     Attributes
     ----------
@@ -38,25 +38,25 @@ class ResidualScale:
     proportional: bool = False
 
     def residuals(self, response: FloatArray, mean: FloatArray) -> FloatArray:
-        """r (W, N) of y (N,) about f (W, N); NaN where a ratio is not positive."""
+        """Return r (W, N) of y (N,) relative to f (W, N); NaN where a ratio is not positive."""
         if not self.proportional:
             return np.asarray((response - mean) / self._column)
         with np.errstate(all="ignore"):
             return np.asarray(np.log(response / mean) / self._column)
 
     def with_residuals(self, mean: FloatArray, residuals: FloatArray) -> FloatArray:
-        """y (W, N) whose residuals about f (W, N) are r (W, N)."""
+        """Return y (W, N) with the residuals r (W, N) relative to f (W, N)."""
         if not self.proportional:
             return np.asarray(mean + self._column * residuals)
         return np.asarray(mean * np.exp(self._column * residuals))
 
     def log_derivative(self, response: FloatArray) -> FloatArray:
-        """log |dr/dy| at y (N,): what turns a density of r into one of y; (1, N) or (W, N)."""
+        """log |dr/dy| at y (N,), (1, N) or (W, N); add it to log p(r) to get log p(y)."""
         at = -np.log(response) if self.proportional else np.zeros_like(response)
         return np.asarray(at - np.log(self._column))
 
     def level(self, response: FloatArray) -> FloatArray:
-        """y (W, N), or ln y: what residuals, times s, are differences of."""
+        """Level of y (W, N): y or ln y. Residuals times s are differences of levels."""
         if not self.proportional:
             return response
         return np.asarray(np.log(np.maximum(response, np.finfo(float).tiny)))
@@ -66,7 +66,7 @@ class ResidualScale:
         return np.asarray(self._column * residuals)
 
     def response(self, level: FloatArray) -> FloatArray:
-        """y of levels of any shape."""
+        """Return y of levels of any shape; the inverse of `level`."""
         return np.asarray(np.exp(level)) if self.proportional else level
 
     @property
@@ -76,21 +76,22 @@ class ResidualScale:
 
 ANGLE = "rad"
 SENSOR_NOISE_SIGMA = 0.4
-"""Of the logarithm: a stated sensor noise is known to a factor of about two."""
+"""Standard deviation of the log of a stated sensor noise: known to a factor of about two."""
 
 
 def noise_group(study: Study, experiment: Experiment) -> str:
-    """The name under which a record shares its noise parameters with others."""
+    """Name of the group of records with the same noise parameters as this record."""
     return experiment.protocol if study.noise_groups == "protocol" else experiment.name
 
 
 def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
-    """Along what a record's noise is correlated, (N,).
+    """Coordinate (N,) along which a record's noise is correlated.
 
-    The record's own coordinate from its first point on, since what is computed with a clock time
-    loses digits, or the number of the point on the likelihood's grid:
-    where that grid is fine at first and coarse later, so is the error of a model with
-    a few relaxation times, and a correlation time in seconds suits neither end.
+    It is the record's own coordinate, or the index of the point on the likelihood's grid. The
+    record's coordinate is counted from the first point, because a clock time would cost digits.
+    The index suits a grid that is fine at first and coarse later. The error of a model with a few
+    relaxation times then also varies fast at first and slowly later, and one correlation time in
+    seconds suits neither end.
     """
     if along == "grid":
         return np.arange(experiment.coordinate.size, dtype=float)
@@ -98,9 +99,9 @@ def noise_coordinate(along: str, experiment: Experiment) -> FloatArray:
 
 
 def record_scale(study: Study, system: System, experiment: Experiment) -> ResidualScale:
-    """What a record's residuals are: divided by its range or as they are, or logarithms of ratios.
+    """Scale of a record's residuals: the record's range or 1, and whether they are logarithms.
 
-    Those of frequency responses are relative in themselves, whatever the study's `noise_scale`.
+    Residuals of a gain or an angle have the scale 1, whatever the study's `noise_scale`.
     """
     if is_ratio(system, experiment.response_name):
         return ResidualScale(1.0, experiment.response_name in system.proportional)
@@ -114,13 +115,13 @@ def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
 
 
 def typical_size(study: Study, system: System, experiment: Experiment) -> float:
-    """The range of a record's residuals were the model to explain nothing of it."""
+    """Range of a record's residuals if the model explained nothing."""
     relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
     return 1.0 if relative else experiment.response_range
 
 
 def is_ratio(system: System, response: str) -> bool:
-    """Whether residuals are plain numbers whatever the study says: of a gain, or of an angle."""
+    """Whether residuals have no unit in any study, as those of a gain or an angle."""
     return response in system.proportional or system.responses[response] == ANGLE
 
 
@@ -129,13 +130,13 @@ def noise_parameters(
 ) -> tuple[Parameter, ...]:
     """The noise parameters of every group, prefixed by the group's name.
 
-    Where specimen.yaml states the noise of the one sensor that a group's records were read
-    with, it is the median of the white noise's prior, known to a factor of about two.
+    If all records of a group were read with one sensor, and specimen.yaml states its noise, this
+    noise is the median of the white noise's prior, known to a factor of about two.
 
     Raises
     ------
     UserError : records of one group whose residuals, or coordinates, have different units;
-        two readings at one place that the noise model makes the same.
+        two readings at the same coordinate, for a noise model without a white part.
     """
     groups: dict[str, list[Experiment]] = {}
     for experiment in experiments:
@@ -163,7 +164,7 @@ def noise_parameters(
 
 
 def _check_one_unit(group: str, what: str, units: set[str]) -> None:
-    """Records that share a size of their noise must have it in one unit, and so its length."""
+    """Refuse a group whose records have the size or length of their noise in different units."""
     if len(units) > 1:
         along = "along coordinates " if what == "length" else ""
         raise UserError(
@@ -188,9 +189,9 @@ def _check_no_repeats(
 
 
 def _stated_noise(system: System, members: Sequence[Experiment]) -> Quantity | None:
-    """The sensor's noise as specimen.yaml states it, where residuals are differences.
+    """Sensor noise stated in specimen.yaml; None if residuals are logarithms of ratios.
 
-    None where records were read with several sensors: they share one size, in no sensor's unit.
+    It is also None for records of several sensors: they share one size, in no sensor's unit.
     """
     first = members[0]
     several = len({m.response_name for m in members}) > 1
@@ -200,7 +201,7 @@ def _stated_noise(system: System, members: Sequence[Experiment]) -> Quantity | N
 
 
 def _of_sensor(parameter: Parameter, sensor: Quantity | None, scale: float) -> Parameter:
-    """The white noise's parameter with the sensor's stated noise as its prior."""
+    """Return the parameter; for `sigma_white`, with a prior from the sensor's stated noise."""
     if sensor is None or parameter.name != "sigma_white":
         return parameter
     prior = LogNormal(sensor.value / scale, SENSOR_NOISE_SIGMA)

@@ -1,1 +1,1 @@
-"""Numerical integrators; they know no model."""
+"""Numerical integrators that do not depend on any model."""

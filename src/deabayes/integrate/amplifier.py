@@ -1,14 +1,14 @@
-r"""What an amplifier of limited current puts out when asked for more than it has.
+r"""Output of an amplifier of limited current when the command needs more current.
 
-It feeds a series resistance R_S and a capacitance C that leaks through R_L (Sarban et al. 2012,
-(4)). As long as the current (u - v_C) / R_S that a command u asks for stays within +-I, the output
-is u. At the limit it is v_C +- R_S I, until the command asks for less again:
+The amplifier feeds a series resistance R_S and a capacitance C that leaks through R_L (Sarban et
+al. 2012, (4)). A command u needs the current (u - v_C) / R_S. While this current is within +-I,
+the output is u. At the limit the output is v_C +- R_S I, until the command needs less again:
 
 C v_C' = i - v_C / R_L,   i = (u - v_C) / R_S   or   +-I.
 
-Either is linear. Where the command is linear, what it asks for is a line and an exponential, so
-the times at which the limit is met and left are roots in closed brackets; nothing is discretised
-but the output at the limit, a slow exponential, which is cut into straight pieces.
+Both laws are linear. For a linear command, u - v_C is a line plus an exponential. The times at
+which the limit is reached and left are therefore bracketed roots. Only the output at the limit, a
+slow exponential, is discretised: it is cut into straight pieces.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ import numpy as np
 from deabayes.experiment import FloatArray
 
 TOLERANCE = 1e-6
-"""Of the largest command: how far straight pieces may stray from the output at the limit."""
+"""Largest error of the straight pieces at the limit, relative to the largest command."""
 SLACK = 1e-3
-"""Of that tolerance, by which the limit must be passed before the amplifier is held or let go: else
-rounding would do so again and again."""
+"""Share of the tolerance by which the limit must be passed before it starts or ends. Without this
+margin, rounding would start and end it again and again."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Wave:
         )
 
     def nodes(self, length: float, tolerance: float) -> list[float]:
-        """Where to bend a polyline that stays this close to it for so long, ends left out.
+        """Inner nodes of a polyline that stays within `tolerance` of the wave over `length`.
 
-        The error of a piece is its squared length times the curvature over 8, so their density
-        goes with the root of the curvature.
+        The error of a piece is its squared length times the curvature over 8. The density of
+        the nodes is therefore proportional to the square root of the curvature.
         """
         decayed = -expm1(-0.5 * length / self.time_constant)
         count = max(ceil(2.0 * decayed * sqrt(abs(self.swing) / (8.0 * tolerance))), 1)
@@ -57,7 +57,7 @@ class Wave:
         return [-2.0 * self.time_constant * log(share) for share in left]
 
     def first_above(self, level: float, length: float) -> float:
-        """The first time in [0, length] from which on it is above a level; infinity if none."""
+        """First time in [0, length] at which the wave exceeds `level`; infinity if never."""
         from scipy.optimize import brentq
 
         if self.at(0.0) > level:
@@ -73,7 +73,7 @@ class Wave:
 
 @dataclass(frozen=True)
 class Amplifier:
-    """Its current limit I [A], and what it feeds: R_S, R_L [ohm] and C [F], all positive."""
+    """An amplifier of current limit I [A] and its load R_S, R_L [ohm] and C [F], all positive."""
 
     limit: float
     series_resistance: float
@@ -83,10 +83,10 @@ class Amplifier:
     def output(
         self, time: FloatArray, command: FloatArray
     ) -> tuple[list[float], list[float], float]:
-        """The output's knots: times and values [V]; and for how long it was at the limit [s].
+        """Times and values [V] of the output's knots, and the total time at the limit [s].
 
-        Linear between them, as the command is between `time` (K,), a repeated time being a
-        jump. Without charge until the command begins.
+        The output is linear between its knots, and the command between `time` (K,). A repeated
+        time is a jump. The capacitance is uncharged until the command begins.
         """
         charge = _Charge(self, TOLERANCE * float(np.max(np.abs(command))) or 1.0)
         for start, end, first, last in zip(time, time[1:], command, command[1:], strict=False):
@@ -95,7 +95,7 @@ class Amplifier:
 
 
 class _Charge:
-    """v_C on its way, with what the amplifier has put out so far."""
+    """The evolving voltage v_C, and the output of the amplifier so far."""
 
     def __init__(self, amplifier: Amplifier, tolerance: float) -> None:
         self.amplifier, self.tolerance = amplifier, tolerance
@@ -105,7 +105,7 @@ class _Charge:
         self._slack = SLACK * tolerance
 
     def follow(self, start: float, end: float, first: float, last: float) -> None:
-        """A command that goes from `first` to `last`; a jump leaves the charge alone."""
+        """Follow a command that is linear from `first` to `last`; a jump does not change v_C."""
         if end <= start:
             self._put(end, last)
             return
@@ -127,7 +127,7 @@ class _Charge:
             self._put(end if at_end else start + passed, last if at_end else first + slope * passed)
 
     def _waves(self, command: float, slope: float) -> tuple[Wave, Wave]:
-        """u - v_C from now on, and by how much v_C changes."""
+        """Return u - v_C from now on, and the change of v_C from now on."""
         a = self.amplifier
         if self.side:
             constant = a.leakage_resistance * a.capacitance
@@ -145,7 +145,7 @@ class _Charge:
         )
 
     def _held_for(self, asked: Wave, length: float) -> tuple[float, int]:
-        """For how long the amplifier stays on its side of the limit, and the side after that."""
+        """Time, at most `length`, until the limit starts or ends, and the side after that."""
         if self.side:
             free = asked.times(-self.side).first_above(self._slack - self._most, length)
             return (free, 0) if free < length else (length, self.side)
@@ -155,7 +155,7 @@ class _Charge:
         return min(over), 1 if over[0] < over[1] else -1
 
     def _put(self, time: float, command: float) -> None:
-        """Enter the output now: the command, or what the limit leaves of it."""
+        """Enter the output at `time`: the command, clipped to what the current limit allows."""
         asked = command - self.charged
         held = min(max(asked, -self._most), self._most)
         self._enter(time, self.charged + held)

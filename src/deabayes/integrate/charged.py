@@ -1,17 +1,17 @@
 r"""Linear systems driven by the square of a voltage that charges through a resistance.
 
-v' = kappa (g V - v) follows a voltage V that is linear between its knots; the input of
-z' = A z + B w is w = v^2. On a step of length h (u = s / h) on which V = p0 + p1 u,
+The voltage v follows V by v' = kappa (g V - v), where V is linear between its knots. The input of
+z' = A z + B w is w = v^2. On a step of length h (u = s / h) with V = p0 + p1 u,
 
 v = a_0 + a_1 u + r exp(-kappa s),   a_0 = g (p0 - p1 / (kappa h)),   a_1 = g p1,   r = v(0) - a_0,
 w = a_0^2 + 2 a_0 a_1 u + a_1^2 u^2 + 2 r (a_0 + a_1 u) exp(-kappa s) + r^2 exp(-2 kappa s).
 
-The polynomial is that of `state_space`; the rest is the sum of the states e_1 + e_3 of
+`state_space` solves for the polynomial. The rest of w is the sum e_1 + e_3 of the states
 
 e_1' = -kappa e_1 + e_2,   e_2' = -kappa e_2,   e_3' = -2 kappa e_3,
 
-which join the system and are set at the start of every step. So there is no error of
-discretisation here either.
+which are added to the system and set at the start of every step. The solution therefore has no
+discretisation error.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ EPSILON = float(np.finfo(float).eps)
 def charged_response(
     space: StateSpace, gain: FloatArray, decay: FloatArray, voltage: Hold
 ) -> FloatArray:
-    """The output (W, N) for the input v^2, all at rest and uncharged at the first knot.
+    """Output (W, N) for the input v^2; the system is at rest and uncharged at the first knot.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def charged_response(
 def charged_voltage(
     knots: FloatArray, voltage: FloatArray, gain: FloatArray, decay: FloatArray, times: FloatArray
 ) -> FloatArray:
-    r"""v (W, N) at times of each draw's own, uncharged before the first knot.
+    r"""Voltage v (W, N) at separate times for every draw; v is zero before the first knot.
 
     v' = kappa (g V - v) is (4) of Sarban et al. (2012). At s after a knot, with V = p0 + m s,
 
@@ -81,7 +81,7 @@ def charged_voltage(
 
     Parameters
     ----------
-    knots, voltage : (M,) V, linear between them, a repeated knot being a jump.
+    knots, voltage : (M,) knots of V, which is linear between them; a repeated knot is a jump.
     gain, decay : g and kappa [1/s] (W,); a decay that is not positive gives a row of NaN.
     times : (W, N), in any order.
     """
@@ -95,7 +95,7 @@ def charged_voltage(
 def _advance_voltage(knots, voltage, gain, decay, times, response) -> None:  # type: ignore[no-untyped-def]
     """Fill response (W, N) with v."""
     last = knots.size - 1
-    # As in `linear.hold`: even records differ by rounding only, and share their exponentials.
+    # As in `linear.hold`, steps that differ only by rounding share one exponential.
     resolution = 4.0 * EPSILON * max(abs(knots[0]), abs(knots[last]))
     slopes, charged = np.zeros(knots.size), np.zeros(knots.size)
     for k in range(last):

@@ -1,4 +1,4 @@
-"""Numba's compiler, with a place to keep what it compiles wherever the package is installed."""
+"""Numba's compiler with a cache folder that works wherever the package is installed."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from deabayes.faults import UserError
 
 try:
     import fcntl
-except ImportError:  # of an operating system without file locks
+except ImportError:  # the operating system has no file locks
     fcntl = None  # type: ignore[assignment]
 
 
 def njit(**options: Any) -> Callable[[Any], Any]:
-    """`numba.njit`, that caches among temporary files where it can nowhere else.
+    """`numba.njit` that caches in a temporary folder if no other folder can be written.
 
-    Numba raises where neither the package's folder nor the user's can be written, as with a
-    read-only installation and no home folder.
+    Numba raises an error if it can write neither the package's folder nor the user's, for
+    example in a read-only installation without a home folder.
     """
 
     def compiled(function: Any) -> Any:
@@ -41,10 +41,10 @@ def njit(**options: Any) -> Callable[[Any], Any]:
 
 @contextmanager
 def one_at_a_time(name: str) -> Iterator[None]:
-    """Wait until no other process of this machine is inside, so that none compiles the same code.
+    """Admit one process of this machine at a time, so that no code is compiled twice.
 
-    The lock is a file beside compiled code. Where no file can be locked, nothing is waited for:
-    the same code may then be compiled twice.
+    The lock is a file next to the compiled code. If no file can be locked, the process does not
+    wait, and the same code may be compiled twice.
     """
     with ExitStack() as held:
         for folder in (_package_cache, temporary_cache) if fcntl else ():
@@ -64,9 +64,9 @@ def _package_cache() -> Path:
 
 
 def temporary_cache() -> str:
-    """A folder among temporary files that this user alone can write, if possible the same again.
+    """Path of a temporary folder that only this user can write, if possible the same every time.
 
-    Numba runs what it finds there.
+    Nobody else may write there, because Numba executes the files that it finds.
 
     Raises
     ------

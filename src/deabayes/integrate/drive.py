@@ -1,4 +1,4 @@
-"""A voltage history as few smooth pieces, and step grids that depend on it alone."""
+"""Fit few polynomials to a voltage history, and build step grids from a signal alone."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from deabayes.integrate.periodic import roughness
 
 DEGREE = 5
 LARGEST_SCATTER = 5.0
-"""Knots may lie this many times their scatter about a smooth curve from the polynomial."""
+"""Largest misfit of a knot beyond the tolerance, in standard deviations of the knots' noise."""
 LONGEST_GAP = 4.0
-"""Times the mean distance of the knots: a polynomial is bound to nothing in a longer gap."""
+"""Longest gap in mean distances of the knots; a polynomial is unconstrained in a longer gap."""
 EVEN = 1e-9
-"""Knots this close to even spacing, over their span, share one basis."""
+"""Deviation from even spacing, over the span, up to which knots share the basis of even ones."""
 _CHEBYSHEV_POWERS = np.zeros((DEGREE + 1, DEGREE + 1))
 for _n in range(DEGREE + 1):
     _shifted = np.polynomial.Chebyshev.basis(_n, domain=[0.0, 1.0])
@@ -37,7 +37,7 @@ def fitted(
 
     Parameters
     ----------
-    allowed : misfit of a knot, and the scatter that comes on top.
+    allowed : tolerated misfit of a knot, and standard deviation of the knots' noise.
     """
     time, values = knots[begin : begin + count + 1], volts[begin : begin + count + 1]
     if np.ptp(values) == 0.0:
@@ -53,7 +53,7 @@ def fitted(
     misfit, noise = np.abs(basis @ weights - values), allowed[1]
     if np.max(misfit) > allowed[0] + LARGEST_SCATTER * noise:
         return None
-    # More than noise would leave is a shape the polynomial misses (chi-square, 2 sd).
+    # Reject a mean square misfit larger than noise explains (chi-square, 2 sd).
     more = 1.0 + 2.0 * np.sqrt(2.0 / misfit.size)
     if np.mean(misfit**2) > allowed[0] ** 2 + more * noise**2:
         return None
@@ -61,7 +61,7 @@ def fitted(
 
 
 def _basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal polynomials at `x` (M,) within [0, 1], (M, 6), and the powers they are of."""
+    """Orthonormal polynomials (M, 6) at `x` (M,) in [0, 1], and their conversion to powers."""
     chebyshev = np.polynomial.chebyshev.chebvander(2.0 * x - 1.0, DEGREE)
     basis, triangle = np.linalg.qr(chebyshev)
     return basis, _CHEBYSHEV_POWERS @ np.linalg.inv(triangle)
@@ -73,26 +73,28 @@ def _even_basis(count: int) -> tuple[FloatArray, FloatArray]:
 
 
 FEWEST_KNOTS = 12
-"""On one polynomial, twice its coefficients, before it counts as the signal's own shape."""
+"""Fewest knots on one polynomial: twice the number of its coefficients."""
 CUT_OFF, COARSE_CUT_OFF = 1e-4, 4e-3
-"""Of second differences, of which lines cut off an eighth: what a polynomial may miss, and
-what it may where even the fewest knots are too far apart for that."""
+"""Tolerated misfit of a polynomial, in median second differences of the knots. (Straight lines
+between knots miss a smooth curve by an eighth of a second difference.) The coarse value applies
+to polynomials of the fewest knots, where the other value allows none."""
 STEADY = 0.01
-"""Change of the voltage on a piece, over its peak, that counts as none."""
+"""Change of the voltage on a piece, relative to the peak, up to which it counts as constant."""
 JUMP, TURN, WORTH = 0.01, 0.05, 1e-3
-"""What restarts the step size: a jump, over the largest drive; a turn, over its largest
-slope, if it changes the drive by this share within the piece."""
+"""Thresholds that restart the step size: a jump of the squared voltage, relative to its largest
+value; a change of its slope, relative to its largest slope. The change of slope must also change
+the squared voltage by the share WORTH within the piece."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Pieces of a voltage history.
+    """A voltage history in polynomial pieces.
 
     Attributes
     ----------
-    edges : (S + 1,) their ends [s].
-    coefficients : (S, 6) voltage [V] in powers of the fraction of the piece that has passed.
-    restart : (S,) 1 where the squared voltage jumps or turns at the start of the piece.
+    edges : (S + 1,) times at which the pieces begin and end [s].
+    coefficients : (S, 6) of the voltage [V], in powers of the elapsed fraction of the piece.
+    restart : (S,) 1 where the squared voltage jumps or changes slope at the start of the piece.
     peak : largest magnitude of the voltage at the knots [V].
     """
 
@@ -103,14 +105,14 @@ class Drive:
 
     @cached_property
     def varies(self) -> bool:
-        """Whether the voltage changes over more than a twentieth of the time."""
+        """Whether the voltage changes during more than a twentieth of the time."""
         powers = np.linspace(0.0, 1.0, 9)[:, np.newaxis] ** np.arange(DEGREE + 1)
         change = np.ptp(self.coefficients @ powers.T, axis=1) > STEADY * self.peak
         length = np.diff(self.edges)
         return bool(np.sum(length[change]) > 0.05 * np.sum(length))
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Voltage (N,) [V]; at a jump, that after it."""
+        """Voltage (N,) [V] at `time` (N,); at a jump, the voltage after the jump."""
         piece = np.searchsorted(self.edges, time, side="right") - 1
         piece = np.clip(piece, 0, len(self.coefficients) - 1)
         x = (time - self.edges[piece]) / np.diff(self.edges)[piece]
@@ -127,15 +129,14 @@ def drive(
     noisy: bool = False,
     before: float = 0.0,
 ) -> Drive:
-    """Pieces of a voltage, constant before its first knot and after its last.
+    """Cut a voltage into pieces; it is constant before its first knot and after its last.
 
     Parameters
     ----------
     knots, volts : (K,) ascending times [s]; a repeated time marks a jump.
     first, last : times the pieces must span [s].
-    tolerance : of the voltage relative to its peak; what the knots themselves leave open adds
-        to it: a little of what straight lines cut off a smooth curve and, where they are
-        `noisy`, their scatter about it.
+    tolerance : allowed misfit relative to the peak voltage. A small share of the knots' second
+        differences is added to it and, if the knots are `noisy`, their noise.
     before : voltage before the first knot [V].
     """
     peak = float(np.max(np.abs(volts)))
@@ -163,9 +164,9 @@ def drive(
 
 
 def scatter(knots: FloatArray, volts: FloatArray) -> float:
-    """Standard deviation of evenly spaced knots about a smooth curve, 0 if uneven.
+    """Standard deviation of evenly spaced knots about a smooth curve.
 
-    See `roughness`; what is too much for noise is followed as it is.
+    It is 0 for few or unevenly spaced knots, and if it is too large for noise (see `roughness`).
     """
     steps = np.diff(knots)
     middle = float(np.median(steps))
@@ -177,7 +178,7 @@ def scatter(knots: FloatArray, volts: FloatArray) -> float:
 def _spanning(
     knots: FloatArray, volts: FloatArray, span: tuple[float, float], before: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Knots over the span at least, at least two distinct."""
+    """Extend the knots so that they cover the span and have at least two distinct times."""
     first, last = span
     if volts[0] != before or first < knots[0]:
         start = min(first, knots[0])
@@ -197,11 +198,12 @@ def _longest(
     allowed: tuple[float, float],
     before: int,
 ) -> tuple[int, FloatArray]:
-    """Knot intervals, of `room`, of the longest piece from `begin`, and its coefficients.
+    """Number of knot intervals of the longest piece from `begin`, and its coefficients.
 
     Parameters
     ----------
-    before : knot intervals of the piece before, to try first.
+    room : knot intervals from `begin` to the next jump.
+    before : knot intervals of the previous piece, which are tried first.
     """
     best, found = 1, line(volts[begin], volts[begin + 1])
     fewest, too_many = FEWEST_KNOTS - 1, room + 1
@@ -219,7 +221,7 @@ def _longest(
         else:
             count = max((best + too_many) // 2, fewest)
     if 0 < room - best < fewest <= room - fewest:
-        # Leave the last piece enough knots to be smooth too.
+        # Leave the last piece enough knots for a polynomial.
         fit = fitted(knots, volts, begin, room - fewest, allowed)
         best, found = (best, found) if fit is None else (room - fewest, fit)
     return best, found
@@ -233,11 +235,11 @@ def _shortest(
     after_jump: int,
     allowed: tuple[float, float],
 ) -> tuple[int, FloatArray]:
-    """As `_longest`, of the fewest knots: those before `begin` are used where room is less.
+    """Like `_longest`, for the fewest knots; use knots before `begin` if `room` is too short.
 
     Parameters
     ----------
-    after_jump : the first knot after the last jump.
+    after_jump : index of the first knot after the last jump.
     """
     fewest = FEWEST_KNOTS - 1
     start = min(begin, begin + room - fewest)
@@ -252,7 +254,7 @@ def _shortest(
 
 
 def _restarts(edges: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """1 where the squared voltage jumps or turns, and at the start."""
+    """Return 1 at the start and where the squared voltage jumps or changes slope, else 0."""
     start, end = coefficients[:, 0], coefficients.sum(axis=1)
     length = np.diff(edges)
     slope_start = 2.0 * start * coefficients[:, 1] / length
@@ -273,12 +275,12 @@ class GridSettings:
     Attributes
     ----------
     first_step : step after a kink [s]; a fraction of the shortest time constant.
-    growth : h = first_step + (growth - 1) x time since the kink, so that relaxations
-        of every time constant are resolved alike.
+    growth : h = first_step + (growth - 1) x time since the kink. Relaxations of every time
+        constant are then resolved equally well.
     increment : largest relative change of the signal in a step.
-    kink : step after a kink x its change of slope, if that is more than first_step: a
-        smaller kink restarts less. What the dense output then misses is at most about
-        the change of slope x the shortest time constant, for a few of these.
+    kink : step after a kink x its change of slope, if the step exceeds first_step: a smaller
+        kink allows a larger step. The error of the dense output is then at most about the
+        change of slope x the shortest time constant, for a few such time constants.
     """
 
     first_step: float = 0.015
@@ -311,11 +313,11 @@ def simplify(time: FloatArray, value: FloatArray, tolerance: float) -> NDArray[n
 
 
 def graded_grid(time: FloatArray, value: FloatArray, settings: GridSettings) -> FloatArray:
-    """Times of steps that end at every knot and are fine after every kink.
+    """Times of steps that end at every knot and are short after every kink.
 
     Parameters
     ----------
-    time, value : (K,) knots, ascending in time; at rest before the first.
+    time, value : (K,) knots, ascending in time; the signal is constant before the first.
 
     Returns
     -------
@@ -335,7 +337,7 @@ def graded_grid(time: FloatArray, value: FloatArray, settings: GridSettings) -> 
 
 
 def _age_after_kink(change: float, settings: GridSettings) -> float:
-    """Time since a kink that would allow the step this change of slope allows."""
+    """Time since a kink after which the step has grown to `kink` over the change of slope."""
     if change == 0.0:
         return np.inf
     allowed = settings.kink / change - settings.first_step
@@ -345,7 +347,7 @@ def _age_after_kink(change: float, settings: GridSettings) -> float:
 def _fill(
     grid: list[float], end: float, age: float, largest: float, settings: GridSettings
 ) -> float:
-    """Append steps from the grid's last time to `end`; returns the age there."""
+    """Append steps from the grid's last time to `end`; return the time since the kink there."""
     while grid[-1] < end:
         remaining = end - grid[-1]
         step = min(settings.first_step + (settings.growth - 1.0) * age, largest)

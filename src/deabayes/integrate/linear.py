@@ -46,15 +46,14 @@ def hold(
 ) -> Hold:
     """Cut the input (channel)^power into steps; the channel is linear between its knots.
 
-    The channel is zero before the first knot, so a first value other than zero is a
-    jump there, and stays at its last value after the last knot. A repeated knot is a
-    jump.
+    The channel is zero before the first knot, so a non-zero first value is a jump there.
+    After the last knot the channel keeps its last value. A repeated knot is a jump.
 
     Parameters
     ----------
     knots : (M,) ascending; equal neighbours mark a jump.
     values : (M,) the channel at the knots.
-    coordinate : (N,) where the response is wanted, in any order.
+    coordinate : (N,) coordinates of the response, in any order.
     power : 2 for a load quadratic in the channel, as the Maxwell pressure is.
 
     Raises
@@ -110,7 +109,7 @@ def relaxation_response(
     size = instantaneous.size
     blocks = -(-size // LANES)
     response = np.empty((blocks * LANES, load.input.size))
-    # Every block has all its lanes, so a draw is computed alike in any company.
+    # All blocks have LANES draws, so the result of a draw does not depend on the other draws.
     _advance(
         load.lengths,
         load.length_index,
@@ -134,14 +133,14 @@ def _check(knots: FloatArray, values: FloatArray, coordinate: FloatArray) -> Non
 
 
 def _interval(knots: FloatArray, coordinate: FloatArray) -> NDArray[np.int64]:
-    """The last knot not after each coordinate; -1 before the first."""
+    """Index of the last knot not after each coordinate; -1 before the first knot."""
     return np.searchsorted(knots, coordinate, side="right").astype(np.int64) - 1
 
 
 def _channel(
     knots: FloatArray, values: FloatArray, interval: NDArray[np.int64], coordinate: FloatArray
 ) -> FloatArray:
-    """The channel at `coordinate` on the line of the given interval between knots."""
+    """Channel at `coordinate` on the straight line of the given knot interval."""
     last = knots.size - 1
     lower, upper = np.clip(interval, 0, last), np.clip(interval + 1, 0, last)
     width = knots[upper] - knots[lower]
@@ -158,7 +157,7 @@ def _distinct(lengths: FloatArray, largest: float) -> tuple[FloatArray, NDArray[
     ascending = lengths[order]
     resolution = 4.0 * np.finfo(float).eps * largest
     run = np.concatenate([[0], np.cumsum(np.diff(ascending) > resolution)])
-    # Lengths of a jittered record are a run without gaps: none may wander off with its neighbours.
+    # Lengths of a jittered record form a long run without gaps: cut it into narrow groups.
     above = ascending - ascending[np.searchsorted(run, run)]
     new = (np.diff(run) > 0) | (np.diff(np.floor(above / resolution)) > 0.0)
     group = np.concatenate([[0], np.cumsum(new)])
@@ -168,7 +167,7 @@ def _distinct(lengths: FloatArray, largest: float) -> tuple[FloatArray, NDArray[
 
 
 def in_lanes(values: FloatArray, blocks: int) -> FloatArray:
-    """(W, K) to (blocks, K, LANES), the last block filled with ones."""
+    """Reshape (W, K) to (blocks, K, LANES); pad the last block with ones."""
     size, units = values.shape
     padded = np.ones((blocks * LANES, units))
     padded[:size] = values
@@ -177,7 +176,7 @@ def in_lanes(values: FloatArray, blocks: int) -> FloatArray:
 
 @njit(cache=True)
 def _weights(z: float) -> tuple[float, float, float, float]:
-    """exp(-z), psi_0, psi_1 and psi_2."""
+    """Return exp(-z), psi_0, psi_1 and psi_2 at z; NaN if z is negative."""
     if not z >= 0.0:
         return math.nan, math.nan, math.nan, math.nan
     if z < SMALL_STEP:
@@ -196,7 +195,7 @@ def _weights(z: float) -> tuple[float, float, float, float]:
 
 @njit(cache=True)
 def _fill_weights(lengths, time_constants, weights) -> None:  # type: ignore[no-untyped-def]
-    """Weights (C, K, 4, LANES) of every step length for one block (K, LANES)."""
+    """Fill weights (C, K, 4, LANES) for every step length and one block (K, LANES)."""
     units, lanes = time_constants.shape
     for c in range(lengths.size):
         for n in range(units):
@@ -216,7 +215,7 @@ def _advance(  # type: ignore[no-untyped-def]
 ) -> None:
     """Fill response (blocks * LANES, N), one block of lanes after another.
 
-    compliances (blocks, 1 + K, LANES) begin with the instantaneous one.
+    The first of the compliances (blocks, 1 + K, LANES) is the instantaneous compliance.
     """
     blocks, units, _ = time_constants.shape
     weights = np.empty((lengths.size, units, 4, LANES))
@@ -247,14 +246,15 @@ def _advance(  # type: ignore[no-untyped-def]
 
 SMALL_NORM = 0.5
 TERMS = 16
-"""SMALL_NORM^16 / 16! is 7e-19: the series is complete."""
+"""Terms of the series; the last is at most SMALL_NORM^16 / 16! = 7e-19."""
 MOST_DOUBLINGS = 60
 
 
 @njit(cache=True)
 def fill_propagator(a, b, length, scratch, step, drive) -> None:  # type: ignore[no-untyped-def]
-    """Fill E (n, n) and G (n, 3) for A (n, n), B (n,) and one length; NaN if not finite.
+    """Fill E = exp(A h) - I (n, n) and the input's weights G (n, 3) for one step length h.
 
+    A is (n, n) and B (n,). E and G are NaN if A h is not finite or far too large.
     scratch (2, n, n + 1) is overwritten.
     """
     doublings = _doublings(a, length)
@@ -269,7 +269,7 @@ def fill_propagator(a, b, length, scratch, step, drive) -> None:  # type: ignore
 
 @njit(cache=True)
 def _doublings(a, length) -> int:  # type: ignore[no-untyped-def]
-    """Halvings that bring the maximum norm of A h below SMALL_NORM; -1 if not finite."""
+    """Halvings that bring the maximum norm of A h to SMALL_NORM; -1 if too many or not finite."""
     norm = 0.0
     for i in range(a.shape[0]):
         total = 0.0
@@ -283,7 +283,7 @@ def _doublings(a, length) -> int:  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _series(a, b, h, scratch, step, drive) -> None:  # type: ignore[no-untyped-def]
-    """The series of E and G; the last column of `term` is (A h)^j B h / j!."""
+    """Sum the series of E and G; the last column of `term` is (A h)^j B h / j!."""
     size = a.shape[0]
     term, after = scratch[0], scratch[1]
     step[:] = 0.0
@@ -310,7 +310,7 @@ def _series(a, b, h, scratch, step, drive) -> None:  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def _double(product, step, drive) -> None:  # type: ignore[no-untyped-def]
-    """Propagators of twice the step; product (n, n + 1) is overwritten."""
+    """Replace the propagators by those of twice the step; product (n, n + 1) is overwritten."""
     size = step.shape[0]
     for k in range(2, -1, -1):
         for i in range(size):

@@ -1,4 +1,4 @@
-"""Exact response of linear systems in their modes, alone or behind a circuit."""
+"""Exact response of linear systems as a sum over modes, with or without a charging circuit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES
 from deabayes.integrate.state_space import StateSpace
 
 DIRECT, CHARGED = 3, 6
-"""Terms of a step's input: a parabola, and with it the three of a circuit."""
+"""Number of terms of a step's input: three of a parabola, and three more with a circuit."""
 L, L2, L3, L4, L5, L6, L7 = (n * LANES for n in range(1, 8))
 L8, L9, L10, L11, L12, L13 = (n * LANES for n in range(8, 14))
 
 
 @njit(**KERNEL_OPTIONS)
 def _moments(x: complex, y: float) -> tuple[complex, complex, complex, complex]:
-    """e^x, and Phi_0, Phi_1 and Phi_2 at complex x and real y."""
+    """Return e^x, Phi_0, Phi_1 and Phi_2 at complex x and real y."""
     d, left = x + y, math.exp(-y)
     grown = cmath.exp(x)
     if abs(d) < SMALL_STEP:
@@ -47,8 +47,9 @@ def _put(weights, term, lane, value) -> None:  # type: ignore[no-untyped-def]
 
 @njit(**KERNEL_OPTIONS)
 def _fill(lengths, rates, circuit, terms, weights, charges) -> None:  # type: ignore[no-untyped-def]
-    """Weights (C, m, (1 + terms) 2 LANES): e^{lambda h} and the terms', real beside imaginary.
+    """Fill weights (C, m, (1 + terms) 2 LANES): e^{lambda h}, then the weight of every term.
 
+    LANES real parts are followed by LANES imaginary parts.
     charges (C, 2 LANES): e^{-kappa h} and 1 / (kappa h) of the circuit.
     """
     for c in range(lengths.size):
@@ -72,7 +73,7 @@ def _fill(lengths, rates, circuit, terms, weights, charges) -> None:  # type: ig
 
 @njit(**KERNEL_OPTIONS)
 def _parabola(polynomial, x) -> None:  # type: ignore[no-untyped-def]
-    """The terms (DIRECT LANES) of a step whose input all draws share."""
+    """Fill the terms x (DIRECT LANES) of a step whose input is the same for all draws."""
     for i in range(LANES):
         x[i] = polynomial[0]
         x[L + i] = polynomial[1]
@@ -81,7 +82,7 @@ def _parabola(polynomial, x) -> None:  # type: ignore[no-untyped-def]
 
 @njit(**KERNEL_OPTIONS)
 def _charge(voltage, charges, circuit, charged, x, outputs) -> None:  # type: ignore[no-untyped-def]
-    """The terms (CHARGED LANES) of one step, v (LANES) moved to its end, and D v^2 there."""
+    """Fill the terms x (CHARGED LANES) of a step, move v (LANES) to its end, output D v^2."""
     for i in range(LANES):
         a_0 = circuit[L + i] * (voltage[0] - voltage[1] * charges[L + i])
         a_1 = circuit[L + i] * voltage[1]
@@ -99,7 +100,7 @@ def _charge(voltage, charges, circuit, charged, x, outputs) -> None:  # type: ig
 
 @njit(**KERNEL_OPTIONS)
 def _direct(w, x, residues, q, outputs) -> None:  # type: ignore[no-untyped-def]
-    """Move the mode q (2 LANES) by a step and add what it contributes."""
+    """Advance the mode q (2 LANES) by one step and add its contribution to the outputs."""
     for i in range(LANES):
         real = w[i] * q[i] - w[L + i] * q[L + i]
         imaginary = w[i] * q[L + i] + w[L + i] * q[i]
@@ -112,7 +113,7 @@ def _direct(w, x, residues, q, outputs) -> None:  # type: ignore[no-untyped-def]
 
 @njit(**KERNEL_OPTIONS)
 def _driven(w, x, residues, q, outputs) -> None:  # type: ignore[no-untyped-def]
-    """The same with the terms of a circuit."""
+    """Like `_direct`, with the three additional terms of a circuit."""
     for i in range(LANES):
         real = w[i] * q[i] - w[L + i] * q[L + i]
         imaginary = w[i] * q[L + i] + w[L + i] * q[i]
@@ -170,7 +171,7 @@ def advance_modes(  # type: ignore[no-untyped-def]
 
 
 LARGEST_RESIDUES = 1e3
-"""Of sum |rho / lambda| over |sum rho / lambda|: eigenvalues' rounding costs its square."""
+"""Largest sum |rho / lambda| over |sum rho / lambda|; rounding errors grow with its square."""
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
@@ -181,8 +182,8 @@ class Modes:
     Attributes
     ----------
     rates : lambda (W, m) [1/s], imaginary parts not negative; NaN for matrices that are not finite.
-    residues : rho (W, m), doubled for one of a pair and zero where a draw has fewer modes.
-    apart : (W,) whether the modes are far enough apart to be summed.
+    residues : rho (W, m), doubled for a mode of a pair, and zero where a draw has fewer modes.
+    apart : (W,) whether the modes are far enough apart to be summed accurately.
     """
 
     rates: ComplexArray
@@ -216,11 +217,11 @@ def modal_response(
     gain: FloatArray | None = None,
     decay: FloatArray | None = None,
 ) -> FloatArray:
-    """The output (W, N) for an input that starts, with all at rest, at the first knot.
+    """Output (W, N) for an input that starts at the first knot; the system is at rest before.
 
     Parameters
     ----------
-    load : the input w; behind a circuit its voltage V, held with power 1.
+    load : the input w; with a circuit, the circuit's voltage V, held with power 1.
     gain, decay : g (W,) and kappa (W,) [1/s] of the circuit, if there is one.
 
     Returns
@@ -260,14 +261,14 @@ def _by_modes(
     gain: FloatArray | None,
     decay: FloatArray | None,
 ) -> FloatArray:
-    """The sum over modes (W, N)."""
+    """Output (W, N) as a sum over the modes."""
     walkers, terms = direct.size, DIRECT
     circuit = np.zeros((walkers, 2))
     if gain is not None and decay is not None:
         terms = CHARGED
         circuit = np.column_stack([gain, np.where(decay > 0.0, decay, np.nan)])
     rates, residues = modes.rates[:, :, None], modes.residues[:, :, None]
-    # Every block has all its lanes, so a draw is computed alike in any company.
+    # All blocks have LANES draws, so the result of a draw does not depend on the other draws.
     blocks = -(-walkers // LANES)
     response = np.empty((blocks * LANES, load.input.size))
     advance_modes(
@@ -286,7 +287,7 @@ def _by_modes(
 
 
 def _in_lanes(values: FloatArray, blocks: int) -> FloatArray:
-    """(W, K, P) to (blocks, K, P LANES), the last block filled with its last draw."""
+    """Reshape (W, K, P) to (blocks, K, P LANES); pad the last block with the last draw."""
     draws = np.minimum(np.arange(blocks * LANES), values.shape[0] - 1)
     lanes = values[draws].reshape(blocks, LANES, *values.shape[1:]).transpose(0, 2, 3, 1)
     return np.ascontiguousarray(lanes).reshape(blocks, values.shape[1], -1)

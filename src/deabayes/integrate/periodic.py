@@ -1,4 +1,4 @@
-"""Periodic signals: when they pass a level, their period, and their roughness."""
+"""Level crossings, period and roughness of periodic signals."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ IntArray = NDArray[np.intp]
 
 
 def passes(coordinate: FloatArray, values: FloatArray) -> FloatArray:
-    """Where a signal passes the middle of its range, in the direction in which it does so oftener.
+    """Coordinates where a signal passes the middle of its range, in the more frequent direction.
 
-    A pass counts once the signal has gone from a tenth of its range below the middle to a
-    tenth above, or the other way: noise makes no passes, and a signal that never crosses
-    zero has them too.
+    A pass counts if the signal goes from a tenth of its range below the middle to a tenth
+    above, or the reverse. Noise therefore makes no passes, and a signal that never crosses zero
+    has passes too.
     """
     size = float(np.ptp(values)) or 1.0
     scaled = (values - 0.5 * (values.max() + values.min())) / size
@@ -27,14 +27,14 @@ def passes(coordinate: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _rises(coordinate: FloatArray, values: FloatArray) -> FloatArray:
-    """Zeros of the lines that rise from below -HYSTERESIS to above HYSTERESIS."""
+    """Zeros of the straight lines across each rise from below -HYSTERESIS to above HYSTERESIS."""
     low, high = _risen(values)
     share = -values[low] / (values[high] - values[low])
     return np.asarray(coordinate[low] + share * (coordinate[high] - coordinate[low]))
 
 
 def _risen(values: FloatArray) -> tuple[IntArray, IntArray]:
-    """Last samples below -HYSTERESIS and first ones above HYSTERESIS, of each rise."""
+    """Indices of the last sample below -HYSTERESIS and the first above HYSTERESIS of each rise."""
     decided = np.flatnonzero(np.abs(values) > HYSTERESIS)
     signs = np.sign(values[decided])
     rise = np.flatnonzero((signs[:-1] < 0) & (signs[1:] > 0))
@@ -42,10 +42,11 @@ def _risen(values: FloatArray) -> tuple[IntArray, IntArray]:
 
 
 def upward_crossings(coordinate: FloatArray, values: FloatArray, level: float) -> FloatArray:
-    """Where a signal rises through any level by a tenth of its range on either side.
+    """Coordinates where a signal rises through `level`, by a tenth of its range on either side.
 
-    In the middle between the first and the last crossing of a rise: noise makes several, and a
-    line across the whole rise would be off where the signal bends, as a sine does.
+    Noise may make several crossings in one rise. The result is the middle between the first and
+    the last crossing. A line across the whole rise would be inaccurate for a bent signal, such
+    as a sine.
     """
     scaled = (values - level) / (float(np.ptp(values)) or 1.0)
     low, high = _risen(scaled)
@@ -58,14 +59,14 @@ def upward_crossings(coordinate: FloatArray, values: FloatArray, level: float) -
 
 
 def alike(times: FloatArray) -> BoolArray:
-    """Which distances of successive passes are the usual one within 5 %."""
+    """Whether the distances of successive passes are within 5 % of their median."""
     gaps = np.diff(times)
     usual = float(np.median(gaps))
     return np.asarray(np.abs(gaps - usual) <= ALIKE * usual)
 
 
 def steady(times: FloatArray) -> FloatArray:
-    """The longest stretch of passes that follow each other at their usual distance."""
+    """Longest run of passes that follow each other at the median distance."""
     change = np.diff(np.concatenate([[0], alike(times).astype(int), [0]]))
     first, end = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
     if first.size == 0:
@@ -75,10 +76,10 @@ def steady(times: FloatArray) -> FloatArray:
 
 
 def usual_period(times: FloatArray) -> float:
-    """Median over pairs of passes half a steady stretch apart; NaN below two passes.
+    """Median period over pairs of passes half a steady run apart; NaN for less than two passes.
 
-    A first ramp to the bias is not in that stretch; nor does, in a median, a first pass count
-    that a limited amplifier delays.
+    The steady run excludes an initial ramp to the bias. The median ignores a first pass that an
+    amplifier of limited current delays.
     """
     if times.size < 2:
         return float("nan")
@@ -91,16 +92,16 @@ def usual_period(times: FloatArray) -> float:
 SIXTH_DIFFERENCE = 0.6745 * np.sqrt(924.0)
 """Median absolute sixth difference of white noise over its standard deviation."""
 NOISIEST = 0.01
-"""Of the peak: samples that scatter more are levels of their own, not a monitor's noise."""
+"""Largest noise of a monitor, relative to the peak; a larger scatter belongs to the signal."""
 
 
 def roughness(values: FloatArray) -> float:
     """Standard deviation of evenly spaced samples (N,) about a smooth curve (robust).
 
-    From sixth differences, which a sine of 40 samples per period passes with 1e-5 of its
-    amplitude; steps and corners are too few to count. 0 where it is too much for noise: an
-    excitation that changes from sample to sample (random levels, a triangle of few samples) has
-    such differences too.
+    The estimate uses sixth differences. A sine of 40 samples per period contributes 1e-5 of its
+    amplitude to them. Steps and corners are too few to affect the median. The result is 0 if it
+    is too large for noise: an excitation that changes from sample to sample (random levels, a
+    triangle of few samples) has large differences too.
     """
     sixth = np.abs(np.diff(values, 6))
     found = float(np.median(sixth)) / SIXTH_DIFFERENCE if sixth.size else 0.0

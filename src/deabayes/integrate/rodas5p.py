@@ -11,8 +11,8 @@ needs no product with J (Hairer & Wanner, Solving ODEs II, section IV.7):
     (1/(GAMMA h) - J) u_i = f(t + c_i h, y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j + h D_i f_t
     y(t + h) = y + sum_j A_6j u_j (j < 6) + u_6 + u_7 + u_8,      error = u_8
 
-Stages 7 and 8 take the row of stage 6 plus u_6, and plus u_6 + u_7; their nodes are 1
-and their D is 0. Dense output, 0 <= x <= 1, k_r = sum_j H_rj u_j:
+The argument of stage 7 is that of stage 6 plus u_6; the argument of stage 8 is that of stage 7
+plus u_7. Their nodes are 1 and their D is 0. Dense output, 0 <= x <= 1, k_r = sum_j H_rj u_j:
 
     y(t + x h) = (1 - x) y(t) + x [y(t + h) + (1 - x) (k_2 + x (k_3 + x k_4))]
 
@@ -130,7 +130,7 @@ A = (
     (*_ROW_6, 1.0, 1.0),
     (*_ROW_6, 1.0, 1.0, 1.0),
 )
-"""Weights of the increments in the argument of each stage, and, last, in the end of the step."""
+"""Weights of the increments in the argument of each stage; the last row is the end of the step."""
 C = (
     (),
     (C21,),

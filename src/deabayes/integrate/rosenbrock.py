@@ -1,9 +1,9 @@
-"""Rosenbrock-Wanner integration: what kernels share, whatever they integrate.
+"""Parts of Rosenbrock-Wanner integration that all kernels share.
 
-The coefficients are in `rodas5p`; a kernel makes its stages from them, for its own right-hand
-side and Jacobian, with the innermost loop over draws in contiguous lanes. LANES is the
-fixed number of draws in a group: loops of a known length compile to full vectors only,
-so that a draw's arithmetic does not depend on where in a batch it stands.
+The coefficients are in `rodas5p`. A kernel builds its stages from them, for its own right-hand
+side and Jacobian. Its innermost loop runs over draws in contiguous lanes. LANES is the fixed
+number of draws in a group. Loops of a known length compile to full vectors only, so the
+arithmetic of a draw does not depend on its place in a batch.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ KERNEL_OPTIONS = {
     "parallel": False,
     "fastmath": {"contract"},
 }
-"""Fused multiply-add is allowed, nothing that assumes away NaN."""
+"""Fused multiply-add is allowed; optimisations that assume the absence of NaN are not."""
 SAFETY = 0.9
 LARGEST_GROWTH = 4.0
 LARGEST_CUT = 0.1
@@ -35,10 +35,9 @@ def interpolate(x: float, start: float, end: float, k2: float, k3: float, k4: fl
 
 @njit(**KERNEL_OPTIONS)
 def size_factor(error_ratio: float) -> float:
-    """Factor to the next step size; `error_ratio` = estimate over what is allowed.
+    """Factor to the next step size; `error_ratio` is the error estimate over the allowed error.
 
-    The estimate is of order h^5; NaN (a stage left the model's domain) counts as the
-    largest cut.
+    The estimate is of order h^5. NaN (a stage left the model's domain) gives the largest cut.
     """
     if not error_ratio < 1e8:
         return LARGEST_CUT
@@ -47,7 +46,7 @@ def size_factor(error_ratio: float) -> float:
 
 
 def transformed_coefficients() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A (8, 8), C (8, 8) and the weights of the increments (8,), as arrays."""
+    """Return A (8, 8), C (8, 8) and the weights (8,) of the end of the step as arrays."""
     a, c = np.zeros((rodas5p.STAGES, rodas5p.STAGES)), np.zeros((rodas5p.STAGES, rodas5p.STAGES))
     for stage in range(rodas5p.STAGES):
         a[stage, :stage], c[stage, :stage] = rodas5p.A[stage], rodas5p.C[stage]

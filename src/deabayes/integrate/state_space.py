@@ -1,8 +1,9 @@
 r"""Linear systems z' = A z + B w, y = C z + D w, one per draw, and their exact response.
 
 Between the knots of a `Hold` the input w is a polynomial, so a step has no discretisation
-error (see `propagator`). Steps of equal length share the propagators: an evenly sampled
-record costs one pair of matrix products per sample, any other a matrix exponential.
+error (see `linear.fill_propagator`). Steps of equal length share their propagators: an evenly
+sampled record costs one pair of matrix products per sample. Uneven records also cost a matrix
+exponential per sample.
 """
 
 from __future__ import annotations
@@ -42,22 +43,22 @@ class StateSpace:
         return np.einsum("wn,wrn->wr", self.c, states) + self.d[:, None]
 
     def zero_order_hold(self, step: float) -> StateSpace:
-        """The systems z[k+1] = A z[k] + B w[k] of an input held for `step` [s]; exact.
+        """Exact systems z[k+1] = A' z[k] + B' w[k] for an input held for `step` [s].
 
-        A' = exp(A h), B' = (integral of exp(A s) over [0, h]) B, by `propagator`; C and D stay.
-        NaN for a draw whose matrices are not finite.
+        A' = exp(A h), B' = (integral of exp(A s) over [0, h]) B, by `linear.fill_propagator`.
+        C and D do not change. A draw whose matrices are not finite gives NaN.
         """
         a, b = np.empty_like(self.a), np.empty_like(self.b)
         _fill_held(np.ascontiguousarray(self.a), np.ascontiguousarray(self.b), step, a, b)
         return StateSpace(a, b, self.c, self.d)
 
     def response(self, load: Hold, start: FloatArray | None = None) -> FloatArray:
-        """The output (W, N) for an input that starts with the first knot.
+        """Output (W, N) for an input that starts at the first knot.
 
         Parameters
         ----------
         load : the input; common to all draws.
-        start : (W, n) state at the first knot or output, whichever is earlier; rest
+        start : (W, n) state at the first knot or output, whichever is earlier; at rest
             by default.
 
         Returns
@@ -70,7 +71,7 @@ class StateSpace:
         blocks = -(-walkers // LANES)
         start = np.zeros_like(self.b) if start is None else start
         response = np.empty((blocks * LANES, load.input.size))
-        # Every block has all its lanes, so a draw is computed alike in any company.
+        # All blocks have LANES draws, so the result of a draw does not depend on the others.
         _advance(
             load.lengths,
             load.length_index,
@@ -86,7 +87,7 @@ class StateSpace:
 
 @njit(cache=True)
 def _fill_held(matrices, vectors, length, a, b) -> None:  # type: ignore[no-untyped-def]
-    """Fill exp(A h) (W, n, n) and the drive of a constant input (W, n)."""
+    """Fill a with exp(A h) (W, n, n) and b with the weights of a constant input (W, n)."""
     states = vectors.shape[1]
     scratch = np.empty((2, states, states + 1))
     drive = np.empty((states, 3))
@@ -99,7 +100,7 @@ def _fill_held(matrices, vectors, length, a, b) -> None:  # type: ignore[no-unty
 
 @njit(cache=True)
 def fill_lanes(lengths, matrix, vectors, steps, drives) -> None:  # type: ignore[no-untyped-def]
-    """Propagators (C, n, n, LANES) and (C, n, 3, LANES) of one block, for every length."""
+    """Fill the propagators (C, n, n, LANES) and (C, n, 3, LANES) of a block for every length."""
     states = drives.shape[1]
     a, b = np.empty((states, states)), np.empty(states)
     scratch = np.empty((2, states, states + 1))
@@ -151,7 +152,7 @@ def _advance(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def step_lanes(step, drive, polynomial, state, after) -> None:  # type: ignore[no-untyped-def]
-    """The state after one step with the input's polynomial (3, LANES), lane by lane."""
+    """Set `after` to the state after one step with the input's polynomial (3, LANES)."""
     for i in range(state.shape[0]):
         for lane in range(LANES):
             after[i, lane] = (
@@ -167,7 +168,7 @@ def step_lanes(step, drive, polynomial, state, after) -> None:  # type: ignore[n
 
 @njit(cache=True)
 def output_lanes(weights, state, output) -> None:  # type: ignore[no-untyped-def]
-    """C z, lane by lane."""
+    """Set `output` to C z, lane by lane."""
     output[:] = 0.0
     for i in range(state.shape[0]):
         for lane in range(LANES):

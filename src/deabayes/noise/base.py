@@ -1,4 +1,4 @@
-"""What every noise model offers, its coordinates and its default priors."""
+"""Interface of noise models, their sampling coordinates and their default priors."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Draws = Mapping[str, FloatArray]
 
 
 class NoiseModel(ABC):
-    """The law of (response - model) along one record's coordinate.
+    """Probability model of the residuals (response - model) along one record's coordinate.
 
-    Residuals come already divided by the record's scale, so `sigma_*` are in
-    units of that scale. `weights` is 1/samples_averaged (N,): the variance of a
-    mean of n raw samples' white noise is sigma_white^2 / n. Correlated noise is
-    taken as constant over an averaging window.
+    Residuals are already divided by the record's scale, so `sigma_*` are in units
+    of that scale. `weights` (N,) is 1/samples_averaged: the white noise of a mean
+    of n raw samples has the variance sigma_white^2 / n. Correlated noise is taken
+    as constant over an averaging window.
 
     All methods take residuals (W, N) and `draws` with this model's parameter
     names without the group's prefix, each (W,). The coordinate may turn back
@@ -36,26 +36,26 @@ class NoiseModel(ABC):
 
     name: ClassVar[str]
     diagnostic_only: ClassVar[bool] = False
-    """Whether its intervals are known to be too narrow for densely sampled records."""
+    """Whether credible intervals are known to be too narrow for densely sampled records."""
     adding: ClassVar[tuple[str, ...]] = ()
-    """The standard deviations of its white and its correlated part, where it has both."""
+    """Names of the standard deviations of the white and the correlated part, if it has both."""
     length: ClassVar[str] = ""
-    """The parameter that is its correlation length, where it has one."""
+    """Name of the correlation length, if the model has one."""
     has_white: ClassVar[bool] = True
-    """Whether two readings at one place may differ."""
+    """Whether two readings at the same coordinate may differ."""
 
     @abstractmethod
     def parameters(
         self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
     ) -> tuple[Parameter, ...]:
-        """Parameters, unprefixed, with default priors.
+        """Parameters with default priors, named without the group's prefix.
 
         Parameters
         ----------
         unit : unit of the residuals (`1` when relative to a range).
         scale : typical range of the responses, in `unit` (1 when relative).
         span : typical extent of the coordinate, in `coordinate_unit`;
-            correlation lengths have 95 % of their prior below a tenth of it.
+            correlation lengths have 95 % of their prior below a tenth of `span`.
         """
 
     @abstractmethod
@@ -92,19 +92,19 @@ class NoiseModel(ABC):
 
     @abstractmethod
     def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of its correlated and of its white part, (W,) each, on average over a record's points."""
+        """Variances of the correlated and the white part, (W,) each, averaged over the points."""
 
     @abstractmethod
     def spreads(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scale of one residual, of its correlated part alone (W, 1) and of the whole (W, N)."""
+        """Scale of a residual's correlated part alone (W, 1), and of the residual (W, N)."""
 
     @abstractmethod
     def cumulative(self, scores: FloatArray, draws: Draws) -> FloatArray:
-        """Distribution function of one residual, or its correlated part, over its scale, (W, N)."""
+        """Distribution function (W, N) of a residual, or its correlated part, over its scale."""
 
 
 def contiguous(values: FloatArray) -> FloatArray:
-    """As the kernels take it: float64, C order, copied only if it is not."""
+    """Return values as kernels need them, float64 in C order; copy only if necessary."""
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
@@ -122,9 +122,9 @@ def rate(length: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class NoisePair:
-    """White and correlated noise that add up: columns of z, and ln s = intercept + slope z.
+    """White and correlated noise of a group: columns of z, with ln sigma = intercept + slope z.
 
-    The intercept of white noise holds that of the root of w.
+    The intercept of white noise includes half the logarithm of the mean weight.
     """
 
     columns: tuple[int, int]
@@ -132,14 +132,14 @@ class NoisePair:
     slopes: tuple[float, float]
 
     def straighten(self, u: FloatArray) -> float:
-        """Put (u_1, u_2) in the places of both; log of the Jacobian."""
+        """Replace both columns by the log of total and ratio; return the log of the Jacobian."""
         white, correlated = self._logarithms(u)
         u[:, self.columns[0]] = 0.5 * np.logaddexp(2 * white, 2 * correlated)
         u[:, self.columns[1]] = correlated - white
         return float(np.log(self.slopes).sum())
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`."""
         total, ratio = u[:, self.columns[0]], u[:, self.columns[1]]
         white = total - 0.5 * np.logaddexp(0.0, 2 * ratio)
         for column, logarithm, intercept, slope in zip(
@@ -155,12 +155,12 @@ class NoisePair:
 def noise_coordinates(
     noise: NoiseModel, prior: Prior, weights: Mapping[str, FloatArray], free: frozenset[int]
 ) -> list[NoisePair]:
-    """One for each noise group of which both have log-normal priors of their own.
+    """Return a pair for each noise group whose two amplitudes have log-normal priors.
 
     Parameters
     ----------
-    weights : of white noise at all points of a group's records.
-    free : columns with priors of their own.
+    weights : by group, the weights of white noise at all points of the group's records.
+    free : columns to consider (see `prior_coordinates`).
     """
     pairs: list[NoisePair] = []
     for group, each in weights.items():
@@ -207,7 +207,7 @@ def correlated_amplitude(name: str, symbol: str, unit: str, scale: float) -> Par
 
 
 def offset_amplitude(unit: str, scale: float) -> Parameter:
-    """Standard deviation of the zeros of records."""
+    """Standard deviation of the zero offsets of records."""
     _check_positive("range of the response", scale)
     return Parameter(
         "sigma_offset",
@@ -222,8 +222,8 @@ def offset_amplitude(unit: str, scale: float) -> Parameter:
 def correlation_length(name: str, symbol: str, coordinate_unit: str, span: float) -> Parameter:
     """Correlation time (or length) with 95 % of its prior below a tenth of the record.
 
-    The bound is a hard one: under structural error the likelihood would rather have
-    noise that lasts as long as the record, and lift whole curves off their data.
+    The upper bound is hard. With structural error, the likelihood would otherwise prefer
+    noise as long as the record, and whole curves would shift away from their data.
     """
     _check_positive("extent of the coordinate", span)
     shortest, tenth = SHORTEST_LENGTH * span, LENGTH_FRACTION * span

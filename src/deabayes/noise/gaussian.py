@@ -1,4 +1,4 @@
-"""Gaussian noise models: everything follows from the filter's innovations."""
+"""Gaussian noise models, defined by the innovations of a filter and their variances."""
 
 from __future__ import annotations
 
@@ -56,6 +56,6 @@ def white_sample(
 
 
 def _whole_rows(values: FloatArray, residuals: FloatArray) -> FloatArray:
-    """NaN in every row whose residuals are not all finite."""
+    """Set rows to NaN if their residuals are not all finite."""
     values[~np.all(np.isfinite(residuals), axis=1)] = np.nan
     return values

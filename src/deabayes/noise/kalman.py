@@ -1,4 +1,4 @@
-"""Kalman filters and exact simulation of correlated noise, also many draws in lockstep."""
+"""Kalman filters and exact simulation of correlated noise, also for many draws in parallel."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _compiled = njit(cache=True, error_model="numpy")
 
 @_compiled
 def distances(coordinate: FloatArray) -> FloatArray:
-    """Distance from the point before, (N,), 0 for the first.
+    """Distance of each point from the previous point, (N,); 0 for the first point.
 
-    A step that agrees with one before it within the rounding of the distance from the first
-    point is made equal to it, so that a kernel need not compute its decay anew.
+    A step that equals the last different step up to rounding is set to that step. A kernel then
+    need not compute the decay again.
     """
     steps = np.zeros(coordinate.size)
     extent = np.max(np.abs(coordinate - coordinate[0]))
@@ -40,7 +40,7 @@ def filter_exponential(
     correlated: FloatArray,
     rates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance sigma^2 exp(-|d|/tau) + sigma_white^2 w: a scalar state, (W, N) each."""
+    """Innovations and variances (W, N) for sigma^2 exp(-|d|/tau) + sigma_white^2 w."""
     innovation, variance = np.empty_like(residuals), np.empty_like(residuals)
     for draw in range(residuals.shape[0]):
         state, spread = 0.0, correlated[draw]
@@ -107,7 +107,7 @@ def filter_matern32(
     correlated: FloatArray,
     rates: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance sigma^2 (1 + x) exp(-x), x = rate |d|, plus sigma_white^2 w: two states."""
+    """Innovations and variances for sigma^2 (1 + x) exp(-x) + sigma_white^2 w, x = rate |d|."""
     innovation, variance = np.empty_like(residuals), np.empty_like(residuals)
     for draw in range(residuals.shape[0]):
         scale = correlated[draw]
@@ -213,7 +213,7 @@ def _collect(product, logs) -> None:  # type: ignore[no-untyped-def]
 
 @_inlined
 def _start(first, white, correlated, rates, lane_white, lane_correlated, lane_rates, total) -> None:  # type: ignore[no-untyped-def]
-    """Load the parameters of a group; past the last draw, lanes repeat it."""
+    """Load the parameters of a group of draws; lanes past the last draw repeat the last draw."""
     for lane in range(LANES):
         draw = min(first + lane, white.size - 1)
         total[lane] = white[draw] + correlated[draw]
@@ -236,7 +236,7 @@ def log_prob(
     Parameters
     ----------
     residuals : (W, N), C-contiguous.
-    distance : (N,) from the point before, 0 first.
+    distance : (N,) distance from the previous point; 0 for the first point.
     weights : (N,).
     white, correlated, rates : (W,) variances and 1/tau.
     """

@@ -1,4 +1,4 @@
-"""Ornstein-Uhlenbeck plus white noise: the default."""
+"""Ornstein-Uhlenbeck plus white noise, the default noise model."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class OrnsteinUhlenbeck(GaussianNoise):
     """cov(r_j, r_k) = sigma_ou^2 exp(-|t_j - t_k| / tau_ou) + sigma_white^2 w_k delta_jk.
 
     Uhlenbeck & Ornstein 1930 (10.1103/PhysRev.36.823), filtered exactly on any
-    grid in O(N). The correlated part stands for drift and model error, the
-    white part for the sensor.
+    grid in O(N). The correlated part represents drift and model error, the
+    white part the noise of the sensor.
     """
 
     name = "ornstein_uhlenbeck"

@@ -1,4 +1,4 @@
-"""Ornstein-Uhlenbeck plus white noise about a zero that is not known: sensors that drift."""
+"""Ornstein-Uhlenbeck plus white noise with an unknown zero offset, for sensors that drift."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from deabayes.prior.parameter import Parameter
 
 
 class OrnsteinUhlenbeckOffset(OrnsteinUhlenbeck):
-    """cov(r_j, r_k) = sigma_offset^2 + that of `ornstein_uhlenbeck`.
+    """cov(r_j, r_k) = sigma_offset^2 + the covariance of `ornstein_uhlenbeck`.
 
-    Every record is off by a constant b ~ N(0, sigma_offset^2) of its own: its zero is the mean of
-    a short rest, and slow noise does not average out in it. Correlated noise alone takes the
-    level of a long record for known.
+    Every record has its own constant offset b ~ N(0, sigma_offset^2). The record's zero is the
+    mean of a short rest, in which slow noise does not average out. With correlated noise alone,
+    the level of a long record would count as known.
 
-    Given b, innovations of r are e_k - b a_k, with e_k those of r and a_k those of a constant 1,
-    both of variance S_k. So b given r_1..k-1 is N(m_k, v_k), 1 / v_k = 1 / sigma_offset^2 +
-    sum_j<k a_j^2 / S_j, m_k = v_k sum_j<k a_j e_j / S_j, and the innovations are e_k - m_k a_k
-    with variances S_k + v_k a_k^2.
+    The filter of `ornstein_uhlenbeck` gives innovations e_k of r and a_k of a constant 1, both of
+    variance S_k. Given b, the innovations of r are e_k - b a_k. So b given r_1..k-1 is
+    N(m_k, v_k), with 1 / v_k = 1 / sigma_offset^2 + sum_j<k a_j^2 / S_j and
+    m_k = v_k sum_j<k a_j e_j / S_j. The innovations are e_k - m_k a_k with variances
+    S_k + v_k a_k^2.
     """
 
     name = "ornstein_uhlenbeck_offset"
@@ -45,15 +46,16 @@ class OrnsteinUhlenbeckOffset(OrnsteinUhlenbeck):
     def log_prob(
         self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws
     ) -> FloatArray:
-        """By the rank-one update of K^-1, of which the usual law's density gives all forms.
+        """log p(r), (W,), by a rank-one update of K^-1.
 
-        With m the mean of r = r' + m 1, s = 1^T K^-1 1, u = 1^T K^-1 r' and w = sigma_offset^2,
+        K is the covariance of `ornstein_uhlenbeck`, whose density gives all quadratic forms. With
+        m the mean of r = r' + m 1, s = 1^T K^-1 1, u = 1^T K^-1 r' and w = sigma_offset^2,
 
         log N(r; 0, K + w 1 1^T) = log N(r'; 0, K) - log(1 + w s) / 2
-            + (w u^2 - 2 m u - m^2 s) / (2 (1 + w s)):
+            + (w u^2 - 2 m u - m^2 s) / (2 (1 + w s)).
 
-        a zero far off costs no digits so. Four passes of a compiled kernel are faster than two of
-        which every innovation is kept.
+        So a large offset costs no digits. Four passes of a compiled kernel are faster than two
+        passes that store every innovation.
         """
         law = super().log_prob
         prior = variance(draws["sigma_offset"])
@@ -90,7 +92,7 @@ class OrnsteinUhlenbeckOffset(OrnsteinUhlenbeck):
 
 
 def _before(terms: FloatArray) -> FloatArray:
-    """Sums over the points before each one, (W, N)."""
+    """Sums over all points before each point, (W, N)."""
     total = np.zeros_like(terms)
     np.cumsum(terms[:, :-1], axis=1, out=total[:, 1:])
     return total

@@ -15,7 +15,7 @@ class StudentT(NoiseModel):
 
     sigma_white is the scale, not the standard deviation. The mean of n raw
     samples is taken to have the same degrees of freedom, which exaggerates its
-    tails. Like white noise it knows no correlation.
+    tails. Like white noise, it has no correlation.
     """
 
     name = "student_t"

@@ -13,8 +13,8 @@ from deabayes.prior.parameter import Parameter
 class White(GaussianNoise):
     """r_k ~ N(0, sigma_white^2 w_k), independent.
 
-    Sampling faster makes its credible intervals too narrow without bound; use
-    it to see what correlation changes, not to report.
+    The faster a record is sampled, the more its credible intervals are too narrow,
+    without limit. Use this model to see the effect of correlation, not for reports.
     """
 
     name = "white"

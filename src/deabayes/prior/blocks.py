@@ -1,4 +1,4 @@
-"""Groups of parameters that are transformed from standard normals together, and the map of all."""
+"""Blocks of parameters transformed together from standard normals, and the map of all blocks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from deabayes.prior.scores import log_normal_density, log_or_nan
 
 
 class Block(Protocol):
-    """What `Prior` needs of a block; arrays (W, k) are its own columns."""
+    """Interface of a block for `Prior`; arrays (W, k) hold the columns of the block."""
 
     @property
     def columns(self) -> tuple[int, ...]: ...
@@ -28,13 +28,13 @@ class Block(Protocol):
     def to_normal(self, theta: FloatArray) -> FloatArray: ...
 
     def log_density(self, theta: FloatArray) -> FloatArray:
-        """Summed over the columns, (W,)."""
+        """Log density (W,), summed over the columns."""
         ...
 
 
 @dataclass(frozen=True)
 class Independent:
-    """Parameters of any distribution, each for itself."""
+    """Independent parameters of any distributions."""
 
     columns: tuple[int, ...]
     distributions: tuple[Distribution, ...]
@@ -52,7 +52,7 @@ class Independent:
 
 @dataclass(frozen=True)
 class LogNormals:
-    """Log-normal parameters, all in one array operation: most parameters are."""
+    """Independent log-normal parameters, transformed in one array operation for speed."""
 
     columns: tuple[int, ...]
     log_medians: FloatArray
@@ -81,14 +81,15 @@ class LogNormals:
 
 @dataclass(frozen=True)
 class Parts:
-    r"""n positive parameters whose sum T has the prior, the fractions uniform on the simplex.
+    r"""n positive parameters: their sum T has the prior, their fractions are uniform.
 
-    z_1 gives T; the fractions are broken off a stick, f_k = v_k prod_{j<k} (1 - v_j) with
-    1 - v_k = Phi(-z_{k+1})^{1/(n-k)}, k < n (Devroye 1986, XI.4), so that
+    z_1 gives T. Stick breaking gives fractions that are uniform on the simplex,
+    f_k = v_k prod_{j<k} (1 - v_j) with 1 - v_k = Phi(-z_{k+1})^{1/(n-k)}, k < n (Devroye 1986,
+    XI.4), so that
 
     p(theta) = (n - 1)! p_T(T) / T^{n-1}.
 
-    Records often fix a sum far better than its parts: it is then a coordinate of its own.
+    Records often determine a sum far better than its parts, so the sum has its own coordinate.
     """
 
     columns: tuple[int, ...]
@@ -129,11 +130,11 @@ def blocks_of(
     groups: Mapping[str, Sequence[int]],
     minimum_ratios: Mapping[str, float],
 ) -> tuple[Block, ...]:
-    """The blocks of a prior's parameters.
+    """Return the blocks of a prior's parameters.
 
     Parameters
     ----------
-    groups : columns of the ordered ones, by the name of their group.
+    groups : columns of the ordered parameters, by the name of their group.
 
     Raises
     ------
@@ -165,17 +166,17 @@ def blocks_of(
 
 
 class DefaultMap:
-    r"""theta <-> z, N(0, I), of priors that are a config's or a system's own.
+    r"""Map between theta and z ~ N(0, I) for the priors of a config or a system.
 
-    Blocks of columns are transformed together (`Block`). A parameter x with `half_product_with`
-    y carries its prior on x y / 2, or, where it has `reference_stretches` l, on the stress
-    x (l_1^y - l_3^y): theta times a factor, 1 for most parameters.
+    The columns of a block are transformed together (`Block`). For a parameter x with
+    `half_product_with` y, the prior is on x y / 2. If x has `reference_stretches` l, the prior is
+    on the stress x (l_1^y - l_3^y). Both are theta times a factor, which is 1 for most parameters.
 
     Parameters
     ----------
     parameters : in the order of theta's columns.
-    groups : columns of the ordered ones, by the name of their group.
-    minimum_ratios : between neighbours of ordered groups.
+    groups : columns of the ordered parameters, by the name of their group.
+    minimum_ratios : smallest ratio of neighbours in each ordered group.
 
     Raises
     ------
@@ -220,7 +221,7 @@ class DefaultMap:
         return total
 
     def _factors(self, theta: FloatArray) -> FloatArray:
-        """What theta (W, d) is multiplied by to carry the prior: 1 for most."""
+        """Factors (W, d) that turn theta into the quantities that have the prior: mostly 1."""
         factors = np.ones_like(theta)
         for k, other in self._half_products:
             stretches = self._parameters[k].reference_stretches
@@ -234,7 +235,7 @@ class DefaultMap:
 
 
 def _half_products(parameters: Sequence[Parameter]) -> list[tuple[int, int]]:
-    """(parameter, parameter whose half product with it has the prior), as columns."""
+    """Pairs of columns (parameter, its `half_product_with`) whose half product has the prior."""
     column = {parameter.name: k for k, parameter in enumerate(parameters)}
     found = []
     for k, parameter in enumerate(parameters):

@@ -1,14 +1,13 @@
-r"""Coordinates of a prior in which what data know of a model is straight, so that maps begin there.
+r"""Coordinates of a prior in which ridges of the likelihood are straight lines.
 
-**Logarithms and values.** What a record shows of a relaxation unit that is too slow for it is
-its modulus over its time constant; of one that is too fast, its modulus. In logarithms such
-ridges are straight lines and go on as such where no draw has been. In z they bend, as the score
-of a log-uniform or an ordered parameter is no linear function of its logarithm. The stress of an
-Ogden term at a stretch, mu lambda^alpha, is straight in ln mu and alpha.
+**Logarithms and values.** A record determines only the ratio of modulus to time constant of a
+relaxation unit that is too slow for the record, and only the modulus of one that is too fast. In
+logarithms such ridges are straight lines, also beyond all draws. In z they bend, because the
+score of a log-uniform or an ordered parameter is not linear in its logarithm. The logarithm of
+an Ogden term's stress at a stretch, mu lambda^alpha, is linear in ln mu and alpha.
 
-**Inherited parameters.** Their z is what makes one normal, of another posterior's mean and
-covariance, N(0, I); where that posterior is a mixture they are taken for what they are by their
-default prior.
+**Inherited parameters.** Their z is whitened by one normal of the other posterior's mean and
+covariance. If that posterior is a mixture, the scores of the default prior are used instead.
 """
 
 from __future__ import annotations
@@ -33,21 +32,21 @@ KINDS = (Uniform, LogUniform, LogNormal)
 
 @dataclass(frozen=True)
 class Natural:
-    """Parameters of a block of the prior, or their logarithms, in place of their scores.
+    """Map from a block's scores z to its parameters, or to their logarithms.
 
-    Uniform ones are counted from their middle, in their standard deviations; of any other the
-    logarithm is taken. What is uniform then is linear in the block's order statistics, so that
-    no quantile of the normal distribution is computed on the way.
+    Uniform parameters are centred and divided by their standard deviation. All others enter by
+    their logarithm. A coordinate with a uniform prior is linear in the block's order statistics,
+    so no quantile of the normal distribution is computed.
 
     Attributes
     ----------
-    block : several in order, or one alone.
+    block : ordered parameters, or a single parameter.
     """
 
     block: Ordered
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        """Transform the block's columns of u (W, d); return the log of the Jacobian, (W,)."""
         z, size = u[:, self._own], len(self._own)
         log_survivals = self.block.log_survivals(z)
         log_jacobian = log_normal_density(z).sum(axis=1) - lgamma(size + 1.0)
@@ -63,7 +62,7 @@ class Natural:
         return np.asarray(log_jacobian - log_normal_density(scores).sum(axis=1) + size * log(sigma))
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it; NaN outside the support."""
+        """Undo `straighten`; NaN outside the support."""
         values = u[:, self._own] - self._gaps
         if self._range is not None:
             lower, width = self._range
@@ -80,7 +79,7 @@ class Natural:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is the logarithm that takes the score's place."""
+        """Whether the coordinates are logarithms of the parameters."""
         return not isinstance(self.block.reduced, Uniform)
 
     @cached_property
@@ -89,12 +88,12 @@ class Natural:
 
     @cached_property
     def _gaps(self) -> FloatArray:
-        """What the least ratios of successive ones add to the logarithms."""
+        """Sum of the logarithms of the minimum ratios up to each parameter."""
         return np.log(self.block.factors)
 
     @cached_property
     def _range(self) -> tuple[float, float] | None:
-        """Lower end and width, where uniform."""
+        """Lower end and width of the coordinate, if its prior is uniform; else None."""
         prior = self.block.reduced
         if isinstance(prior, Uniform):
             return -sqrt(3.0), sqrt(12.0)
@@ -104,7 +103,7 @@ class Natural:
 
     @property
     def _normal(self) -> tuple[float, float]:
-        """Mean and standard deviation of the logarithm, where that is normal."""
+        """Mean and standard deviation of the logarithm of log-normal parameters."""
         prior = self.block.reduced
         assert isinstance(prior, LogNormal)
         return log(prior.median), prior.sigma
@@ -112,31 +111,31 @@ class Natural:
 
 @dataclass(frozen=True)
 class Inherited:
-    """Parameters that have another posterior for a prior, by their default prior's scores.
+    """Map from z to the default prior's scores, for parameters inherited from a posterior.
 
     Attributes
     ----------
-    columns : of z, in the block's order.
+    columns : columns of z, in the block's order.
     """
 
     columns: tuple[int, ...]
     block: PosteriorBlock
 
     def straighten(self, u: FloatArray) -> FloatArray:
-        """Change the columns of u (W, d) and return the log of the Jacobian, (W,)."""
+        """Transform the block's columns of u (W, d); return the log of the Jacobian, (W,)."""
         own = list(self.columns)
         z = u[:, own]
         u[:, own] = self.block.colour(z)
         return log_normal_density(z).sum(axis=1) - self.block.base.log_density(u[:, own])
 
     def bend(self, u: FloatArray) -> None:
-        """Undo it."""
+        """Undo `straighten`."""
         own = list(self.columns)
         u[:, own] = self.block.whiten(u[:, own])
 
 
 def prior_coordinates(prior: Prior) -> tuple[list[Natural | Inherited], frozenset[int]]:
-    """Maps of a prior's own columns, and which columns have a prior of their own."""
+    """Coordinate maps of a prior, and all columns but those inherited as a single normal."""
     bent, straight = list[Natural | Inherited](), list[int]()
     for block in prior.inherited:
         columns = tuple(prior.names.index(name) for name in block.names)
@@ -149,7 +148,7 @@ def prior_coordinates(prior: Prior) -> tuple[list[Natural | Inherited], frozense
 
 
 def log_normals(prior: Prior, columns: Sequence[int], free: frozenset[int]) -> list[LogNormal]:
-    """The priors of columns that are log-normal and the columns' own."""
+    """Return the log-normal priors of those `columns` that are also in `free`."""
     priors = [prior.parameters[column].prior for column in columns]
     return [
         p for p, k in zip(priors, columns, strict=True) if isinstance(p, LogNormal) and k in free
@@ -157,7 +156,7 @@ def log_normals(prior: Prior, columns: Sequence[int], free: frozenset[int]) -> l
 
 
 def _natural(prior: Prior, free: frozenset[int]) -> Iterator[Natural]:
-    """Ordered parameters, and others of which the logarithm is uniform."""
+    """Yield the maps of ordered parameters and of single log-uniform parameters."""
     for block in prior.blocks:
         if isinstance(block, Ordered):
             if isinstance(block.reduced, KINDS) and free.issuperset(block.columns):

@@ -27,13 +27,13 @@ from deabayes.prior.scores import (
 class Distribution(ABC):
     """A continuous distribution of one quantity.
 
-    Methods are vectorised over any shape and warn of nothing: values outside
-    the support have log density -inf and a NaN normal score.
+    Methods are vectorised over any shape and issue no warnings. Values outside
+    the support have log density -inf and normal score NaN.
     """
 
     label: ClassVar[str]
     dimensionless: ClassVar[tuple[str, ...]] = ()
-    """Settings without the quantity's unit."""
+    """Names of the settings that have no unit."""
 
     @abstractmethod
     def from_normal(self, z: ArrayLike) -> FloatArray:
@@ -67,7 +67,7 @@ def format_number(value: float) -> str:
 
 
 def check_finite(distribution: Distribution, *names: str) -> None:
-    """Refuse settings that are no finite numbers."""
+    """Refuse settings that are not finite."""
     for name in names:
         value = getattr(distribution, name)
         if not math.isfinite(value):
@@ -75,7 +75,7 @@ def check_finite(distribution: Distribution, *names: str) -> None:
 
 
 def check_positive(distribution: Distribution, *names: str) -> None:
-    """Refuse settings that are not above zero."""
+    """Refuse settings that are not positive."""
     for name in names:
         value = getattr(distribution, name)
         if not value > 0.0:
@@ -83,7 +83,7 @@ def check_positive(distribution: Distribution, *names: str) -> None:
 
 
 def check_ascending(distribution: Distribution) -> None:
-    """Refuse bounds that enclose nothing."""
+    """Refuse a lower bound that is not below the upper bound."""
     lower, upper = distribution.support
     if not lower < upper:
         raise ValueError(
@@ -307,7 +307,7 @@ class TruncatedNormal(Distribution):
 
 
 def _resolved(log_probability: FloatArray) -> FloatArray:
-    """With the log probability of a value on a bound in place of -inf."""
+    """Replace -inf by the log probability that stands for a value on a bound."""
     return np.where(np.isneginf(log_probability), math.log(UNRESOLVED_PROBABILITY), log_probability)
 
 
@@ -332,4 +332,4 @@ REGISTRY: dict[str, type[Distribution]] = {
     "halfnormal": HalfNormal,
     "truncated_normal": TruncatedNormal,
 }
-"""Distribution as a config names it -> its class in the module of the same name."""
+"""Name of a distribution in a config -> its class."""

@@ -1,8 +1,8 @@
-"""A posterior as the prior of another study: what its draws have learned, or a mixture of normals.
+"""A posterior as the prior of another study: a mixture of normals, or a learned likelihood.
 
-A mixture of normals makes draws, and coordinates for the sampler. Where it takes several normals
-and the default prior times a learned likelihood describes the draws better (see `learned`), that
-is the density.
+The mixture of normals provides draws, and coordinates for the sampler. If it needs several
+normals, and the default prior times a learned likelihood describes the draws better (see
+`learned`), the density is the default prior times the learned likelihood.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from deabayes.prior.scores import log_normal_density
 
 FEWEST_DRAWS_PER_PARAMETER = 10
 LARGEST_MISFIT = 0.05
-"""Distance of distribution functions from which a prior made of draws is called approximate."""
+"""Distance of distribution functions from which a prior made from draws is called approximate."""
 SOUGHT_MISFIT = 0.03
-"""From which one normal will not do; 8000 draws are 0.01 from themselves."""
+"""Largest misfit accepted for one normal; 8000 draws are 0.01 from the density they come from."""
 COMPONENTS = (2, 4, 8, 16)
-"""Tried where one normal does not describe the draws."""
+"""Numbers of normals to try if one normal does not describe the draws."""
 MIXTURES = 4
-"""Of so many components each, of which the mean is taken."""
+"""Number of mixtures with several components; the density is the mean of these mixtures."""
 LEAST_GAIN = 0.05
-"""In the mean log density of draws left out [nat]: what fewer components may lack. Where
-too few follow a bent ridge its density dips between them, by a third with the 8 that bring the
-misfit of `ogden_2`'s film below 0.03."""
+"""Loss in the mean log density of left-out draws [nat] accepted for fewer components; least gain
+by a learned likelihood. With too few components on a bent ridge, the density dips between them:
+by a third with the 8 components that bring the misfit of `ogden_2`'s film below 0.03."""
 OTHERS = 4
-"""Draws of the mixture for each draw handed on, to tell these from."""
+"""Draws of the mixture per draw of the posterior, to learn the likelihood from."""
 
 
 class PriorFromPosterior(NamedTuple):
@@ -42,7 +42,7 @@ class PriorFromPosterior(NamedTuple):
 
     names: tuple[str, ...]
     draws: FloatArray
-    """(S, k), SI."""
+    """(S, k), in SI units."""
 
     def __repr__(self) -> str:
         return f"<Prior from {len(self.draws)} draws of {', '.join(self.names)}>"
@@ -54,11 +54,12 @@ class PosteriorBlock:
 
     Attributes
     ----------
-    misfit : largest distance of distribution functions of the draws from the density's: of
-        draws whitened by the mixture from standard normal ones (`distance_from_normal`), or of
-        what is shown, and of scores, with `learned`.
-    mixture : the density, but with
-    learned : the likelihood that makes the default prior the density.
+    mixture : the density, unless `learned` is given.
+    misfit : largest distance between distribution functions of the draws and of the density.
+        Draws whitened by the mixture are compared with standard normals
+        (`distance_from_normal`). With `learned`, scores and features of the draws are compared
+        with those of weighted draws of the mixture.
+    learned : likelihood; the density is then the default prior times this likelihood.
     """
 
     names: tuple[str, ...]
@@ -76,14 +77,16 @@ class PosteriorBlock:
     ) -> PosteriorBlock:
         """Fit to draws z (S, k) in the default coordinate.
 
-        One normal where it describes the draws (`SOUGHT_MISFIT`). Else the default prior with a
-        learned likelihood, if draws left out are likelier by it (`LEAST_GAIN`) than by a mixture
-        of as many normals as describe them best; else the mean of several such mixtures.
+        One normal is used if it describes the draws (`SOUGHT_MISFIT`). Otherwise the number of
+        normals that describes left-out draws best is chosen. The default prior times a learned
+        likelihood is used if it gives left-out draws a higher density (`LEAST_GAIN`) than a
+        mixture of that many normals. Otherwise the mean of several such mixtures is used.
 
         Parameters
         ----------
-        shown, to_parameters : what records show of the parameters, and these of scores z. Without
-            a film no likelihood is learned: quadratic in scores, it makes one normal.
+        shown, to_parameters : features that records determine, and the parameters of scores z.
+            Without an Ogden film no likelihood is learned: quadratic in scores, it would be one
+            normal.
 
         Raises
         ------
@@ -122,7 +125,7 @@ class PosteriorBlock:
         shown: Shown,
         to_parameters: Callable[[FloatArray], FloatArray],
     ) -> PosteriorBlock:
-        """With the likelihood that draws z (S, k) have learned."""
+        """Return this block with a likelihood learned from draws z (S, k)."""
         size, rng = OTHERS * len(z), np.random.default_rng(0)
         theta, drawn = to_parameters(z), self.mixture.sample(rng, size)
         others = to_parameters(drawn)
@@ -134,9 +137,10 @@ class PosteriorBlock:
         return replace(block, misfit=max(distance(z, drawn, weights), distance(*seen, weights)))
 
     def of(self, names: Sequence[str]) -> PosteriorBlock | None:
-        """The marginal of those of its parameters that are named; None if none is.
+        """Marginal distribution of the parameters in `names`; None if the block has none of them.
 
-        That of the mixture: of a learned likelihood it is not known.
+        For a part of the parameters it is the marginal of the mixture, because the marginal of a
+        learned likelihood is not known.
         """
         kept = [k for k, name in enumerate(self.names) if name in names]
         if not kept:
@@ -150,20 +154,21 @@ class PosteriorBlock:
 
     @cached_property
     def base(self) -> NormalMixture:
-        """What N(0, I) is made into by `colour`: one normal, the density itself if that is one.
+        """The single normal to which `colour` maps N(0, I), with the mixture's mean and covariance.
 
-        It goes on straight as far out as records may pull parameters, where a mixture's quantiles
-        are one component's; and between two components these jump, so that no z is there.
+        The map of a single normal is linear, also where records pull parameters far out. Far out
+        the quantiles of a mixture are those of one component, and between two components they
+        jump, so that no z lies there.
         """
         return self.mixture if self.mixture.components == 1 else self.mixture.as_one()
 
     @property
     def is_base(self) -> bool:
-        """Whether the density is the base's, without a correction."""
+        """Whether the density is exactly `base`, so that no correction is needed."""
         return self.learned is None and self.mixture.components == 1
 
     def colour(self, z: FloatArray) -> FloatArray:
-        """Default coordinate (W, k) of the standard normal z (W, k)."""
+        """Map standard normal z (W, k) to the default coordinate (W, k)."""
         return self.base.colour(z)
 
     def whiten(self, z_default: FloatArray) -> FloatArray:
@@ -178,11 +183,11 @@ class PosteriorBlock:
         return self.mixture.log_density(z_default) - default
 
     def log_correction(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
-        """log p(z_default) - log q(z_default), q being what `colour` makes of N(0, I), (W,)."""
+        """log p(z_default) - log q(z_default), (W,), where q is the single normal `base`."""
         return self._log_over(self.base, theta, z_default)
 
     def log_weights(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
-        """log p(z_default) - log q(z_default), q being the mixture, (W,)."""
+        """log p(z_default) - log q(z_default), (W,), where q is the mixture."""
         return self._log_over(self.mixture, theta, z_default)
 
     def _log_over(self, q: NormalMixture, theta: FloatArray, z_default: FloatArray) -> FloatArray:
@@ -193,7 +198,7 @@ class PosteriorBlock:
         return np.asarray(log_density - q.log_density(z_default))
 
     def describe(self) -> str:
-        """What it is, in words, for tables."""
+        """Describe the density in words, for tables."""
         if self.learned is not None:
             return "posterior of another study, a likelihood learned from its draws times the prior"
         count = self.mixture.components
@@ -214,9 +219,10 @@ def _normal(names: tuple[str, ...], z: FloatArray) -> NormalMixture:
 
 
 def _mixture(z: FloatArray, components: int, normal: NormalMixture) -> NormalMixture:
-    """The likeliest mixture, by expectation and maximisation from k-means; always the same.
+    """Fit a mixture by expectation-maximisation, started from k-means with a fixed seed.
 
-    Fitted to what `normal` whitens: the fit has a floor under variances, and a ridge may be thin.
+    The draws are first whitened by `normal`, because the fit bounds variances from below and a
+    ridge may be thin.
     """
     from sklearn.mixture import GaussianMixture
 
@@ -227,7 +233,7 @@ def _mixture(z: FloatArray, components: int, normal: NormalMixture) -> NormalMix
 
 
 def _mean_of_mixtures(z: FloatArray, components: int, normal: NormalMixture) -> NormalMixture:
-    """The mean of mixtures fitted to draws drawn again: their necks are at different places."""
+    """Mean of mixtures fitted to bootstrap samples, whose densities dip at different places."""
     again = np.random.default_rng(0).integers(len(z), size=(MIXTURES, len(z)))
     found = [_mixture(z[drawn], components, normal) for drawn in again]
     return NormalMixture(
@@ -238,9 +244,9 @@ def _mean_of_mixtures(z: FloatArray, components: int, normal: NormalMixture) -> 
 
 
 def _best_number(z: FloatArray, normal: NormalMixture) -> int:
-    """How many components, fitted to half of the draws, describe the other half well enough.
+    """Number of components that, fitted to half of the draws, describes the other half.
 
-    The fewest within `LEAST_GAIN` of the best.
+    It is the smallest number whose mean log density is within `LEAST_GAIN` of the best.
     """
     size, dimension = z.shape
     fitted, left_out = z[: size // 2], z[size // 2 :]
@@ -254,17 +260,16 @@ def _best_number(z: FloatArray, normal: NormalMixture) -> int:
 
 
 LARGEST_SCORE = 30.0
-"""Further out, normal probabilities are no longer told apart."""
+"""Largest normal score; normal probabilities farther out cannot be distinguished."""
 
 
 def check_scores(name: str, scores: FloatArray, prior: str) -> None:
-    """Refuse draws of a parameter outside its default prior, or so far out that they are as good
-    as outside.
+    """Refuse draws of a parameter outside its default prior, or extremely far out in it.
 
     Parameters
     ----------
-    scores : (S,), standard normal where the prior holds, NaN outside it.
-    prior : it in words.
+    scores : (S,) normal scores of the draws under the prior, NaN outside its support.
+    prior : the prior in words.
 
     Raises
     ------

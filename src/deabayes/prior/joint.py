@@ -19,23 +19,23 @@ from deabayes.prior.scores import log_normal_density
 __all__ = ["Prior", "PriorFromPosterior"]
 MINIMUM_RATIO = 2.0
 CANDIDATES = 10
-"""For each draw, where draws are chosen by weight."""
+"""Number of candidates per draw, if draws are chosen by weight."""
 
 
 class Prior:
-    r"""p(theta) as theta = T(z), z ~ N(0, I).
+    r"""Prior p(theta), given by a map theta = T(z) of z ~ N(0, I).
 
-    Independent parameters take their quantile transform; members of an ordered
-    group are order statistics with a minimum ratio (see `Ordered`); half products carry a prior
-    together (see `DefaultMap`); parts of a total share its prior (see `Parts`); parameters
-    inherited from another posterior are correlated (see `PosteriorBlock`).
+    Independent parameters have a quantile transform each. Members of an ordered group are order
+    statistics with a minimum ratio (see `Ordered`). A half product of two parameters may have the
+    prior (see `DefaultMap`), or the total of several parts (see `Parts`). Parameters inherited
+    from another posterior are correlated (see `PosteriorBlock`).
 
     Parameters
     ----------
     parameters : in the order of theta's columns.
-    minimum_ratio : between neighbours of ordered groups; a mapping gives it by
-        group, the others keep 2.
-    inherited : joint priors that replace the default ones of their names.
+    minimum_ratio : smallest ratio of neighbours in ordered groups. A mapping gives the ratio by
+        group; other groups have 2.
+    inherited : joint priors that replace the default priors of the parameters they name.
 
     Attributes
     ----------
@@ -72,14 +72,14 @@ class Prior:
         overrides: Mapping[str, object] | None = None,
         also_known: Iterable[str] = (),
     ) -> Prior:
-        """The default priors with those of the config in their place.
+        """Return the default priors, replaced by those of the config where it sets any.
 
         Parameters
         ----------
         overrides : by parameter name, by ordered group (`tau_beta`, which may
             carry `minimum_ratio`), or by a noise parameter without its group
             (`sigma_ou`: in all groups).
-        also_known : names of other candidates' parameters, passed over.
+        also_known : names of other candidates' parameters; their overrides are ignored.
 
         Raises
         ------
@@ -90,17 +90,17 @@ class Prior:
 
     @classmethod
     def concatenate(cls, *priors: Prior) -> Prior:
-        """One prior over the parameters of all, in their order."""
+        """Join priors into one prior over all their parameters, in the given order."""
         ratios = {g: r for prior in priors for g, r in prior.minimum_ratios.items()}
         blocks = [block for prior in priors for block in prior.inherited]
         return cls((p for prior in priors for p in prior.parameters), ratios, blocks)
 
     def inherit(self, names: Sequence[str], draws: FloatArray) -> Prior:
-        """Replace the priors of parameters that another posterior has drawn.
+        """Replace the priors of parameters by a fit to another posterior's draws.
 
-        A multivariate normal, or where one does not do a mixture of them or a likelihood, is
-        fitted to the draws in this prior's z, so correlations and supports are kept; its misfit
-        is in `inherited`. Names unknown here are marginalised.
+        The fit is a multivariate normal in this prior's z. If one normal is not enough, it is a
+        mixture of normals or a learned likelihood. The fit keeps correlations and supports; its
+        misfit is in `inherited`. Parameters unknown here are marginalised.
 
         Parameters
         ----------
@@ -108,8 +108,8 @@ class Prior:
 
         Raises
         ------
-        UserError : no common name, another model order, an ordered group or a sign only
-            partly there, or draws outside this prior's support, or all but outside.
+        UserError : no common name, another model order, an incomplete ordered group or half
+            product, or draws outside this prior's support or extremely far out.
         """
         common = tuple(n for n in self.names if n in names)
         check_same_order(self.parameters, names)
@@ -135,7 +135,7 @@ class Prior:
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """What transforms groups of parameters together."""
+        """Blocks of parameters that are transformed together."""
         return self._default.blocks
 
     def to_parameters(self, z: FloatArray) -> FloatArray:
@@ -156,20 +156,21 @@ class Prior:
         return np.where(np.isnan(total), -np.inf, total)
 
     def log_density_of_inherited(self, theta: FloatArray) -> FloatArray:
-        """log p, (W,), of inherited parameters' scores alone."""
+        """Log density (W,) of the default scores of the inherited parameters alone."""
         z = self._default.to_normal(theta)
         own = z[:, [column for columns in self._inherited_columns for column in columns]]
         default = np.sum(log_normal_density(own), axis=1)
         return default + self._over_inherited("log_density_ratio", theta, z)
 
     def log_correction(self, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """log p(theta) less that of what `to_parameters` makes of N(0, I), (W,): mostly 0.
+        """log p(theta) - log q(theta), (W,), q being the density of T(z), z ~ N(0, I): mostly 0.
 
-        Far out it is the difference of large numbers that theta, rounded, no longer tells.
+        Far out it is a difference of large numbers, which rounded theta does not determine, so
+        z is needed too.
 
         Parameters
         ----------
-        z : theta's, (W, d).
+        z : (W, d), z of theta.
         """
         if self.is_normal_in_z:
             return np.zeros(len(theta))
@@ -177,7 +178,7 @@ class Prior:
         return np.where(np.isnan(total), -np.inf, total)
 
     def sample(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Independent draws theta (n, d); chosen by weight where likelihoods were learned."""
+        """Independent draws theta (n, d); with a learned likelihood they are chosen by weight."""
         if self.is_normal_in_z:
             return self.to_parameters(rng.standard_normal((n, len(self.names))))
         learned = any(block.learned for block in self.inherited)
@@ -192,11 +193,11 @@ class Prior:
 
     @property
     def is_normal_in_z(self) -> bool:
-        """Whether N(0, I) of z is the prior itself: no mixture and nothing learned is handed on."""
+        """Whether z ~ N(0, I) is exactly the prior: no mixture or likelihood is inherited."""
         return all(block.is_base for block in self.inherited)
 
     def _over_inherited(self, method: str, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """A method of inherited blocks at their columns of theta and of scores z, summed, (W,)."""
+        """Sum of a method of the inherited blocks at their columns of theta and z, (W,)."""
         total = np.zeros(len(theta))
         for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
             total += getattr(block, method)(theta[:, columns], z[:, columns])
@@ -204,10 +205,10 @@ class Prior:
 
     @property
     def scored_alone(self) -> frozenset[str]:
-        """Parameters whose z is theirs alone, whatever the others are.
+        """Names of parameters whose z does not depend on other parameters.
 
-        Not those of a total, of an ordered group, of a product or of another posterior: their z
-        tells of them only what the others leave open.
+        Parts of a total, members of an ordered group, parameters with a half product and
+        inherited parameters are left out: their z may depend on others.
         """
         together = {n for block in self.inherited for n in block.names}
         for group in self._members.values():

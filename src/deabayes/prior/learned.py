@@ -1,20 +1,19 @@
-"""What draws of a posterior have learned beyond a default prior, as a likelihood.
+"""Likelihood learned from draws of a posterior: their information beyond the default prior.
 
-A mixture fitted to draws is a fair description of where they are, and a poor one of a thin
-slice at their rim: it is lumpy there, and log densities are off by a nat. But a posterior is
-its prior, which is known, times a likelihood; and in what the records show, f(theta), that is
-nearly normal:
+A mixture fitted to draws describes most of them well, but not a thin slice at their rim: there
+the mixture is lumpy, and log densities are wrong by a nat. But a posterior is a known prior
+times a likelihood. The likelihood is nearly normal in the features f(theta) that records
+determine:
 
 log p(theta) = log p_0(theta) + c + b f + f' A f / 2.
 
-Of an Ogden film f is its stress at some stretches, of which forces are linear functions and
-through which alone they tell anything of coefficients and exponents; of other parameters, their
-scores.
+For an Ogden film, f is the film's stress at some stretches. Forces are linear in these stresses,
+and depend on coefficients and exponents only through them. For other parameters, f is the scores.
 
-Coefficients are those by which the draws of p are told best from draws of the mixture q, whose
-density is known: the log odds of a draw's being one of p are log p - log q + log(S / S_q), a
-logistic regression of the monomials of f (Gutmann & Hyvarinen 2012, noise-contrastive
-estimation). The constant c comes with it: p is normalised.
+A logistic regression on the monomials of f gives c, b and A. It separates the S draws of p from
+S_q draws of the mixture q, whose density is known: the log odds that a draw belongs to p are
+log p - log q + log(S / S_q) (Gutmann & Hyvarinen 2012, noise-contrastive estimation). As c is
+fitted too, p is normalised.
 """
 
 from __future__ import annotations
@@ -29,22 +28,23 @@ from deabayes.prior.parameter import Parameter
 from deabayes.prior.scores import log_normal_density
 
 LOG_STRETCHES = np.linspace(-0.3, 0.3, 5)
-"""Beyond the one at rest, at which a film's stress is taken: 0.74 to 1.35 times as far."""
+"""Log stretches relative to rest at which a film's stress is computed: 0.74 to 1.35 times."""
 LEAST_SPREAD = 2e-3
-"""Of combinations of standardised features: what varies less is a function of the others."""
+"""Least standard deviation of a kept combination of standardised features; a combination that
+varies less is redundant."""
 RIDGE = 1e-3
-"""Penalty on the squares of coefficients, of features of unit variance."""
+"""Penalty on the squared coefficients; the features have unit variance."""
 STEPS = 50
-"""At most, of Newton's method; it takes five."""
+"""Largest number of steps of Newton's method; it usually takes five."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """The terms of an Ogden film among some columns of parameters.
+    """Terms of an Ogden film, as columns of theta.
 
     Attributes
     ----------
-    coefficients, exponents : their columns.
+    coefficients, exponents : columns of mu_i and of alpha_i.
     stretches : lambda_x and lambda_z at rest.
     """
 
@@ -63,14 +63,17 @@ class Series:
 
 @dataclass(frozen=True)
 class Shown:
-    """What records show of parameters: a film's stress, and scores of the others."""
+    """Features that records determine: stresses of films, and scores of other parameters."""
 
     series: tuple[Series, ...]
     scores: tuple[int, ...]
 
     @classmethod
     def by(cls, parameters: Sequence[Parameter]) -> Shown:
-        """That of `parameters`, which are theta's columns; whole films only are taken for such."""
+        """Return the features of `parameters`, the columns of theta.
+
+        An Ogden term counts as part of a film only if its exponent is among the parameters.
+        """
         column = {p.name: k for k, p in enumerate(parameters)}
         films: dict[str, list[int]] = {}
         for k, p in enumerate(parameters):
@@ -86,19 +89,19 @@ class Shown:
         return cls(tuple(series), tuple(k for k in column.values() if k not in in_series))
 
     def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """Features (W, F) of parameters theta (W, k), which have the scores z (W, k)."""
+        """Features (W, F) of parameters theta (W, k) with scores z (W, k)."""
         return np.column_stack([*(s.stresses(theta) for s in self.series), z[:, self.scores]])
 
 
 @dataclass(frozen=True)
 class Learned:
-    """A likelihood that is quadratic in what records show.
+    """A likelihood whose logarithm is quadratic in the features that records determine.
 
     Attributes
     ----------
     centre, directions : (F,) and (F, r): w = (f - centre) directions has mean 0 and unit
         covariance over the draws.
-    coefficients : of 1, w_i, and w_i w_j with i <= j.
+    coefficients : coefficients of 1, w_i, and w_i w_j with i <= j.
     """
 
     shown: Shown
@@ -114,12 +117,12 @@ class Learned:
         others: tuple[FloatArray, FloatArray],
         log_others: tuple[FloatArray, FloatArray],
     ) -> Learned:
-        """That by which draws are told best from draws of another density q.
+        """Learn the likelihood that best separates draws from draws of another density q.
 
         Parameters
         ----------
-        draws, others : theta (S, k) and z (S, k) of each.
-        log_others : log q(z) of both, each (S,).
+        draws, others : theta (S, k) and z (S, k) of the draws, and of the draws of q.
+        log_others : log q(z) of both, (S,) each.
         """
         features = shown(*draws)
         centre = features.mean(axis=0)
@@ -149,7 +152,7 @@ class Learned:
         return np.asarray(self._monomials(theta, z) @ self.coefficients)
 
     def directed(self, theta: FloatArray, z: FloatArray) -> FloatArray:
-        """w (W, r): what is shown, of unit covariance over the draws it was learned from."""
+        """Features w (W, r), of unit covariance over the draws the likelihood was learned from."""
         return np.asarray((self.shown(theta, z) - self.centre) @ self.directions)
 
     def _monomials(self, theta: FloatArray, z: FloatArray) -> FloatArray:
@@ -159,10 +162,10 @@ class Learned:
 
 
 def _bounded(quadratic: FloatArray, size: int) -> FloatArray:
-    """Coefficients of w_i w_j, i <= j, of the nearest form that has a largest value.
+    """Coefficients of w_i w_j, i <= j, of the nearest form without positive curvature.
 
-    Where draws tell nothing beyond the prior curvatures are zero but for chance, and a form that
-    rises without end would outdo the prior far out.
+    Where draws add nothing to the prior, curvatures differ from zero only by chance. A form of
+    positive curvature grows without limit and would exceed the decay of the prior far out.
     """
     first, second = np.triu_indices(size)
     form = np.zeros((size, size))
@@ -177,8 +180,8 @@ def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: flo
 
     Parameters
     ----------
-    terms : (S, m) of the draws and of the others.
-    known : log odds without what is sought, but for `log_ratio`, of either.
+    terms : monomials (S, m) of the draws and of the other draws.
+    known : known part of the log odds of both, without `log_ratio`.
     """
     from scipy.optimize import minimize
     from scipy.special import expit, log_expit
@@ -209,10 +212,10 @@ def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: flo
 
 
 def distance_from_normal(z: FloatArray) -> float:
-    """How far draws z (S, k) are from N(0, I): the largest distance of distribution functions.
+    """Largest distance between the distribution functions of draws z (S, k) and of N(0, I).
 
-    Of each column from N(0, 1), and of the squared length from chi-squared with k degrees of
-    freedom, which sees a bent or forked shape that no column shows.
+    Each column is compared with N(0, 1), and the squared length with chi-squared of k degrees of
+    freedom. The squared length reveals a bent or forked shape that no column shows.
     """
     from scipy.special import gammainc, ndtr
 
@@ -223,7 +226,7 @@ def distance_from_normal(z: FloatArray) -> float:
 
 
 def distance(z: FloatArray, others: FloatArray, weights: FloatArray) -> float:
-    """How far draws z (S, k) are from weighted others (S_o, k): as `distance_from_normal`."""
+    """Distance of draws z (S, k) from weighted draws (S_o, k), as in `distance_from_normal`."""
     gaps = []
     for own, other in zip(_with_squared_length(z).T, _with_squared_length(others).T, strict=True):
         order = np.argsort(other)
@@ -238,7 +241,7 @@ def _with_squared_length(z: FloatArray) -> FloatArray:
 
 
 def _largest_gap(probabilities: FloatArray) -> float:
-    """Between (S, n) distribution functions at S ascending draws and the share of these below."""
+    """Largest gap between distribution functions (S, n) at S ascending draws and the draws'."""
     size = len(probabilities)
     above = np.arange(1, size + 1)[:, None] / size - probabilities
     return float(np.max(np.maximum(above, 1.0 / size - above)))

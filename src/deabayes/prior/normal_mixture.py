@@ -21,8 +21,8 @@ class NormalMixture:
 
         F = sum_j W_j Phi(e_ji),  e_j = L_j^-1 (x - m_j),  W_j ~ w_j prod_{l < i} phi(e_jl) / L_jll.
 
-    Of one component x = m + L z; of several, z tells no places apart that lie in a gap between
-    two, so that nothing is sampled in it.
+    For one component x = m + L z. For several, all places in a gap between two components have
+    almost the same z, so nothing is sampled there.
 
     Parameters
     ----------
@@ -45,14 +45,14 @@ class NormalMixture:
         return np.diagonal(self.factors, axis1=1, axis2=2)
 
     def marginal(self, columns: Sequence[int]) -> NormalMixture:
-        """The mixture of some of the coordinates, in the order given."""
+        """Marginal mixture of some of the coordinates, in the given order."""
         covariances = self.factors @ self.factors.transpose(0, 2, 1)
         kept = covariances[:, columns][:, :, columns]
         factors = np.asarray(np.linalg.cholesky(kept), dtype=np.float64)
         return NormalMixture(self.weights, self.means[:, columns], factors)
 
     def as_one(self) -> NormalMixture:
-        """The one normal of the same mean and covariance."""
+        """Single normal with the mean and covariance of the mixture."""
         mean = self.weights @ self.means
         spread = np.sqrt(self.weights)[:, None] * (self.means - mean)
         within = np.einsum("j,jab,jcb->ac", self.weights, self.factors, self.factors)
@@ -89,7 +89,7 @@ class NormalMixture:
         return z
 
     def _whiten_one(self, x: FloatArray) -> FloatArray:
-        """L^-1 (x - m) of the only component: scores of conditionals cost 70 times as much."""
+        """L^-1 (x - m) of a single component, 70 times faster than conditional scores."""
         from scipy.linalg import solve_triangular
 
         away = (x - self.means[0]).T
@@ -97,12 +97,12 @@ class NormalMixture:
         return np.asarray(z.T)
 
     def colour(self, z: FloatArray) -> FloatArray:
-        """x (W, k) of z (W, k), of one component only."""
+        """x (W, k) of z (W, k), for mixtures of one component only."""
         assert self.components == 1
         return np.asarray(self.means[0] + z @ self.factors[0].T)
 
     def _standardised(self, x: FloatArray) -> Iterator[tuple[FloatArray, int]]:
-        """For each column in turn e_ji (W, K) and the column."""
+        """Yield e_ji (W, K) and the column index i, column by column."""
         e = np.zeros((*x.shape, self.components))
         for column in range(x.shape[1]):
             e[:, column] = x[:, column, None] - self._centres(e, column)
@@ -110,13 +110,13 @@ class NormalMixture:
             yield e[:, column], column
 
     def _centres(self, e: FloatArray, column: int) -> FloatArray:
-        """Means of x_i given those before, in each component, (W, K)."""
+        """Conditional means (W, K) of x_i given x_1 ... x_{i-1}, in each component."""
         before = np.einsum("wlj,jl->wj", e[:, :column], self.factors[:, column, :column])
         return self.means[:, column] + before
 
 
 def _score(log_weights: FloatArray, e: FloatArray) -> FloatArray:
-    """Phi^-1(sum_j W_j Phi(e_j)), (W,), from whichever tail is smaller."""
+    """Phi^-1(sum_j W_j Phi(e_j)), (W,), computed from the smaller tail."""
     from scipy.special import log_ndtr, logsumexp, ndtri_exp
 
     total = logsumexp(log_weights, axis=1)

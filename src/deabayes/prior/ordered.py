@@ -1,4 +1,4 @@
-"""Parameters that ascend with gaps: time constants, exponents."""
+"""Parameters that ascend with a minimum ratio, such as time constants and exponents."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from deabayes.prior.scores import UNRESOLVED_SCORE
 LARGEST_SCORE = 37.0
 ROUNDING = 1e-12
 TIED = math.log1p(-0.5 * math.erfc(UNRESOLVED_SCORE / math.sqrt(2.0)))
-"""log Phi of a score that is not resolved."""
+"""log Phi(UNRESOLVED_SCORE), used for tied values."""
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,17 @@ class Ordered:
 
     p(theta) = n! prod_k f(theta_k / ratio^{k-1}) / ratio^{k-1}.
 
-    F is the common prior, shortened to leave room for the gaps: for a
-    log-uniform one its upper end is divided by ratio^{n-1}, which gives exactly
-    the law of n independent draws that, sorted, keep the ratio; for a log-normal
-    one the median is divided by ratio^{(n-1)/2}, which spreads the sorted draws
-    about it. Other priors are ordered only (ratio 1).
+    F is the common prior, changed to leave room for the ratios. The upper end of a
+    log-uniform prior is divided by ratio^{n-1}. This gives exactly the distribution
+    of n independent draws, given that the sorted draws keep the ratio. The median
+    of a log-normal prior is divided by ratio^{(n-1)/2}, so that the parameters
+    spread around the original median. Other priors are only ordered (ratio 1).
 
-    Made so from the smallest upwards, z_k depends on theta_1 .. theta_k only: the
-    slowest time constant, which a record of finite length determines least, does
-    not bend the coordinates of the others. With `from_largest` the order
-    statistics are those of the reflected uniforms, and z_k depends on theta_k ..
-    theta_n: for exponents, of which the largest is determined best.
+    Built from the smallest upwards, z_k depends on theta_1 .. theta_k only. The
+    slowest time constant, which a finite record determines least, then does not
+    bend the coordinates of the others. With `from_largest` the order statistics
+    are those of the reflected uniforms, and z_k depends on theta_k .. theta_n.
+    This suits exponents, of which the largest is determined best.
     """
 
     columns: tuple[int, ...]
@@ -56,7 +56,7 @@ class Ordered:
         minimum_ratio: float,
         from_largest: bool = False,
     ) -> Ordered:
-        """The block of group `name`.
+        """Return the block of group `name`.
 
         Raises
         ------
@@ -102,9 +102,9 @@ class Ordered:
         return np.cumsum(log_ndtr(-self._reflected(z)) / self._powers, axis=1)
 
     def from_log_survivals(self, log_survivals: FloatArray, slack: float = np.inf) -> FloatArray:
-        """The z of `log_survivals`, (W, n).
+        """Return z (W, n); the inverse of `log_survivals`.
 
-        Those that ascend are taken for tied, or, by more than `slack`, for impossible: NaN.
+        Log survivals that ascend count as tied. A row that ascends by more than `slack` gives NaN.
         """
         from scipy.special import ndtri_exp
 
@@ -122,7 +122,7 @@ class Ordered:
         return self._reflected(scores)
 
     def _reflected(self, scores: FloatArray) -> FloatArray:
-        """Scores (W, n) as they are, or mirrored end to end when built from the largest."""
+        """Return scores (W, n), negated and reversed if the block is built from the largest."""
         return -scores[:, ::-1] if self.from_largest else scores
 
     def log_density(self, theta: FloatArray) -> FloatArray:
@@ -131,7 +131,7 @@ class Ordered:
         return np.where(ascending, density + math.lgamma(len(self.columns) + 1.0), -np.inf)
 
     def _sorted_values(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """theta without its gaps, (W, n), and whether it ascends, (W,), up to rounding."""
+        """theta over its factors, (W, n), and whether this ascends up to rounding, (W,)."""
         values = theta / self.factors
         inside = np.clip(values, *self.reduced.support)
         values = np.where(np.abs(values - inside) <= ROUNDING * np.abs(values), inside, values)

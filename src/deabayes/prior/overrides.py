@@ -1,4 +1,4 @@
-"""Priors from config entries: which parameters an entry is about, and its units."""
+"""Priors from config entries: find the parameters of an entry and check its units."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Dist
     Parameters
     ----------
     settings : ``{"distribution": "lognormal", "median": "35 kPa", "sigma": 0.5}``;
-        numbers are in SI units, texts carry their unit.
+        numbers are in SI units, texts include their unit.
     unit : SI unit of the quantity.
     where : file and key, for the message.
 
     Raises
     ------
     UserError : unknown distribution or setting, a missing one, a wrong unit, or
-        values that make no distribution.
+        invalid values.
     """
     if not isinstance(settings, Mapping):
         raise UserError(
@@ -53,7 +53,7 @@ def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Dist
 
 
 def without_units(settings: Mapping[str, object], unit: str, where: str) -> list[str]:
-    """What to say of numbers that `from_settings` takes in SI units; nothing where that is 1."""
+    """Cautions for numbers that `from_settings` takes in SI units; none if `unit` is 1."""
     kind = REGISTRY.get(str(settings.get("distribution")))
     if kind is None or unit == "1":
         return []
@@ -84,7 +84,7 @@ def _check_keys(
 
 
 def _number(value: object, unit: str, where: str) -> float:
-    """A number as it is, or a text such as ``35 kPa`` in SI units."""
+    """Return a number unchanged, or convert a text such as ``35 kPa`` to SI units."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, str):
@@ -102,11 +102,11 @@ NUMBERED = re.compile(r"(.*_)(\d+)")
 def overridden(
     parameters: tuple[Parameter, ...], overrides: Mapping[str, object], also_known: Iterable[str]
 ) -> tuple[tuple[Parameter, ...], dict[str, float]]:
-    """Parameters with the config's priors, and the minimum ratios it sets by group.
+    """Return parameters with the config's priors, and the config's minimum ratios by group.
 
     Raises
     ------
-    Faults : all that is wrong with `overrides`, together.
+    Faults : all errors in `overrides` together.
     """
     replaced = {p.name: p for p in parameters}
     ratios: dict[str, float] = {}
@@ -135,7 +135,7 @@ def overridden(
 def bare_numbers(
     parameters: tuple[Parameter, ...], overrides: Mapping[str, object], also_known: Iterable[str]
 ) -> list[str]:
-    """Cautions: numbers without a unit, of parameters that have one, in sound overrides."""
+    """Cautions for numbers without a unit, for parameters with a unit, in valid overrides."""
     found = []
     for key, settings in overrides.items():
         targets = targets_of(parameters, key, set(also_known))
@@ -181,7 +181,7 @@ def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) ->
 def targets_of(
     parameters: tuple[Parameter, ...], key: str, passed_over: set[str]
 ) -> list[Parameter]:
-    """The parameters `key` names; none where it belongs to another candidate."""
+    """Return the parameters that `key` names; none if `key` belongs to another candidate."""
     named = [p for p in parameters if p.name == key]
     if named and named[0].ordered is not None:
         raise UserError(
@@ -204,9 +204,9 @@ def targets_of(
 
 
 def _check_support(prior: Distribution, parameter: Parameter, where: str) -> None:
-    """A parameter whose default prior is positive has no model where it is negative.
+    """Refuse a prior that reaches below zero for a parameter that must be positive.
 
-    A thin tail below zero does no harm: its draws fail and are counted.
+    A thin tail below zero is harmless: its draws fail and are counted.
     """
     default = parameter.prior
     positive = default.support[0] >= 0.0 and not isinstance(default, Uniform)
@@ -222,7 +222,7 @@ def _check_support(prior: Distribution, parameter: Parameter, where: str) -> Non
 
 
 def _split_ratio(settings: object, key: str, targets: list[Parameter]) -> tuple[Any, float | None]:
-    """Settings without `minimum_ratio`, which only an ordered group may carry."""
+    """Split off `minimum_ratio`, which only an ordered group may have, from the settings."""
     if not isinstance(settings, Mapping) or "minimum_ratio" not in settings:
         return settings, None
     if any(p.ordered != key for p in targets):
@@ -240,7 +240,7 @@ def _stem(name: str) -> str | None:
 
 
 def _check_ratio(ratio: float, prior: Distribution, key: str) -> None:
-    """Only log-uniform and log-normal order statistics stay what they are a factor apart."""
+    """Refuse a minimum ratio for priors other than log-uniform and log-normal."""
     if ratio > 1.0 and not isinstance(prior, LogUniform | LogNormal):
         raise UserError(
             f"priors.{key}: values a factor {ratio:g} apart (minimum_ratio) need a loguniform or "

@@ -11,7 +11,7 @@ from deabayes.experiment import FloatArray
 
 SMALLEST_PROBABILITY = 1e-300
 UNRESOLVED_PROBABILITY, UNRESOLVED_SCORE = 2.0**-54, 8.29
-"""Of a value that rounding has put exactly on a bound, or on its neighbour."""
+"""Tail probability and score of a value that rounding has put on a bound or on its neighbour."""
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
@@ -22,7 +22,7 @@ def log_or_nan(x: ArrayLike) -> FloatArray:
 
 
 def outside_is_impossible(log_density: ArrayLike, x: ArrayLike) -> FloatArray:
-    """-inf where the density is NaN although x is a number."""
+    """Replace NaN in the log density by -inf where x itself is a number."""
     outside = np.isnan(log_density) & ~np.isnan(np.asarray(x, dtype=float))
     return np.where(outside, -np.inf, log_density)
 
@@ -42,7 +42,7 @@ def between(lower: float, upper: float, z: ArrayLike) -> FloatArray:
 
 
 def score_between(lower: float, upper: float, x: FloatArray, slack: float = 0.0) -> FloatArray:
-    """The z of `between`; NaN beyond `slack` (relative to the width) outside."""
+    """Inverse of `between`; NaN for x outside by more than `slack`, relative to the width."""
     below = (x - lower) / (upper - lower)
     above = (upper - x) / (upper - lower)
     inside = (below >= -slack) & (above >= -slack)
@@ -50,7 +50,7 @@ def score_between(lower: float, upper: float, x: FloatArray, slack: float = 0.0)
 
 
 def score(below: FloatArray, above: FloatArray) -> FloatArray:
-    """Phi^-1 of a probability given with its complement, from the smaller of the two."""
+    """Phi^-1(below), with above = 1 - below; computed from the smaller of the two."""
     from scipy.special import ndtri
 
     smaller = np.minimum(below, above)
