@@ -95,13 +95,8 @@ class Yeoh(Spring):
         return 2.0 * draws["c_1"]
 '''
 ADDED = {
-    "noise/laplace.py": (LAPLACE, "noise/__init__.py", '        "white": "White",\n', "Laplace"),
-    "systems/springs/yeoh.py": (
-        YEOH,
-        "systems/springs/__init__.py",
-        '        "ogden": "Ogden",\n',
-        "Yeoh",
-    ),
+    "noise/laplace.py": ("noise/__init__.py", LAPLACE, "Laplace", "        White,\n"),
+    "systems/springs/yeoh.py": ("systems/springs/__init__.py", YEOH, "Yeoh", "        Ogden,\n"),
 }
 USED = """
 import numpy as np
@@ -128,16 +123,17 @@ for candidate in study.candidates:
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scratch copy of src/ with the two added: a file and a registry line for each."""
+    """A scratch copy of src/ with the two added: a file, its import and a registry line."""
     copy = tmp_path_factory.mktemp("scratch") / "src"
     shutil.copytree(ROOT / "src", copy)
-    for path, (text, registry, before, class_name) in ADDED.items():
+    for path, (registry, text, name, before) in ADDED.items():
         (copy / "deabayes" / path).write_text(text)
         registry_file = copy / "deabayes" / registry
         lines = registry_file.read_text()
         assert lines.count(before) == 1
-        line = f'        "{Path(path).stem}": "{class_name}",\n'
-        registry_file.write_text(lines.replace(before, before + line))
+        module = ".".join(("deabayes", *Path(path).with_suffix("").parts))
+        lines = lines.replace("annotations\n", f"annotations\n\nfrom {module} import {name}\n", 1)
+        registry_file.write_text(lines.replace(before, f"{before}        {name},\n"))
     return copy
 
 

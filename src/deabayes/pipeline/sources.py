@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
-LOADS_BY_NAME = ("import_module", "load")
-"""Functions by which a package's registry imports the modules beside it."""
+LOADS_BY_NAME = "import_module"
+"""Function by which a package's registry imports the modules beside it."""
 
 
 def sources_of(*modules: str) -> list[Path]:
@@ -42,7 +42,7 @@ def _imported_by(path: Path) -> Iterator[Path]:
     tree = ast.parse(path.read_text(encoding="utf-8") if path.suffix == ".py" else "")
     for node in _executed(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            if node.func.id in LOADS_BY_NAME and path.name == "__init__.py":
+            if node.func.id == LOADS_BY_NAME and path.name == "__init__.py":
                 yield from path.parent.rglob("*.py")
             if node.func.id == "files" and isinstance(node.args[0], ast.Constant):
                 yield from _data_files(str(node.args[0].value))

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow, rodas5p
 from deabayes.integrate.compiled import njit
-from deabayes.integrate.drive import Drive
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, transformed_coefficients
 from deabayes.systems.membrane import kernel as of
 from deabayes.systems.membrane.kernel import IndexArray, resistance, slopes
-from deabayes.systems.membrane.material import Material
 
 A, C, _ = transformed_coefficients()
 NODES, DRIFTS = np.array(rodas5p.NODES), np.array(rodas5p.D)
@@ -180,45 +175,3 @@ def integrate_with_inertia(
         else:
             stretch[w] = np.nan
             steps[w], ended[w] = 0, edges[0]
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Stretch (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
-
-    stretch: FloatArray
-    steps: NDArray[np.int64]
-    ended: FloatArray
-
-
-def follow(
-    material: Material,
-    history: Drive,
-    times: FloatArray,
-    tolerance: float,
-    limit: FloatArray,
-    mass: FloatArray | None = None,
-) -> Motion:
-    """Integrate the draws under a voltage history, from rest at the pre-stretch.
-
-    Parameters
-    ----------
-    times : (N,) ascending [s].
-    tolerance : error of the stretch relative to its range.
-    limit : (W,) largest stretch of a draw; beyond it the draw has failed.
-    mass : rho L^2/3 of (14), (W,); None without inertia.
-    """
-    walkers = material.modulus.size
-    constants, units = material.constants(history, tolerance, limit)
-    found = Motion(
-        np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
-    )
-    results = found.stretch, found.steps, found.ended
-    pieces = history.edges, history.coefficients, history.restart
-    if mass is None:
-        from deabayes.systems.membrane.kernel import integrate
-
-        integrate(*pieces, times, constants, units, *results)
-    else:
-        integrate_with_inertia(*pieces, times, constants, units, mass, *results)
-    return found

@@ -18,6 +18,7 @@ have. The paper's t_v = eta/mu is not a time: the relaxation time at xi = lambda
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -30,7 +31,8 @@ from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
 from deabayes.systems.electrostatics import voltage_history
 from deabayes.systems.membrane.candidates import MembraneModel, examples
-from deabayes.systems.membrane.inertia import Motion, follow
+from deabayes.systems.membrane.inertia import integrate_with_inertia
+from deabayes.systems.membrane.kernel import integrate
 from deabayes.systems.membrane.material import FOLD_POINTS, Material, PullIn, solid
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import filled, quantity, uncertain_quantities
@@ -264,3 +266,43 @@ class Membrane(System):
                 side * (stretch - column(quantity(self.specimen, "prestretch", draws)))
             )
         return np.asarray((side * stretch) ** 2)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Stretch (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
+
+    stretch: FloatArray
+    steps: NDArray[np.int64]
+    ended: FloatArray
+
+
+def follow(
+    material: Material,
+    history: Drive,
+    times: FloatArray,
+    tolerance: float,
+    limit: FloatArray,
+    mass: FloatArray | None = None,
+) -> Motion:
+    """Integrate the draws under a voltage history, from rest at the pre-stretch.
+
+    Parameters
+    ----------
+    times : (N,) ascending [s].
+    tolerance : error of the stretch relative to its range.
+    limit : (W,) largest stretch of a draw; beyond it the draw has failed.
+    mass : rho L^2/3 of (14), (W,); None without inertia.
+    """
+    walkers = material.modulus.size
+    constants, units = material.constants(history, tolerance, limit)
+    found = Motion(
+        np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
+    )
+    results = found.stretch, found.steps, found.ended
+    pieces = history.edges, history.coefficients, history.restart
+    if mass is None:
+        integrate(*pieces, times, constants, units, *results)
+    else:
+        integrate_with_inertia(*pieces, times, constants, units, mass, *results)
+    return found
