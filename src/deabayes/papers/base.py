@@ -113,7 +113,9 @@ def interval(
     Parameters
     ----------
     unit : last word of the column name; empty for a number without unit.
-    value : value of the first column, by default the median. Draws that are not finite are left out.
+    value : value of the first column, by default the median of the draws.
+
+    Draws that are not finite are left out.
     """
     found = np.asarray(draws, dtype=float)
     found = found[np.isfinite(found)]

@@ -112,8 +112,6 @@ def _check_channel(channel: str, prop: str, system: str, where: str) -> None:
 
 def _channels(system: str) -> tuple[Mapping[str, str], Mapping[str, str]]:
     """Return responses and excitations of a system; empty if its name is unknown."""
-    from deabayes.systems import system_class
-
     try:
         kind = system_class(system)
     except UserError:

@@ -171,7 +171,7 @@ def extrapolation(results: CandidateResults) -> Iterator[Notice]:
 
 
 def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
-    """Records of whose variance the correlated noise explains a share above `ALARMING`."""
+    """Records in which correlated noise explains more than `ALARMING` of the variance."""
     from deabayes.figures.noise_share import ALARMING, correlated_shares
 
     details = []
@@ -231,7 +231,7 @@ def moved_by_both(results: CandidateResults) -> Iterator[Notice]:
 
 
 def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
-    """Material parameters that move with the priors but not with the data."""
+    """Material parameters that the data narrowed but that still move with the priors."""
     if names := _decided_by(results, MOVED_BY_PRIOR, "material"):
         text = (
             f"{', '.join(names)}: what is left of the uncertainty is that of priors, its own or of "

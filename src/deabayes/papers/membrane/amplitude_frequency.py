@@ -96,7 +96,7 @@ def bands(context: StudyContext, records: list[Experiment], volts: float) -> xr.
 
 
 def predicted_amplitude(fitted: Fitted, frequency: float, volts: float, count: int) -> FloatArray:
-    """Mean peak-to-peak displacement (S,) of the last of `count` cycles from rest [m]."""
+    """Mean peak-to-peak displacement (S,) of the last `LAST` of `count` cycles from rest [m]."""
     phase = np.arange(count * KNOTS + 1) / KNOTS
     drive = Excitation(
         "voltage", "V", phase / frequency, volts * np.sin(2.0 * np.pi * phase)

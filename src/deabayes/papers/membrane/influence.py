@@ -182,7 +182,7 @@ CAPTION = (
 DRAWS = 1000
 POINTS, POINTS_IN_TIME, EARLIEST = 120, 601, 1e-4
 GROUPS = 4096
-"""With 1024 groups, the intervals of the membrane's indices are visibly wider (twice)."""
+"""Groups of model runs; with 1024 the membrane's intervals are twice as wide in the figure."""
 FEWEST_FAILED_SHARE = 0.01
 """Smallest share of failures that is analysed; indices of rarer failures would be noise."""
 Row = dict[str, Any]

@@ -104,7 +104,7 @@ def limits(values: FloatArray) -> tuple[float, float]:
 
 
 def label_outer(axes: list[Axes], label: str) -> None:
-    """Label shared axes only where no panel lies below or to the left."""
+    """Label shared axes only below the lowest panels and to the left of the leftmost ones."""
     columns = axes[0].get_gridspec().ncols
     for k, ax in enumerate(axes):
         if k + columns < len(axes):

@@ -1,4 +1,4 @@
-"""Values printed by the paper on the minimum-energy structure (2019), if they survive."""
+"""Values of the paper on the minimum-energy structure (2019) that survive in its text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FILM = {
 """Table 3, SI, in ascending order of the exponents: the paper's third term comes first."""
 TERMS = 4
 FORCE_ERROR = 6.0
-"""Largest error of the force [%] at all voltages; the paper does not say of what."""
+"""Largest error of the force [%] at all voltages; the paper does not say relative to what."""
 GA_BOUNDS = {"mu": (1e3, 1e6), "alpha": (0.0, 5.0), "relative_permittivity": (0.0, 5.0)}
 """Bounds of the genetic algorithm, (25), SI."""
 GA_POPULATION, GA_GENERATIONS = 100, 1000

@@ -77,7 +77,7 @@ def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatA
 def term_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
     """Rows of mu_i, alpha_i and share of each Ogden term.
 
-    The paper's values stand beside them if it has as many terms.
+    The paper's values are added if the candidate has as many terms as the paper.
     """
     draws, count = fitted.draws, sum(name.startswith("alpha_") for name in fitted.draws)
     for i in range(1, count + 1):

@@ -72,7 +72,10 @@ def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> 
 
 
 def step_row(volts: float, circuit: Circuit, limit: float) -> dict[str, object]:
-    """Row of a step from zero to `volts` [V]: v_C rises at I/C until v_C + R_S I equals it."""
+    """Row of a step from zero to `volts` [V].
+
+    v_C rises at I/C until v_C + R_S I equals the command.
+    """
     left = volts - circuit.series_resistance * limit
     held = np.maximum(left, 0.0) * circuit.capacitance / limit
     at_limit = float(np.median(held)) > 0.0

@@ -69,7 +69,7 @@ def posterior_row(labels: Labels, circuit: Circuit) -> dict[str, object]:
 
 
 def phase_rows(experiment: Experiment) -> list[dict[str, object]]:
-    """Rows of the phase method for a record of current: as measured, and rounded as in print."""
+    """Rows of the phase method for a record of current: as measured, and rounded like the paper."""
     time = experiment.coordinate
     volts = experiment.excitation.at(time)
     frequency = frequency_of(time, volts)
