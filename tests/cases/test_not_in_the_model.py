@@ -39,7 +39,7 @@ def test_strips_pulled_under_several_voltages_are_refused(
     faults = pulls(tmp_path, column, stated).faults
     assert len(faults) == column + stated
     assert all(
-        "'tensile_strip'" in fault and "put down to the material" in fault for fault in faults
+        "'tensile_strip'" in fault and "attributed to the material" in fault for fault in faults
     )
 
 

@@ -156,7 +156,7 @@ def crept(delay: float = 0.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("delay", "named"),
     [(2e-4, "200 µs after the voltage, and then jumps"), (5e-5, "50 µs after the voltage"),
-     (-2e-4, "200 µs before the voltage, which it cannot"), (0.0, "")],
+     (-2e-4, "200 µs before the voltage, which is impossible"), (0.0, "")],
 )  # fmt: skip
 def test_a_sensor_whose_clock_differs_is_named(tmp_path: Path, delay: float, named: str) -> None:
     said = [line for line in creeps(tmp_path, crept(delay)).warnings if " the voltage, " in line]

@@ -122,7 +122,7 @@ def test_records_that_contradict_what_was_handed_on_are_said_to(shift, said):
     found = at_the_rim(prior, theta)
     assert bool(found) is said
     if said:
-        assert "pull a, b to the rim" in found[0]
+        assert "pull a, b to the edge of the other posterior" in found[0]
     assert not at_the_rim(Prior(own), theta)
 
 

@@ -63,12 +63,12 @@ def test_the_notices_on_noise_know_every_model(tmp_path: Path, noise: str) -> No
     fake = Fake(candidates=(1,), protocols=("relaxation",), noise=noise, correlated_noise=40e3)
     results = StudyResults(write_study(tmp_path, fake)).recommended
     (notice,) = noise_took_physics(results)
-    assert notice.serious and "correlated noise stands for" in notice.details[0]
+    assert notice.serious and "correlated noise explains" in notice.details[0]
     assert not list(noise_diagnostic_only(results))
     (length,) = (n for n in results.names("noise") if ".tau_" in n)
     results.prior[length].values[:] *= 0.1
     (notice,) = noise_at_its_bound(results)
-    assert re.match(rf"{length}: \d.* s, at the longest", notice.details[0])
+    assert re.match(rf"{length}: \d.* s, at the upper end of its prior", notice.details[0])
 
 
 @pytest.mark.parametrize(("noise", "title"), [("white", "White"), ("student_t", "Student t")])
@@ -89,12 +89,12 @@ def test_a_bound_of_noise_along_the_grid_is_in_points(tmp_path: Path) -> None:
     results.posterior["relaxation.tau_ou"].attrs["unit"] = "1"
     results.attributes["study"]["noise_coordinate"] = "grid"
     (notice,) = noise_at_its_bound(results)
-    assert " points, at the longest" in notice.details[0]
+    assert " points, at the upper end" in notice.details[0]
 
 
 def test_the_notice_on_priors_says_what_helps(tmp_path: Path) -> None:
     fake = Fake(sensitivities={"tau_beta_1": (0.2, 0.01)})
     found = StudyResults(write_study(tmp_path, fake)).candidates[0]
     (notice,) = notices.moved_by_prior(found)
-    assert "what is left of the uncertainty is that of priors" in notice.details[0]
+    assert "the remaining uncertainty comes from priors" in notice.details[0]
     assert "more data of this kind hardly help" in notice.details[0]

@@ -169,9 +169,9 @@ def _channels(
         span = f"{with_unit(float(low), unit, name, 3)} to {with_unit(float(high), unit, name, 3)}"
         faults.append(
             f"column {name} of {', '.join(columns)}: goes from {span}, and system "
-            f"{system.name!r} has no {name}: what it does to the response would be put down to the "
-            f"material. Fit records of one {name} only (`select` or `calibrate` and `validate`), "
-            f"or pass it over by `columns: {name} = -` in experiments.csv"
+            f"{system.name!r} has no {name}: its effect would be attributed to the material. "
+            f"Fit records of one {name} only (`select` or `calibrate` and `validate`), "
+            f"or leave it out by `columns: {name} = -` in experiments.csv"
         )
     return faults
 
@@ -189,9 +189,9 @@ def _conditions(system: type[System], rows: Sequence[ExperimentRow]) -> list[str
         if len(values) > 1:
             faults.append(
                 f"column {name} of experiments.csv: is {', '.join(values)} over the records, and "
-                f"no model of system {system.name!r} knows of it: what it does to the response "
-                f"would be put down to the material. Fit records of one {name} only (`select: "
-                f"{{{name}: {values[0]}}}`, or `split_by: {name}`)"
+                f"no model of system {system.name!r} includes it: its effect would be attributed "
+                f"to the material. Fit records of one {name} only (`select: {{{name}: "
+                f"{values[0]}}}`, or `split_by: {name}`)"
             )
     return faults
 

@@ -110,9 +110,9 @@ def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
         if (longest := float(np.quantile(draws, SLOW))) > max(durations):
             found.append(
                 f"{parameter.name}: {100 * (1 - SLOW):.0f} % of its draws are above {longest:.3g} "
-                f"s, and the longest calibrated record lasts {max(durations):.3g} s, which shows "
-                "little more of so slow a unit than a drift. A longer record, or one that "
-                "preparation crops less, tells more of it; more steps do not"
+                f"s, but the longest calibrated record lasts {max(durations):.3g} s. Stiffness and "
+                "time constant of so slow a unit cannot be separated. Record longer, or let the "
+                "preparation crop less; more sampling steps do not help"
             )
     return found
 
@@ -132,7 +132,7 @@ def _notes(prior: Prior, inherited: Inheritance | None) -> list[str]:
     """Return the warnings about a prior that comes from another posterior."""
     notes = [] if inherited is None else list(inherited.notes)
     return notes + [
-        "prior_from: what is fitted to the draws handed on does not describe them (largest "
+        "prior_from: the density fitted to the inherited draws does not describe them (largest "
         f"distance of distribution functions {block.misfit:.2f}); this prior is approximate"
         for block in prior.inherited
         if block.misfit > LARGEST_MISFIT
@@ -155,9 +155,10 @@ def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
         return []
     names = ", ".join(name for block in prior.inherited for name in block.names)
     return [
-        f"prior_from: these records pull {names} to the rim of what the other posterior allows "
-        f"(of its own draws {100.0 * share:.2g} % are as unlikely): is it the same material, "
-        "and does the model fit both? Records fitted together tell (docs/how-to/prior-from.md)"
+        f"prior_from: these records pull {names} to the edge of the other posterior "
+        f"({100.0 * share:.2g} % of its own draws are as unlikely). Check that it is the same "
+        "material and that the model fits both; fit the records together to find out "
+        "(docs/how-to/prior-from.md)"
     ]
 
 

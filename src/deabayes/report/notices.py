@@ -178,8 +178,8 @@ def noise_took_physics(results: CandidateResults) -> Iterator[Notice]:
     for name, shares in correlated_shares(results).items():
         if "correlated" in shares and shares["correlated"][1] > ALARMING:
             percent = 100 * shares["correlated"][1]
-            size = f"{percent:.0f} %" if percent < 100 else "as much as all"
-            details.append(f"{name}: correlated noise stands for {size} of the record's variance")
+            size = f"{percent:.0f} %" if percent < 100 else "all"
+            details.append(f"{name}: correlated noise explains {size} of the record's variance")
     if details:
         yield _notice(results, "The noise model takes what the physics lacks", details)
 
@@ -197,9 +197,8 @@ def noise_at_its_bound(results: CandidateResults) -> Iterator[Notice]:
             length = with_unit(middle, results.label(name)["unit"], digits=3)
             shown = f"{middle:.3g} points" if along_grid else length
             details.append(
-                f"{name}: {shown}, at the longest that its prior allows; "
-                "what the model leaves lasts longer, so a process may be missing and bands be too "
-                "narrow"
+                f"{name}: {shown}, at the upper end of its prior. The model's errors last "
+                "longer: a process may be missing, and bands may be too narrow"
             )
     if details:
         yield _notice(results, "The noise is cut short by its prior", details)
@@ -234,8 +233,8 @@ def moved_by_prior(results: CandidateResults) -> Iterator[Notice]:
     """Material parameters that the data narrowed but that still move with the priors."""
     if names := _decided_by(results, MOVED_BY_PRIOR, "material"):
         text = (
-            f"{', '.join(names)}: what is left of the uncertainty is that of priors, its own or of "
-            "what it is tied to (a thickness, say); more data of this kind hardly help"
+            f"{', '.join(names)}: the remaining uncertainty comes from priors, its own or that of "
+            "a quantity such as the thickness; more data of this kind hardly help"
         )
         yield _notice(results, "Moved by the prior", [text], serious=False)
 

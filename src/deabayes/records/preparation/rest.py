@@ -165,7 +165,7 @@ def begins_apart(record: WorkingRecord) -> str:
         return ""
     if first - begun >= FEWEST_APART and moved[begun:first].min() > JUMPED * size:
         return (
-            f"the {row.response} begins {apart} before the {row.excitation}, which it cannot: "
+            f"the {row.response} begins {apart} before the {row.excitation}, which is impossible: "
             "their clocks differ, or it is another channel; correct the time of one of them"
         )
     if not _jumps(moved / size, driven / driven.max(), first, begun):
