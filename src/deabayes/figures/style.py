@@ -60,11 +60,6 @@ SETTINGS = {
 }
 
 
-def apply() -> None:
-    """Set matplotlib's defaults for the rest of the process."""
-    matplotlib.rcParams.update(SETTINGS)
-
-
 @contextmanager
 def applied() -> Iterator[None]:
     """Set matplotlib's defaults for the duration of a `with` block."""

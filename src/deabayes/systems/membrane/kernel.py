@@ -239,8 +239,6 @@ OF_FLUIDITY, OF_MODULUS, OF_INVERSE, OF_SIGMA, OF_GAIN = range(5)
 OF_ALLOWED, OF_START, OF_LIMIT, OF_STEP = range(5, DRAW_COLUMNS)
 """Columns of a draw: 1/zeta_alpha, mu_alpha, 1/J_alpha, sigma, epsilon/H^2, 1/allowed error,
 pre-stretch, largest stretch, first step after a jump of the voltage."""
-UNIT_COLUMNS = 4
-"""Number of columns of a unit: 1/tau, mu, 1/J_beta, weight of its error."""
 IDLE = -1
 MOST_STEPS = 20_000
 
@@ -280,7 +278,8 @@ def integrate(
     volts : (S, 6) coefficients of the voltage [V] on a piece, in powers of its elapsed fraction.
     restart : (S,) whether the drive jumps or turns at the start of the piece (1) or not (0).
     times : (N,) ascending, from edges[0] to edges[S].
-    draws : (W, 9), units : (W, n, 4); see DRAW_COLUMNS and UNIT_COLUMNS.
+    draws : (W, 9); see DRAW_COLUMNS.
+    units : (W, n, 4): 1/tau, mu, 1/J_beta and the weight of the error of each unit.
     stretch : (W, N) result; a row of NaN if a draw leaves its limits or fails.
     steps : (W,) result: number of steps tried.
     ended : (W,) result: end of the step in which a draw passed its largest stretch, or end of

@@ -223,8 +223,6 @@ highest allowed angle, then the constants in the order of the kernel's rows."""
 CONSTANTS = 17
 OF_DRY = OF_CONSTANTS + (k.DRY - k.INERTIA) // LANES
 DRAW_COLUMNS = OF_CONSTANTS + CONSTANTS + k.FILM_DEGREE + 1
-UNIT_COLUMNS = 4
-"""Number of columns of a unit: 1/tau, k, weight of its error, y at the start."""
 IDLE = -1
 MOST_STEPS = 200_000
 """Largest number of steps. An oscillation at 60 Hz for 50 s needs 100 000 steps."""
@@ -276,7 +274,8 @@ def integrate(
     volts : (S, 6) coefficients of the voltage [V] on a piece, in powers of its elapsed fraction.
     restart : (S,) whether the drive jumps or turns at the start of the piece (1) or not (0).
     times : (N,) ascending, from edges[0] to edges[S].
-    draws : (W, DRAW_COLUMNS), units : (W, n, 4).
+    draws : (W, DRAW_COLUMNS).
+    units : (W, n, 4): 1/tau, k, weight of the error and y at the start of each unit.
     most_steps : largest number of steps of a draw; a draw that needs more has failed.
     angle : (W, N) result; a row of NaN if a draw leaves its limits or fails.
     steps : (W,) result: number of steps tried.
