@@ -26,7 +26,7 @@ JUMPS = 10
 
 def least_swing(response: FloatArray) -> float:
     """Return a change clearly above noise: 2 % of the range or, if more, ten times the noise."""
-    return max(SWING * float(np.ptp(response)), OVER_NOISE * _noise(response))
+    return max(SWING * float(np.ptp(response)), OVER_NOISE * white_noise(response))
 
 
 def single_samples(response: FloatArray, swing: float) -> NDArray[np.intp]:
@@ -77,7 +77,7 @@ def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
     return found if far.sum() <= JUMPS * found.size else found[:0]
 
 
-def named(
+def outliers_named(
     found: NDArray[np.intp],
     time: FloatArray,
     values: FloatArray,
@@ -100,8 +100,8 @@ def _off_neighbours(values: FloatArray) -> FloatArray:
     return np.abs(np.pad(0.5 * np.diff(values, 2), 1))
 
 
-def _noise(values: FloatArray) -> float:
-    """Standard deviation of white noise, from second differences."""
+def white_noise(values: FloatArray) -> float:
+    """Standard deviation of white noise, from second differences, which remove a trend."""
     steps = np.abs(np.diff(values, 2))
     return float(1.4826 * np.median(steps) / np.sqrt(6.0)) if steps.size else 0.0
 

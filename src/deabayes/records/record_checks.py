@@ -22,7 +22,7 @@ from deabayes.records.glitches import (
     dropouts,
     glitches,
     jump_named,
-    named,
+    outliers_named,
     response_jumps,
     standing_out,
 )
@@ -151,7 +151,7 @@ def _single_sample_warnings(row: ExperimentRow, raw: RawRecord, where: str) -> l
     remedy = "if it was not driven so, correct the row in the file, or remove it"
     found.append((glitches(excitation, response), row.excitation, remedy))
     return [
-        f"{where}, {named(at, time, raw.columns[name], name, units[name], remedy)}"
+        f"{where}, {outliers_named(at, time, raw.columns[name], name, units[name], remedy)}"
         for at, name, remedy in found
         if at.size
     ]

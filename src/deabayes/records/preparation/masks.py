@@ -8,6 +8,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
+from deabayes.records.glitches import white_noise
 from deabayes.records.preparation.polyline import turns
 from deabayes.records.preparation.working import Settings, WorkingRecord
 
@@ -97,9 +98,11 @@ def ramp_ends(record: WorkingRecord) -> list[float]:
 
 def _unseen(values: FloatArray) -> float:
     """Largest size of a turn that noise or a digital sensor's steps could explain."""
-    rough, steps = np.abs(np.diff(values, 2)), np.abs(np.diff(values))
-    noise = 1.4826 * float(np.median(rough)) / np.sqrt(6.0) if rough.size else 0.0
-    return max(OVER_NOISE * noise, OVER_STEP * float(np.min(steps[steps > 0.0], initial=np.inf)))
+    steps = np.abs(np.diff(values))
+    return max(
+        OVER_NOISE * white_noise(values),
+        OVER_STEP * float(np.min(steps[steps > 0.0], initial=np.inf)),
+    )
 
 
 def mask_slack(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingRecord:

@@ -10,7 +10,7 @@ import numpy as np
 from deabayes.experiment import FloatArray
 from deabayes.quantities import with_unit
 from deabayes.records.excitation import STEPS
-from deabayes.records.glitches import least_swing, without_single_samples
+from deabayes.records.glitches import least_swing, white_noise, without_single_samples
 from deabayes.records.preparation.working import WorkingRecord
 from deabayes.systems import system_class
 from deabayes.systems.specimen_quantities import instrument
@@ -77,7 +77,7 @@ def reading_at_rest(record: WorkingRecord) -> Rest | None:
         return None
     gone = _departure(record)
     before = record.used & (record.coordinate < record.excitation_start())
-    noise = noise_of(record.response[record.used])
+    noise = white_noise(record.response[record.used])
     if before.sum() >= FEWEST:
         value = float(np.median(record.response[before]))  # the median ignores single outliers
         return Rest(record, value, MEDIAN * noise / float(np.sqrt(before.sum())), True)
@@ -128,12 +128,6 @@ def _begins_at_rest(record: WorkingRecord) -> bool:
     return bool(record.in_time and gone[0] <= AT_REST * gone.max())
 
 
-def noise_of(response: FloatArray) -> float:
-    """Standard deviation of white noise, from second differences, which remove a trend."""
-    bent = np.abs(np.diff(response, 2))
-    return float(np.median(bent)) / (0.6745 * np.sqrt(6.0)) if bent.size else 0.0
-
-
 BEGUN, COMPLETE = 0.1, 0.9
 """Shares of an excitation's range at which it has begun, and at which it is complete."""
 MOVED, JUMPED = 0.02, 0.2
@@ -155,7 +149,7 @@ def begins_apart(record: WorkingRecord) -> str:
         return ""
     time, response = record.coordinate, record.response
     driven = np.abs(record.excitation - record.excitation[0])
-    size, noise = float(np.ptp(response)), noise_of(response)
+    size, noise = float(np.ptp(response)), white_noise(response)
     first = int(np.argmax(driven > BEGUN * driven.max()))
     before = response[: max(first - FEWEST_APART, 1)]
     moved = np.abs(response - np.median(before))
