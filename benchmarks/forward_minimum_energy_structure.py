@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from tests.unit import structures
+from tests.shared import structures
 
 from deabayes.experiment import Excitation, FloatArray
 

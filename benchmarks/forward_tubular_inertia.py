@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from tests.unit import tubes
+from tests.shared import tubes
 
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.systems.electrostatics import maxwell_pressure

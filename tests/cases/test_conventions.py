@@ -140,7 +140,7 @@ def test_what_the_record_bears_out_is_none(tmp_path: Path) -> None:
 
 
 def test_every_ramp_of_a_staircase_has_its_end_masked() -> None:
-    from tests.unit.strip_records import prepared, raw
+    from tests.shared.strip_records import prepared, raw
 
     time = np.arange(0.0, 40.0, 0.01)
     displacement = 0.02 * np.minimum(time % 10.0, 1.0) + 0.02 * (time // 10.0)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from emcee.moves import DESnookerMove
 from emcee.state import State
+from tests.shared.coordinates import COORDINATES
 from tests.statistical.units import chain_prior
-from tests.unit.coordinates import COORDINATES
 
 from deabayes.sampling.mixture import Mixture
 from deabayes.sampling.moves import DifferenceMove, HopMove, IndependenceMove, recipe

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from tests.unit.noise_oracle import GAUSSIAN, covariance
+from tests.shared.noise_oracle import GAUSSIAN, covariance
 
 from deabayes.noise import REGISTRY
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.densities import LeastSquares, OfNoPoint
+from tests.shared.densities import LeastSquares, OfNoPoint
 
 from deabayes.sampling.peaks import climb, fisher_factors, peaks, triangular
 from deabayes.sampling.problem import EveryDrawFailed, Split, Target

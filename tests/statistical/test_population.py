@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.populations import MEDIANS, SIGMAS, World, world
+from tests.shared.populations import MEDIANS, SIGMAS, World, world
 
 from deabayes.experiment import FloatArray
 from deabayes.population.model import RELATIVE_SPREAD, sample

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.densities import LeastSquares
+from tests.shared.densities import LeastSquares
 
 from deabayes.sampling.peaks import Points, fisher_factors
 from deabayes.sampling.problem import Coordinates

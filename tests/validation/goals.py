@@ -232,7 +232,7 @@ def reproduced(folder: Path) -> Iterator[Found]:
 
 
 GOALS: tuple[tuple[str, str, Callable[[Path], Iterator[Found]]], ...] = (
-    ("1 likelihood", "1e-8 of dense covariances, celerite2", by_tests("tests/unit/test_noise.py")),
+    ("1 likelihood", "1e-8 of dense covariances, celerite2", by_tests("tests/noise/test_noise.py")),
     (
         "2 conjugate posterior",
         "means in 4 MCSE, sds in 3 %",

@@ -3,7 +3,7 @@
 The figures in `nist_strd/` are NIST's (Statistical Reference Datasets of the US National
 Institute of Standards and Technology, in the public domain), digits as printed. That they were
 copied without an error is tested: the sum of squares at the certified estimates, and the
-linearised sds there, are the certified ones (`tests/unit/test_nist.py`).
+linearised sds there, are the certified ones (`tests/validation/test_nist.py`).
 """
 
 from __future__ import annotations

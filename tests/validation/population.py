@@ -30,7 +30,7 @@ from deabayes.population.specimens import new_specimens, shrink
 from deabayes.prior.distributions import LogNormal
 from deabayes.prior.joint import Prior
 from deabayes.study import Sampling
-from tests.unit.populations import parameter, world
+from tests.shared.populations import parameter, world
 from tests.validation import rows
 
 OUTPUT = Path("docs/validation")

@@ -15,7 +15,7 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Role, Specimen
 from deabayes.study import Settings
-from tests.unit import structures
+from tests.shared import structures
 from tests.validation.worlds import World, blank
 
 PERIODS, PER_PERIOD, KNOTS = 8, 20, 200

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.unit.study_folders import make_folder, replace_in
+from tests.shared.study_folders import make_folder, replace_in
 
 from deabayes import api, pipeline
 from deabayes.cli.fitting import fit_by_name

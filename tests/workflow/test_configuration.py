@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import make_folder, replace_in
+from tests.shared.study_folders import make_folder, replace_in
 from tests.workflow.snakemake_runs import snakemake
 
 SOUND = """\

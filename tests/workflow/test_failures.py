@@ -12,8 +12,8 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
-from tests.unit.own_model_page import write_page
-from tests.unit.study_folders import replace_in
+from tests.shared.own_model_page import write_page
+from tests.shared.study_folders import replace_in
 from tests.workflow.snakemake_runs import snakemake, started
 
 FAILS = """

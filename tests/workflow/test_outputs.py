@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import make_folder
+from tests.shared.study_folders import make_folder
 
 from deabayes.cli.main import main
 

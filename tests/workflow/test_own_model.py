@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.unit.own_model_page import write_page
+from tests.shared.own_model_page import write_page
 from tests.workflow.snakemake_runs import snakemake
 
 import deabayes

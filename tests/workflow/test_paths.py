@@ -6,8 +6,8 @@ import re
 import shutil
 from pathlib import Path
 
-from tests.unit.own_model_page import write_page
-from tests.unit.study_folders import replace_in
+from tests.shared.own_model_page import write_page
+from tests.shared.study_folders import replace_in
 from tests.workflow.snakemake_runs import ROOT, snakemake
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from tests.unit.test_predict_with import STUDY, creep, file
+from tests.posteriors.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
 from deabayes.cli.main import main

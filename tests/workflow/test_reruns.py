@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.unit.own_model_page import write_page
-from tests.unit.study_folders import replace_in
+from tests.shared.own_model_page import write_page
+from tests.shared.study_folders import replace_in
 from tests.workflow.snakemake_runs import snakemake
 
 BUDGET = "sampling: {ensembles: 2, walkers: 24, max_steps: 60, particles: 64, seed: 1}\n"

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from tests.unit.study_folders import make_folder
+from tests.shared.study_folders import make_folder
 
 from deabayes.cli.main import main
 

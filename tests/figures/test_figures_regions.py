@@ -1,0 +1,248 @@
+"""What bands, regions, intervals and colours stand for is what they are drawn as."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
+from tests.shared import fake_records
+from tests.shared.fake_records import Fake
+from tests.shared.fake_results import write_study
+
+from deabayes import figures
+from deabayes.figures import pairs, panels, residuals
+from deabayes.figures.results import StudyResults
+from deabayes.papers import hysteresis
+from deabayes.papers.minimum_energy_structure import structure_loops
+from deabayes.papers.tubular import frequency_response
+
+PHASE = np.linspace(0.0, 2.0 * np.pi, 81)
+
+
+def loop(volts: float = 5e3, hertz: float = 1.0, width: float = 3.0) -> xr.Dataset:
+    """A loop of one candidate and cycle whose bands, `width` mm wide, overlap."""
+    middle = 1e-3 * (5.0 - 4.0 * np.cos(PHASE) + np.sin(PHASE))
+    bands = np.stack([middle - 0.5e-3 * width, middle, middle + 0.5e-3 * width])
+    return xr.Dataset(
+        {
+            "voltage": (("cycle", "phase"), 0.5 * volts * (1.0 - np.cos(PHASE))[None]),
+            "measured": (("cycle", "phase"), middle[None]),
+            "predicted": (("candidate", "bound", "cycle", "phase"), bands[None, :, None]),
+        },
+        {"candidate": ["kv_gm_1"], "converged": ("candidate", [True]), "cycle": [1]},
+        {"amplitude_kV": volts / 1e3, "frequency_Hz": hertz},
+    )
+
+
+def of_structure(*records: xr.Dataset) -> Figure:
+    found = SimpleNamespace(curves=dict(enumerate(records)))
+    best = SimpleNamespace(name="kv_gm_1")
+    results = SimpleNamespace(analysis=lambda _: found, recommended=best)
+    (figure,) = structure_loops.draw(results)  # type: ignore[arg-type]
+    return figure
+
+
+def of_cycles(record: xr.Dataset) -> Figure:
+    figure = Figure()
+    hysteresis._loops(figure.subplots(), record, 0)
+    return figure
+
+
+@pytest.mark.parametrize("draw", [of_cycles, of_structure])
+def test_bands_of_loops_are_filled_where_their_branches_overlap(draw: object) -> None:
+    record = loop()
+    ax = draw(record).axes[-1]  # type: ignore[operator]
+    volts = record["voltage"].values[0, 1:-1] / 1e3
+    lower, _, upper = 1e3 * record["predicted"].values[0, :, 0, 1:-1]
+    outlines = [path for each in ax.collections for path in each.get_paths()]
+    outlines += [each.get_path() for each in ax.patches]
+    for share in (0.1, 0.35, 0.6, 0.9):
+        points = np.column_stack([volts, lower + share * (upper - lower)])
+        inside = np.any([path.contains_points(points) for path in outlines], axis=0)
+        assert inside.all(), f"{(~inside).sum()} of {inside.size} empty"
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.98])
+@pytest.mark.parametrize("size", [500, 20000])
+def test_regions_of_pairs_hold_the_draws_they_promise(size: int, slope: float) -> None:
+    drawn = np.random.default_rng(3).standard_normal((2, size))
+    x, y = drawn[0], slope * drawn[0] + np.sqrt(1.0 - slope**2) * drawn[1]
+    ax = Figure().subplots()
+    pairs._contours(ax, pairs._Column(x, "", False), pairs._Column(y, "", False))
+    (filled,) = ax.collections
+    rings = [ring for path in filled.get_paths() for ring in path.to_polygons()]
+    points = np.column_stack([x, y])
+    held = [Outline(ring).contains_points(points).mean() for ring in rings]
+    assert max(held) == pytest.approx(0.9, abs=0.02)
+    assert min(filled.levels) > 0.0
+    inner = [ring for path in filled.get_paths()[1:] for ring in path.to_polygons()]
+    inside = np.any([Outline(ring).contains_points(points) for ring in inner], axis=0)
+    assert inside.mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_residuals_of_a_sine_are_those_of_the_whole_record(tmp_path: Path) -> None:
+    results = StudyResults(write_study(tmp_path, Fake(candidates=(1,), protocols=("sine",))))
+    (prediction,) = results.recommended.predictions.values()
+    record = panels.Record(prediction)
+    assert record.shown.start > 0
+    early = prediction["observed"].values.copy()
+    early[: record.shown.start] += np.ptp(early)
+    record = panels.Record(prediction.assign(observed=("coordinate", early)))
+    figure = residuals._spread(SimpleNamespace(noise_group=lambda name: "sine"), [record])
+    reach = np.concatenate([line.get_xdata() for line in figure.axes[0].lines])
+    share = 100 * (early - prediction["median"].values) / np.ptp(early)
+    assert reach.max() == pytest.approx(np.quantile(share, 0.95), rel=0.02)
+
+
+def test_a_rate_has_one_colour_whatever_was_measured_at_other_voltages() -> None:
+    figure = of_structure(loop(5e3, 10.0), loop(5e3, 5.0), loop(4e3, 5.0), loop(4e3, 1.0))
+    legend = {handle.get_label(): to_hex(handle.get_color())
+              for handle in figure.legends[0].get_lines()}  # fmt: skip
+    drawn = [[to_hex(line.get_color()) for line in ax.lines[::2]] for ax in figure.axes[1::2]]
+    assert drawn == [[legend["5 Hz"], legend["10 Hz"]], [legend["1 Hz"], legend["5 Hz"]]]
+
+
+def response(name: str, kind: str) -> xr.Dataset:
+    frequency = np.geomspace(1.0, 100.0, 20)
+    bands = np.ones((1, 2, 20)) * np.array([0.9, 1.1])[None, :, None]
+    return xr.Dataset(
+        {
+            "observed": ("coordinate", 1.0 + 0 * frequency),
+            "median": ("coordinate", 1.0 + 0 * frequency),
+            "excitation": ("coordinate", 1e3 + 0 * frequency),
+            "predictive": (("level", "bound", "coordinate"), bands),
+        },
+        {"coordinate": frequency, "level": [0.9], "bound": ["lower", "upper"]},
+        {
+            "experiment": name, "response_name": kind, "role": "calibrate",
+            "protocol": "frequency_response",
+            "response_unit": "1" if kind == "gain" else "rad",
+        },
+    )  # fmt: skip
+
+
+def of_responses(*predictions: xr.Dataset) -> Figure:
+    experiments = {p.attrs["experiment"]: SimpleNamespace(metadata={}) for p in predictions}
+    results = SimpleNamespace(
+        predictions={p.attrs["experiment"]: p for p in predictions},
+        study=SimpleNamespace(experiments=experiments),
+    )
+    (figure,) = frequency_response.draw(results)  # type: ignore[arg-type]
+    return figure
+
+
+def test_the_band_of_one_response_is_drawn_as_its_legend_says() -> None:
+    figure = of_responses(response("a", "gain"), response("a_phase", "phase"))
+    (patch,) = figure.legends[0].get_patches()
+    for ax in figure.axes:
+        assert tuple(ax.collections[0].get_facecolor()[0]) == patch.get_facecolor()
+    figure = of_responses(response("a", "gain"), response("b", "gain"))
+    (label,) = (t.get_text() for t in figure.legends[0].get_texts() if "band" in t.get_text())
+    assert "its record's colour" in label
+
+
+def test_gain_and_phase_of_a_record_share_a_colour() -> None:
+    figure = of_responses(response("a", "gain"), response("b", "gain"),
+                          response("b_phase", "phase"), response("c_phase", "phase"))  # fmt: skip
+    legend = {handle.get_label().split(",")[0]: to_hex(handle.get_color())
+              for handle in figure.legends[0].get_lines()}  # fmt: skip
+    gain, phase = ([to_hex(line.get_color()) for line in ax.lines[::2]] for ax in figure.axes)
+    assert len(set(legend.values())) == 3
+    assert gain == [legend["a"], legend["b"]]
+    assert phase == [legend["b"], legend["c_phase"]]
+
+
+class OfTube(StudyResults):
+    """Results that say they are of a tube."""
+
+    system = "tubular"
+
+
+def test_a_sine_beside_its_loop_is_named_and_flagged(tmp_path: Path) -> None:
+    fake = Fake(candidates=(1,), protocols=("sine",) * 3, extrapolation="voltage is higher")
+    results = OfTube(write_study(tmp_path, fake))
+    from tests.figures.test_figures import texts
+
+    names = {n: e.role for n, e in results.experiments.items()}
+    for figure, (name, role) in zip(
+        figures.draw("strain_voltage", results.recommended), names.items(), strict=True
+    ):
+        found = " ".join(texts(figure))
+        assert name in found
+        assert ("held out" if role == "validate" else "calibration") in found
+        assert ("EXTRAPOLATION" in found) == (role == "validate")
+        assert "from rest" in found and "last cycle" in found
+
+
+def test_the_evidence_has_the_errors_of_both_candidates(tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    path = study / "comparison.csv"
+    table = pd.read_csv(path).assign(log_evidence_mcse=[3.0, 4.0])
+    table.to_csv(path, index=False)
+    (figure,) = figures.draw("comparison", StudyResults(study))
+    bars = [segment[:, 0] for each in figure.axes[0].collections
+            if isinstance(each, LineCollection) for segment in each.get_segments()]  # fmt: skip
+    assert [np.ptp(bar) for bar in bars] == pytest.approx([2 * 2 * 5.0])
+
+
+@pytest.mark.parametrize("name", ["errors", "comparison"])
+def test_long_names_fit_beside_and_below_the_panels(name: str, tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1, 2, 3, 4), protocols=("relaxation",)))
+    table = pd.read_csv(study / "comparison.csv")
+    table["log_evidence"] = [-2e5, -5e3, -2e3, -2e3]
+    for k, short in enumerate(table["candidate"]):
+        table.loc[k, "candidate"] = f"ogden_4_with_leakage_and_series_resistance_{short}"
+        (study / short).rename(study / table.loc[k, "candidate"])
+    table.to_csv(study / "comparison.csv", index=False)
+    (figure,) = figures.draw(name, StudyResults(study))
+    for legend in figure.legends:
+        box = legend.get_window_extent()
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.width
+    for ax in figure.axes:
+        boxes = [t.get_window_extent() for t in ax.get_xticklabels() if t.get_text()]
+        assert all(a.x1 < b.x0 for a, b in pairwise(sorted(boxes, key=lambda box: box.x0)))
+
+
+def test_labels_of_preparation_stay_in_their_column(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The longest one: counted from the hold, linear first and logarithmic then."""
+    monkeypatch.setattr(
+        fake_records, "_drive", lambda _, time, amplitude: np.where(time < 0.5, 1.0, amplitude)
+    )
+    study = StudyResults(write_study(tmp_path, Fake(protocols=("relaxation",) * 3)))
+    (figure,) = figures.draw("preparation", study)
+    figure.draw_without_rendering()
+    boxes = [
+        ax.xaxis.label.get_window_extent()
+        for ax in figure.findobj(Axes)
+        if "logarithmic" in ax.get_xlabel()
+    ]
+    assert len(boxes) == 3
+    assert all(a.x1 < b.x0 for a, b in pairwise(sorted(boxes, key=lambda box: box.x0)))
+    assert min(box.x0 for box in boxes) >= 0
+
+
+def test_intervals_of_errors_are_drawn_where_they_are(tmp_path: Path) -> None:
+    """The median curve's error often lies below those of single draws."""
+    study = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
+    path = study / "kv_gm_1" / "errors.csv"
+    table = pd.read_csv(path)
+    table[["e_rms_percent", "e_rms_q05", "e_rms_q95"]] = [1.0, 2.0, 3.0]
+    table.to_csv(path, index=False)
+    (figure,) = figures.draw("errors", StudyResults(study))
+    ends = [segment[:, 0].tolist() for each in figure.axes[0].collections
+            if isinstance(each, LineCollection) for segment in each.get_segments()]  # fmt: skip
+    assert ends == [[2.0, 3.0]]
+    assert not any(isinstance(each, PathCollection) for each in figure.axes[0].collections)
+    assert "single draws" in figures.module("errors").CAPTION
