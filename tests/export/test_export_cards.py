@@ -16,7 +16,7 @@ from tests.shared.cards import (
 )
 
 from deabayes.experiment import Quantity, Specimen
-from deabayes.export.taken import evenly, system_and_draws
+from deabayes.export.source import evenly, system_and_draws
 from deabayes.faults import UserError
 from deabayes.systems import REGISTRY, candidates
 from deabayes.systems.springs import REGISTRY as SPRINGS

@@ -13,7 +13,7 @@ from tests.shared.fake_tables import whole
 from deabayes.cli.main import cli
 from deabayes.export import abaqus, ansys, export
 from deabayes.export.cards import _name
-from deabayes.export.taken import system_and_draws
+from deabayes.export.source import system_and_draws
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import write_tree
 

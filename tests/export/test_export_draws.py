@@ -10,7 +10,7 @@ import scipy.io
 import xarray as xr
 
 from deabayes.export import export
-from deabayes.export.taken import draws_table
+from deabayes.export.source import draws_table
 from deabayes.faults import UserError
 
 LONG = "a_record_of_a_whole_week_in_may.sigma_white"

@@ -13,7 +13,7 @@ from tests.shared.tube_trees import specimen, tree
 
 from deabayes.experiment import Excitation, Quantity
 from deabayes.export import export
-from deabayes.export.taken import evenly
+from deabayes.export.source import evenly
 from deabayes.posteriors.storage import stacked
 from deabayes.systems import build
 from deabayes.systems.tubular.circuit import Circuit

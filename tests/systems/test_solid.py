@@ -7,7 +7,7 @@ import pytest
 from tests.shared.cards import SPECIMENS, posterior
 
 from deabayes.experiment import Excitation
-from deabayes.export.taken import system_and_draws
+from deabayes.export.source import system_and_draws
 from deabayes.systems.membrane.material import Material, shares_at_prestretch
 from deabayes.systems.solid import LINEAR, Solid
 from deabayes.systems.tubular.voigt_kelvin import Chain

@@ -36,74 +36,52 @@ CONDITIONS = click.option(
     "conditions",
     multiple=True,
     metavar="NAME=VALUE",
-    help="What is held under --excitation, such as load_g=300.",
+    help="A constant condition of the experiment, such as load_g=300 (with --excitation).",
 )
 
 
 INDEX = "index.json"
 """Lists what is in a folder of figures or of analyses."""
 OF_A_STUDY = ("specimen.yaml", "study.yaml", "population.yaml")
-"""Files by which a folder is one of records or of results."""
+"""Files by which a folder is recognised as one of records or of results."""
 
 
 def keep_inputs(output: Path | None, *inputs: Path | None, option: str = "-o") -> None:
-    """Refuse an output that is also an input, however its path is written.
-
-    Raises
-    ------
-    UserError
-    """
+    """Refuse an output that is also an input, however its path is written."""
     if output is None or not output.exists():
         return
     for source in inputs:
         if source is not None and source.exists() and output.samefile(source):
             kind = "folder" if output.is_dir() else "file"
-            raise UserError(f"{option} {output}: is the {kind} that is read; name another")
+            raise UserError(f"{option} {output}: this {kind} is an input; name another {kind}")
 
 
-def a_folder(output: Path, option: str = "-o") -> None:
-    """Refuse a file where a folder is to be written.
-
-    Raises
-    ------
-    UserError
-    """
+def check_folder(output: Path, option: str = "-o") -> None:
+    """Refuse a file where a folder is to be written."""
     if output.is_file():
         raise UserError(f"{option} {output}: is a file; name a folder")
 
 
-def a_folder_of(kind: str, output: Path, key: str, option: str = "-o") -> None:
+def check_folder_of(kind: str, output: Path, key: str, replaced: bool = False) -> None:
     """Refuse a folder that holds records, results, or another kind of output than `kind`.
 
     Parameters
     ----------
-    key : what each entry of the folder's index has.
-
-    Raises
-    ------
-    UserError
+    key : key that every entry of the folder's index has.
+    replaced : whether the folder is replaced as a whole. A folder with other files is then
+        refused too.
     """
-    a_folder(output, option)
+    check_folder(output)
     for name in OF_A_STUDY:
         if (output / name).is_file():
-            raise UserError(f"{option} {output}: holds {name}; name a folder for {kind} alone")
+            raise UserError(f"-o {output}: holds {name}; name a folder that holds only {kind}")
     index = output / INDEX
     if index.is_file() and not _lists(index, key):
-        raise UserError(f"{option} {output}: its {INDEX} lists no {kind}; name another folder")
-
-
-def a_folder_to_replace(kind: str, output: Path, key: str, option: str = "-o") -> None:
-    """Like `a_folder_of`; also refuse a folder with files that are not of `kind`.
-
-    Raises
-    ------
-    UserError
-    """
-    a_folder_of(kind, output, key, option)
-    held = [*output.iterdir()] if output.is_dir() else []
-    if held and not (output / INDEX).is_file():
+        raise UserError(f"-o {output}: its {INDEX} lists no {kind}; name another folder")
+    files = sorted(output.iterdir()) if output.is_dir() else []
+    if replaced and files and not index.is_file():
         raise UserError(
-            f"{option} {output}: is replaced as a whole, and holds {min(held).name}; name a new "
+            f"-o {output}: the command would delete this folder with {files[0].name}; name a new "
             "folder"
         )
 
@@ -123,12 +101,14 @@ def find_study(study: str, config: Path) -> Study:
 
     if Path(study).suffix in (".yaml", ".yml"):
         return load_study(Path(study))
-    studies = {each.name: each for each in load_studies(config)}
+    studies = {known.name: known for known in load_studies(config)}
     if study in studies:
         return studies[study]
     if study in read_yaml(config)["studies"]:
-        parts = [n for n, each in studies.items() if each.select and n.startswith(f"{study}_")]
-        raise UserError(f"{config}: {study} is split into {', '.join(parts)}; name one of them")
+        parts = [n for n, part in studies.items() if part.select and n.startswith(f"{study}_")]
+        raise UserError(
+            f"{config}: study {study} is split into {', '.join(parts)}; name one of them"
+        )
     raise UserError(f"{config}: has no study {study!r}{nearest(study, studies)}")
 
 
@@ -138,7 +118,7 @@ def find_population(name: str, config: Path) -> Population:
     from deabayes.population.settings import load_populations
     from deabayes.studies import load_studies
 
-    populations = {each.name: each for each in load_populations(config)}
+    populations = {known.name: known for known in load_populations(config)}
     if name not in populations:
         hint = nearest(name, populations) or "; name one under `populations`"
         raise UserError(f"{config}: has no population {name!r}{hint}")
@@ -154,48 +134,59 @@ def study_folders(names: Sequence[str], results: Path) -> list[Path]:
 
     Each folder is returned once.
     """
-    folders = [each if (each := results / name).exists() else Path(name) for name in names]
-    for name, folder in zip(names, folders, strict=True):
+    folders: dict[Path, Path] = {}
+    for name in names:
+        folder = results / name if (results / name).exists() else Path(name)
         if not folder.exists():
             raise _unknown(name, "results folder", results)
-    once: dict[Path, Path] = {}
-    for folder in folders:
-        once.setdefault(folder.resolve(), folder)
-    return list(once.values())
+        folders.setdefault(folder.resolve(), folder)
+    return list(folders.values())
 
 
-def found_posteriors(sources: Sequence[str], results: Path) -> list[Path]:
+def posterior_files(sources: Sequence[str], results: Path) -> list[Path]:
     """Posterior files given as paths, or all posteriors of one study given by name."""
     from deabayes.posteriors.storage import fitted_posteriors
 
-    if all(Path(source).is_file() for source in sources):
+    missing = [source for source in sources if not Path(source).is_file()]
+    if not missing:
         return [Path(source) for source in sources]
     if len(sources) > 1:
-        missing = [source for source in sources if not Path(source).is_file()]
         raise UserError(f"{missing[0]}: no such posterior file")
-    found = fitted_posteriors(results / sources[0])
-    if not found:
+    files = fitted_posteriors(results / sources[0])
+    if not files:
         raise _unknown(sources[0], "posterior file", results)
-    return found
+    return files
 
 
 def one_posterior(source: str, results: Path) -> Path:
     """One posterior file, given as a path or as the name of a study with one fitted candidate."""
-    from deabayes.posteriors.storage import fitted_posteriors
-
-    if Path(source).is_file():
-        return Path(source)
-    found = fitted_posteriors(results / source)
-    if len(found) > 1:
-        files = " or ".join(map(str, found))
-        raise UserError(f"study {source} has {len(found)} fitted candidates; give {files}")
-    if not found and not Path(source).is_dir():  # which files a folder holds is said on opening
-        raise _unknown(source, "posterior file", results)
-    return found[0] if found else Path(source)
+    if Path(source).is_dir() and not (results / source).exists():
+        return Path(source)  # opening it says which posterior files are in it
+    files = posterior_files([source], results)
+    if len(files) > 1:
+        choices = " or ".join(map(str, files))
+        raise UserError(f"study {source} has {len(files)} fitted candidates; give {choices}")
+    return files[0]
 
 
 def _unknown(name: str, kind: str, results: Path) -> UserError:
-    """That a name is of nothing, and of which fitted study it may be meant."""
+    """Say that a name is unknown, and which fitted study it may mean."""
     fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
     hint = nearest(name, fitted) if fitted else "; run `deabayes fit` first"
     return UserError(f"{name!r} is neither a {kind} nor a fitted study under {results}{hint}")
+
+
+def named_values(settings: Sequence[str], option: str) -> dict[str, float | str]:
+    """Split NAME=VALUE pairs; a value that is no number stays text."""
+    values: dict[str, float | str] = {}
+    for setting in settings:
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if not name or not value:
+            raise UserError(f"{option} {setting!r}: expected NAME=VALUE")
+        if name in values:
+            raise UserError(f"{option}: {name} is given twice; keep one")
+        try:
+            values[name] = float(value)
+        except ValueError:
+            values[name] = value
+    return values

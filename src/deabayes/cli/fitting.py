@@ -14,7 +14,7 @@ from deabayes.cli.arguments import (
     EXISTING,
     RESULTS,
     TARGET,
-    a_folder,
+    check_folder,
     find_study,
     keep_inputs,
 )
@@ -151,7 +151,7 @@ def prepare_by_name(study: str, config: Path, output: Path) -> None:
     """Check one study and prepare its records."""
     from deabayes.pipeline import prepare_study
 
-    a_folder(output)
+    check_folder(output)
     found = find_study(study, config)
     checked(found)
     keep_inputs(output, *_folders_of(found))

@@ -12,7 +12,7 @@ from deabayes.cli import fitting, judging, records, using
 from deabayes.faults import UserError
 
 SMALL_MATRICES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""What libraries of linear algebra ask for a number of threads; more than one only wait here."""
+"""Numbers of threads in linear algebra; our matrices are too small for more than one."""
 
 
 @click.group(
@@ -38,7 +38,7 @@ for command in (
     judging.nested,
     judging.compare,
     judging.further,
-    judging.predict,
+    using.predict,
     judging.analyse,
     judging.figures,
     judging.report,
@@ -52,39 +52,34 @@ for command in (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; a user's mistake ends with one message and status 1 or 2."""
+    """Run the command line; a user's mistake ends with one message and exit status 1 or 2."""
     for name in SMALL_MATRICES:
         os.environ.setdefault(name, "1")
     try:
         cli.main(args=arguments, prog_name="deabayes", standalone_mode=False)
     except UserError as error:
-        _end(f"deabayes: {error}", 1)
+        _end(error)
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        _end("deabayes: interrupted; the same command goes on where this one stopped", 1)
+        _end("interrupted; the same command continues where this one stopped")
     except OSError as error:
         if error.filename is None:
             raise
-        _end(f"deabayes: {error.filename}: {error.strerror}", 1)
+        _end(f"{error.filename}: {error.strerror}")
     except (Exception, SystemExit) as error:
-        _end_at_an_own_model(error)
-        raise
+        from deabayes.own_models.loading import fault_in_a_model
+
+        fault = fault_in_a_model(error)  # an error inside a user's own model is a user's mistake
+        if fault is None:
+            raise
+        _end(fault)
 
 
-def _end_at_an_own_model(error: BaseException) -> None:
-    """Report an error inside a user's own model as a user's mistake, with file and line."""
-    from deabayes.own_models.loading import fault_in_a_model
-
-    fault = fault_in_a_model(error)
-    if fault is not None:
-        _end(f"deabayes: {fault}", 1)
-
-
-def _end(message: str, status: int) -> None:
-    click.echo(message, err=True)
-    sys.exit(status)
+def _end(message: object) -> None:
+    click.echo(f"deabayes: {message}", err=True)
+    sys.exit(1)
 
 
 if __name__ == "__main__":

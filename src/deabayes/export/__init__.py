@@ -2,46 +2,49 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import xarray as xr
-
-from deabayes.export import abaqus, ansys, state_space
-from deabayes.export.draws import write_csv, write_json, write_mat, write_parquet
-from deabayes.export.priors import write_numpyro, write_pymc
 from deabayes.faults import UserError, nearest
 from deabayes.files import write_atomically
 
-REGISTRY: dict[str, Callable[..., Sequence[str] | None]] = {
-    "csv": write_csv,
-    "parquet": write_parquet,
-    "json": write_json,
-    "mat": write_mat,
-    "state-space": state_space.write,
-    "abaqus": abaqus.write,
-    "ansys": ansys.write,
-    "pymc": write_pymc,
-    "numpyro": write_numpyro,
-}
-"""Format -> function with the arguments (tree, path, *, options of the format).
+if TYPE_CHECKING:
+    import xarray as xr
 
-`path` is a temporary file. A function with the option `suffix` gets the ending of the requested
-file. A function may return warnings about what it wrote.
-"""
-ENDINGS: dict[str, tuple[str, ...]] = {
-    "csv": (".csv",),
-    "parquet": (".parquet",),
-    "json": (".json",),
-    "mat": (".mat",),
-    "abaqus": (".inp",),
-    "ansys": (".mac", ".inp"),
-    "pymc": (".py",),
-    "numpyro": (".py",),
+
+class Format(NamedTuple):
+    """One export format.
+
+    Attributes
+    ----------
+    module, function : writes the posterior, called as `function(tree, path, **options)`. It may
+        return warnings about what it wrote. `path` is a temporary file.
+    endings : usual endings of such files; files of other formats must not have them.
+    options : keyword arguments that the function takes. `suffix` gets the ending of the requested
+        file, the others come from the user.
+    """
+
+    module: str
+    function: str
+    endings: tuple[str, ...]
+    options: tuple[str, ...] = ()
+
+
+REGISTRY = {
+    "csv": Format("draws", "write_csv", (".csv",)),
+    "parquet": Format("draws", "write_parquet", (".parquet",)),
+    "json": Format("draws", "write_json", (".json",)),
+    "mat": Format("draws", "write_mat", (".mat",)),
+    "state-space": Format(
+        "state_space", "write", (".json", ".mat"), ("suffix", "rate", "draws", "load_g", "bias")
+    ),
+    "abaqus": Format("abaqus", "write", (".inp",), ("draws",)),
+    "ansys": Format("ansys", "write", (".mac", ".inp"), ("draws",)),
+    "pymc": Format("priors", "write_pymc", (".py",)),
+    "numpyro": Format("priors", "write_numpyro", (".py",)),
 }
-"""Format -> its usual file endings; files of other formats must not have them."""
+"""Format by name. Modules are imported on use, so that the command line starts fast."""
 OF_OTHER_PROGRAMS = (".xlsx", ".xls", ".nc", ".tdms")
 """Refused file endings: programs that open such files cannot read an export."""
 
@@ -61,26 +64,28 @@ def export(tree: xr.DataTree, to: str, output: Path, **options: Any) -> list[str
     """
     if to not in REGISTRY:
         raise UserError(f"--to {to!r} is no export format{nearest(to, REGISTRY)}")
-    output, given = Path(output), {name: v for name, v in options.items() if v is not None}
+    output, chosen = Path(output), REGISTRY[to]
+    given = {name: value for name, value in options.items() if value is not None}
     for name in given:
-        takers = [form for form in REGISTRY if name in _options(form)]
-        if to not in takers:
-            option = f"--{name.replace('_', '-')}"
-            raise UserError(
-                f"{option} belongs to --to {' or '.join(takers) or '(no format)'}; "
-                f"--to {to} takes no such option"
-            )
-    foreign = {ending for endings in (*ENDINGS.values(), OF_OTHER_PROGRAMS) for ending in endings}
-    if "suffix" not in _options(to) and output.suffix.lower() in foreign.difference(ENDINGS[to]):
-        usual = " or ".join(ENDINGS[to])
-        raise UserError(f"-o {output}: --to {to} writes {usual}; correct the one or the other")
-    if "suffix" in _options(to):
+        if name not in chosen.options:
+            takers = [known for known, form in REGISTRY.items() if name in form.options]
+            remedy = f"only --to {' or '.join(takers)} does" if takers else "leave it out"
+            raise UserError(f"--to {to} takes no option --{name.replace('_', '-')}; {remedy}")
+    if "suffix" in chosen.options:
         given["suffix"] = output.suffix
-    cautions: list[str] = []
-    write_atomically(lambda path: cautions.extend(REGISTRY[to](tree, path, **given) or ()), output)
-    return cautions
+    else:
+        _check_ending(output, to)
+    write = getattr(import_module(f"deabayes.export.{chosen.module}"), chosen.function)
+    warnings: list[str] = []
+    write_atomically(lambda path: warnings.extend(write(tree, path, **given) or ()), output)
+    return warnings
 
 
-def _options(to: str) -> list[str]:
-    parameters = inspect.signature(REGISTRY[to]).parameters.values()
-    return [p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
+def _check_ending(output: Path, to: str) -> None:
+    """Refuse a file whose ending is usual for another format."""
+    known = {ending for form in REGISTRY.values() for ending in form.endings}
+    usual = REGISTRY[to].endings
+    if output.suffix.lower() in known.union(OF_OTHER_PROGRAMS).difference(usual):
+        raise UserError(
+            f"-o {output}: --to {to} writes {' or '.join(usual)} files; change the ending or --to"
+        )

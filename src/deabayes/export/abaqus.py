@@ -12,53 +12,44 @@ g(t) = 1 - sum_i g_i (1 - exp(-t/tau_i)), data lines g_i, k_i, tau_i (Abaqus Key
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.cards import Card, Lines, Program, commented, series, write_cards, written
+from deabayes.export.cards import Card, Program, commented, series, write_cards
 from deabayes.systems.solid import LINEAR
 
 MARK = "**"
 ORDER = 6
+"""Number of terms in the series of the Gent energy."""
 PER_LINE = 8
 CLOSE = 0.01
-SAID = ("Abaqus: *INCLUDE this file among the model data and name a material in *SOLID SECTION",)
-OF_RELAXATION = (
-    "Relaxation acts in *VISCO and dynamic steps; a *STATIC step takes the solid before relaxation "
-    "(with its parameter LONG TERM, that after it)",
-)
+"""Largest relative error of the series' stress up to the stretches that the card states."""
 INCOMPRESSIBLE = (
-    "D_i = 0: incompressible. Abaqus/Standard needs hybrid elements (C3D8H, CPE4H, ...) for it "
-    "unless stress is plane; Abaqus/Explicit does not take it: give D_1 = 2/bulk modulus",
+    "D_i = 0: incompressible. Abaqus/Standard then needs hybrid elements (C3D8H, CPE4H, ...) "
+    "except in plane stress. Abaqus/Explicit refuses it: give D_1 = 2/bulk modulus"
 )
 
 
 def write(tree: xr.DataTree, path: Path, *, draws: int | None = None) -> None:
-    """Write cards for `*INCLUDE`, with one `*MATERIAL` per card.
+    """Write cards for `*INCLUDE`, with one `*MATERIAL` per card; see `write_cards`.
 
     Parameters
     ----------
     draws : number of draws, with one card per draw; by default one card of the medians.
-
-    Raises
-    ------
-    UserError
-        If the candidate describes no solid, or the posterior has fewer draws.
     """
-    write_cards(tree, path, draws, Program(MARK, SAID, OF_RELAXATION, _lines))
+    write_cards(tree, path, draws, ABAQUS)
 
 
-def _lines(card: Card) -> list[str]:
-    lines = [f"*MATERIAL, NAME={card.name}"]
-    if card.density is not None:
-        lines += ["*DENSITY", f"{card.density:.9g},"]
-    lines += written(card.law, LAWS, "Abaqus")(card)
-    if card.shares:
-        lines.append("*VISCOELASTIC, TIME=PRONY")
-        lines += [f"{g:.9g}, 0., {tau:.9g}" for g, tau in zip(card.shares, card.times, strict=True)]
-    return lines
+def _opening(card: Card) -> list[str]:
+    density = [] if card.density is None else ["*DENSITY", f"{card.density:.9g},"]
+    return [f"*MATERIAL, NAME={card.name}", *density]
+
+
+def _relaxation(card: Card) -> list[str]:
+    terms = zip(card.shares, card.times, strict=True)
+    return ["*VISCOELASTIC, TIME=PRONY", *(f"{g:.9g}, 0., {tau:.9g}" for g, tau in terms)]
 
 
 def _moduli(card: Card) -> str:
@@ -76,17 +67,24 @@ def _data(values: Sequence[float]) -> list[str]:
     ]
 
 
+def _hyperelastic(
+    card: Card, law: str, constants: Sequence[float], terms: int, comments: Sequence[str] = ()
+) -> list[str]:
+    """Lines of a hyperelastic law: its constants, then D_i = 0 for every term."""
+    return [
+        *commented([*comments, INCOMPRESSIBLE], MARK),
+        f"*HYPERELASTIC, {law}{_moduli(card)}",
+        *_data([*constants, *[0.0] * terms]),
+    ]
+
+
 def _linear(card: Card) -> list[str]:
     return [f"*ELASTIC{_moduli(card)}", *_data([card.moduli["E"], card.others["nu"]])]
 
 
 def _neo_hookean(card: Card) -> list[str]:
-    """Neo-Hookean card with the constants C_10 = mu/2 and D_1."""
-    return [
-        *commented(INCOMPRESSIBLE, MARK),
-        f"*HYPERELASTIC, NEO HOOKE{_moduli(card)}",
-        *_data([card.moduli["mu"] / 2.0, 0.0]),
-    ]
+    """Neo-Hookean card with the constant C_10 = mu/2."""
+    return _hyperelastic(card, "NEO HOOKE", [card.moduli["mu"] / 2.0], 1)
 
 
 def _ogden(card: Card) -> list[str]:
@@ -94,14 +92,9 @@ def _ogden(card: Card) -> list[str]:
 
     The exponents are the same in both.
     """
-    pairs = zip(series(card.moduli, "mu"), series(card.others, "alpha"), strict=True)
-    data = [value for mu, alpha in pairs for value in (mu * alpha / 2.0, alpha)]
-    terms = len(data) // 2
-    return [
-        *commented(INCOMPRESSIBLE, MARK),
-        f"*HYPERELASTIC, OGDEN, N={terms}{_moduli(card)}",
-        *_data([*data, *[0.0] * terms]),
-    ]
+    pairs = list(zip(series(card.moduli, "mu"), series(card.others, "alpha"), strict=True))
+    constants = [value for mu, alpha in pairs for value in (mu * alpha / 2.0, alpha)]
+    return _hyperelastic(card, f"OGDEN, N={len(pairs)}", constants, len(pairs))
 
 
 def _gent(card: Card) -> list[str]:
@@ -111,31 +104,27 @@ def _gent(card: Card) -> list[str]:
     terms is the Gent stress times 1 - (x/J)^n.
     """
     mu, limit = card.moduli["mu"], card.others["J"]
-    data = [mu / (2.0 * k * limit ** (k - 1)) for k in range(1, ORDER + 1)]
-    return [
-        *commented([*_series_holds(card), *INCOMPRESSIBLE], MARK),
-        f"*HYPERELASTIC, REDUCED POLYNOMIAL, N={ORDER}{_moduli(card)}",
-        *_data([*data, *[0.0] * ORDER]),
-    ]
+    constants = [mu / (2.0 * k * limit ** (k - 1)) for k in range(1, ORDER + 1)]
+    law = f"REDUCED POLYNOMIAL, N={ORDER}"
+    return _hyperelastic(card, law, constants, ORDER, _validity_of_series(card))
 
 
-def _series_holds(card: Card) -> list[str]:
+def _validity_of_series(card: Card) -> list[str]:
     """Comments on the stretch up to which the series' stress is within 1 % of the Gent stress."""
     limit = card.others["J"]
     reached = limit * CLOSE ** (1.0 / ORDER)
     biaxial, uniaxial = (_stretch(reached, power) for power in (2, 1))
-    said = [
-        f"Abaqus has no Gent law: this is the series of its energy to order {ORDER}, with J = "
-        f"{limit:.5g}. Its stress stays within 1 % of the Gent spring's up to stretch "
-        f"{biaxial:.4g} equal-biaxial and {uniaxial:.4g} uniaxial, and is too low beyond"
+    comments = [
+        f"Abaqus has no Gent law. This card is a series of the Gent energy to order {ORDER}, with "
+        f"J = {limit:.5g}. Its stress is too low, by less than 1 % up to stretch {biaxial:.4g} "
+        f"equal-biaxial and {uniaxial:.4g} uniaxial, and by more beyond"
     ]
     if card.invariant is not None and card.invariant > reached:
-        said.append(
-            f"NOTE: the specimen itself is beyond that, at I_1 - 3 = {card.invariant:.4g} "
-            f"(the series holds up to {reached:.4g}): use a user subroutine (UHYPER) with Gent's "
-            "law"
+        comments.append(
+            f"NOTE: the specimen works beyond these stretches, at I_1 - 3 = {card.invariant:.4g}; "
+            f"the series holds up to {reached:.4g}. Use a user subroutine (UHYPER) with Gent's law"
         )
-    return said
+    return comments
 
 
 def _stretch(invariant: float, directions: int) -> float:
@@ -149,9 +138,15 @@ def _stretch(invariant: float, directions: int) -> float:
     return float(brentq(excess, 1.0, (invariant + 3.0) ** 0.5))
 
 
-LAWS: Mapping[str, Lines] = {
-    LINEAR: _linear,
-    "gent": _gent,
-    "neo_hookean": _neo_hookean,
-    "ogden": _ogden,
-}
+ABAQUS = Program(
+    name="Abaqus",
+    mark=MARK,
+    usage=("Abaqus: *INCLUDE this file in the model data, and name a material in *SOLID SECTION"),
+    usage_of_relaxation=(
+        "Relaxation acts in *VISCO and dynamic steps. A *STATIC step uses the solid before "
+        "relaxation, and with its parameter LONG TERM the solid after it"
+    ),
+    opening=_opening,
+    relaxation=_relaxation,
+    laws={LINEAR: _linear, "gent": _gent, "neo_hookean": _neo_hookean, "ogden": _ogden},
+)

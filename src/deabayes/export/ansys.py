@@ -13,55 +13,54 @@ TB,PRONY,,,,SHEAR takes alpha_i, tau_i of G(t)/G(0) = 1 - sum_i alpha_i (1 - exp
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import xarray as xr
 
-from deabayes.export.cards import Card, Lines, Program, commented, series, write_cards, written
+from deabayes.export.cards import Card, Program, commented, series, write_cards
 from deabayes.systems.solid import LINEAR
 
 MARK = "!"
 PER_LINE = 6
-SAID = (
-    "ANSYS: read this file in /PREP7 (/INPUT). Materials are numbered from 1: number them anew "
-    "where the model has these",
-)
-OF_RELAXATION = (
-    "The constants of the law are those before relaxation: after it they are 1 - sum of shares of "
-    "that",
-)
 INCOMPRESSIBLE = (
-    "d = 0: incompressible. Solid elements need the mixed u-P formulation for it (SOLID185 to "
-    "187: KEYOPT(6) = 1) unless stress is plane",
+    "d = 0: incompressible. Solid elements then need the mixed u-P formulation (SOLID185 to 187: "
+    "KEYOPT(6) = 1), except in plane stress"
 )
 
 
 def write(tree: xr.DataTree, path: Path, *, draws: int | None = None) -> None:
-    """Write cards for `/INPUT`, with one material number per card.
+    """Write cards for `/INPUT`, with one material number per card; see `write_cards`.
 
     Parameters
     ----------
     draws : number of draws, with one card per draw; by default one card of the medians.
-
-    Raises
-    ------
-    UserError
-        If the candidate describes no solid, or the posterior has fewer draws.
     """
-    write_cards(tree, path, draws, Program(MARK, SAID, OF_RELAXATION, _lines))
+    write_cards(tree, path, draws, ANSYS)
 
 
-def _lines(card: Card) -> list[str]:
-    lines = [f"! {card.name}"]
-    if card.density is not None:
-        lines.append(f"MP,DENS,{card.number},{card.density:.9g}")
-    lines += written(card.law, LAWS, "ANSYS")(card)
-    if card.shares:
-        pairs = zip(card.shares, card.times, strict=True)
-        lines.append(f"TB,PRONY,{card.number},1,{len(card.shares)},SHEAR")
-        lines += _data([value for pair in pairs for value in pair])
-    return lines
+def _opening(card: Card) -> list[str]:
+    density = [] if card.density is None else [f"MP,DENS,{card.number},{card.density:.9g}"]
+    return [f"! {card.name}", *density]
+
+
+def _relaxation(card: Card) -> list[str]:
+    terms = zip(card.shares, card.times, strict=True)
+    return [
+        f"TB,PRONY,{card.number},1,{len(card.shares)},SHEAR",
+        *_data([value for term in terms for value in term]),
+    ]
+
+
+def _hyperelastic(
+    card: Card, law: str, constants: Sequence[float], terms: int | str = ""
+) -> list[str]:
+    """Lines of a hyperelastic law, with a comment on incompressibility."""
+    return [
+        *commented([INCOMPRESSIBLE], MARK),
+        f"TB,HYPER,{card.number},1,{terms},{law}",
+        *_data(constants),
+    ]
 
 
 def _data(values: Sequence[float]) -> list[str]:
@@ -81,37 +80,33 @@ def _linear(card: Card) -> list[str]:
 
 def _neo_hookean(card: Card) -> list[str]:
     """Neo-Hookean card with the constants mu, d."""
-    return [
-        *commented(INCOMPRESSIBLE, MARK),
-        f"TB,HYPER,{card.number},1,,NEO",
-        *_data([card.before_relaxation["mu"], 0.0]),
-    ]
+    return _hyperelastic(card, "NEO", [card.before_relaxation["mu"], 0.0])
 
 
 def _gent(card: Card) -> list[str]:
     """Gent card with the constants mu, J_m, d."""
-    return [
-        *commented(INCOMPRESSIBLE, MARK),
-        f"TB,HYPER,{card.number},1,,GENT",
-        *_data([card.before_relaxation["mu"], card.others["J"], 0.0]),
-    ]
+    return _hyperelastic(card, "GENT", [card.before_relaxation["mu"], card.others["J"], 0.0])
 
 
 def _ogden(card: Card) -> list[str]:
     """Ogden card with mu_1, alpha_1, ..., then d_1, ...; the energy is defined as ours."""
-    terms = series(card.before_relaxation, "mu")
-    pairs = zip(terms, series(card.others, "alpha"), strict=True)
-    data = [value for pair in pairs for value in pair]
-    return [
-        *commented(INCOMPRESSIBLE, MARK),
-        f"TB,HYPER,{card.number},1,{len(terms)},OGDEN",
-        *_data([*data, *[0.0] * len(terms)]),
-    ]
+    moduli, exponents = series(card.before_relaxation, "mu"), series(card.others, "alpha")
+    constants = [value for pair in zip(moduli, exponents, strict=True) for value in pair]
+    return _hyperelastic(card, "OGDEN", [*constants, *[0.0] * len(moduli)], len(moduli))
 
 
-LAWS: Mapping[str, Lines] = {
-    LINEAR: _linear,
-    "gent": _gent,
-    "neo_hookean": _neo_hookean,
-    "ogden": _ogden,
-}
+ANSYS = Program(
+    name="ANSYS",
+    mark=MARK,
+    usage=(
+        "ANSYS: read this file in /PREP7 (/INPUT). Materials are numbered from 1: renumber them if "
+        "the model already has these numbers"
+    ),
+    usage_of_relaxation=(
+        "The constants of the law hold before relaxation. After it they are smaller by the factor "
+        "1 - sum of shares"
+    ),
+    opening=_opening,
+    relaxation=_relaxation,
+    laws={LINEAR: _linear, "gent": _gent, "neo_hookean": _neo_hookean, "ogden": _ogden},
+)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.export.taken import evenly, system_and_draws, whose
+from deabayes.export.source import converged, evenly, provenance, system_and_draws, title
 from deabayes.faults import UserError
 from deabayes.systems import Draws, System
 from deabayes.systems.solid import Solid
@@ -60,36 +59,62 @@ class Program:
 
     Attributes
     ----------
+    name : name of the program.
     mark : start of a comment line.
-    said, of_relaxation : sentences for all files, and for files of solids with relaxation.
-    lines : function that writes a card in the program's format.
+    usage, usage_of_relaxation : sentences for all files, and for files of solids with relaxation.
+    opening, relaxation : functions that write a card's lines before the law (name and density),
+        and the Prony series.
+    laws : name of a law -> function that writes its lines.
     """
 
+    name: str
     mark: str
-    said: tuple[str, ...]
-    of_relaxation: tuple[str, ...]
-    lines: Lines
+    usage: str
+    usage_of_relaxation: str
+    opening: Lines
+    relaxation: Lines
+    laws: Mapping[str, Lines]
 
 
 def write_cards(tree: xr.DataTree, path: Path, draws: int | None, program: Program) -> None:
-    """Write one card of the medians, or cards of `draws` draws."""
+    """Write one card of the medians, or cards of `draws` draws.
+
+    Raises
+    ------
+    UserError
+        If the candidate describes no solid, the program has no card for its law, the posterior
+        has fewer draws, or a card would hold numbers that are not finite.
+    """
     system, values = system_and_draws(tree)
-    every = _solid(system, values)
-    picked = None if draws is None else evenly(every.relaxed.size, draws)
-    taken = {
-        name: np.array([np.median(given)]) if picked is None else given[picked]
-        for name, given in values.items()
-    }
-    solid = _solid(system, taken)
+    all_draws = _solid(system, values)
+    picked = None if draws is None else evenly(all_draws.relaxed.size, draws)
+    solid = _solid(
+        system,
+        {
+            name: np.array([np.median(drawn)]) if picked is None else drawn[picked]
+            for name, drawn in values.items()
+        },
+    )
     _check_finite(solid)
-    notes = [note.text for note in solid.notes if not note.values]
-    mark, relaxing = program.mark, program.of_relaxation if solid.times.size else ()
-    blocks = [commented([*_header(tree, every, picked), *notes, *program.said, *relaxing], mark)]
+    if solid.law not in program.laws:
+        raise UserError(
+            f"{program.name}: no card is known for the law {solid.law!r}, only for "
+            f"{', '.join(program.laws)}; export the draws with --to json or --to csv"
+        )
+    header = [
+        *_header(tree, all_draws, picked),
+        *(note.text for note in solid.notes if not note.values),
+        program.usage,
+        *([program.usage_of_relaxation] if solid.times.size else []),
+    ]
+    lines = [*commented(header, program.mark), program.mark]
     for k in range(solid.relaxed.size):
-        card = _card(tree, solid, every, k, picked)
-        blocks.append([*commented(card.comments, mark), *program.lines(card)])
-    text = "\n".join(line for block in blocks for line in [*block, mark]) + "\n"
-    path.write_text(text, encoding="ascii", errors="replace")
+        card = _card(tree, solid, all_draws, k, picked)
+        lines += commented(card.comments, program.mark) + program.opening(card)
+        lines += program.laws[card.law](card)
+        lines += program.relaxation(card) if card.shares else []
+        lines.append(program.mark)
+    path.write_text("\n".join(lines) + "\n", encoding="ascii", errors="replace")
 
 
 def _solid(system: System, draws: Draws) -> Solid:
@@ -110,60 +135,59 @@ def _check_finite(solid: Solid) -> None:
     lost = int(np.sum(~np.all(np.isfinite(np.column_stack([*numbers, solid.times])), axis=1)))
     if lost:
         raise UserError(
-            f"{lost} of {solid.relaxed.size} cards would hold no finite numbers; look at the "
-            "posterior's draws with --to csv"
+            f"{lost} of {solid.relaxed.size} cards would hold numbers that are not finite; look "
+            "at the posterior's draws with --to csv"
         )
 
 
-def _header(tree: xr.DataTree, every: Solid, picked: NDArray[np.intp] | None) -> list[str]:
+def _header(tree: xr.DataTree, all_draws: Solid, picked: NDArray[np.intp] | None) -> list[str]:
     """Return the file's first comments: candidate, provenance, convergence, units, draws."""
-    attrs, total = tree.attrs, every.relaxed.size
-    simulated = attrs["provenance"] == "simulated"
-    taken = f"Medians of {total} draws, each parameter's own"
+    total = all_draws.relaxed.size
+    source = f"Medians of {total} draws, of each parameter on its own"
     if picked is not None:
-        taken = f"{picked.size} of {total} draws, taken evenly: a card each, numbered from 1"
+        source = f"{picked.size} of {total} draws, evenly spaced: one card each, numbered from 1"
     intervals = []
-    for kind, values in _told(every).items():
+    for kind, values in _shear_moduli(all_draws).items():
         low, median, high = np.nanquantile(values, WIDE)
         intervals.append(f"{kind} {median:.5g} Pa ({low:.5g} to {high:.5g})")
     return [
-        f"deabayes {attrs['deabayes_version']}: {attrs['candidate']} of system "
-        f"{attrs['system']}, {whose(tree)}",
-        "Provenance: SIMULATED records, not measurements"
-        if simulated
-        else f"Provenance: {attrs['provenance']}",
-        "Converged"
-        if json.loads(attrs["convergence"])["converged"]
-        else "NOT CONVERGED: do not use these numbers",
+        f"deabayes {tree.attrs['deabayes_version']}: {title(tree)}",
+        provenance(tree),
+        "Converged" if converged(tree) else "NOT CONVERGED: do not use these numbers",
         "Units: SI (Pa, s, kg/m^3, stretches and shares 1)",
-        taken,
-        f"Shear modulus of all draws, median (90 % of them): {', '.join(intervals)}",
+        source,
+        f"Shear modulus of all draws, median (90 % interval): {', '.join(intervals)}",
     ]
 
 
 def _card(
-    tree: xr.DataTree, solid: Solid, every: Solid, k: int, picked: NDArray[np.intp] | None
+    tree: xr.DataTree, solid: Solid, all_draws: Solid, k: int, picked: NDArray[np.intp] | None
 ) -> Card:
-    which = [] if picked is None else [_which(tree, int(picked[k]))]
-    shear = _shear(solid, every, k, picked is None)
-    own = [note.of(k) for note in solid.notes if note.values]
+    comments = []
+    if picked is not None:
+        ensemble, draw = divmod(int(picked[k]), tree["posterior"].sizes["draw"])
+        comments.append(f"Ensemble {ensemble}, draw {draw} of the posterior file, both from 0")
+    comments += _on_shear_modulus(solid, all_draws, k, picked is None)
+    comments += [note.of(k) for note in solid.notes if note.values]
+    if solid.density is None:
+        comments.append("Density: the specimen states none; add it")
 
-    def of(values: Mapping[str, FloatArray]) -> dict[str, float]:
-        return {name: float(given[k]) for name, given in values.items()}
+    def of_draw(values: Mapping[str, FloatArray]) -> dict[str, float]:
+        return {name: float(drawn[k]) for name, drawn in values.items()}
 
     return Card(
         k + 1,
         _name(tree.attrs["candidate"], "MEDIANS" if picked is None else f"{k + 1:04d}"),
         solid.law,
-        of(solid.moduli),
-        of(solid.instantaneous_moduli),
-        of(solid.others),
+        of_draw(solid.moduli),
+        of_draw(solid.instantaneous_moduli),
+        of_draw(solid.others),
         solid.instantaneous,
         solid.shares[k].tolist(),
         solid.times[k].tolist(),
         None if solid.density is None else float(solid.density[k]),
         None if solid.invariant is None else float(solid.invariant[k]),
-        (*which, *shear, *own, *_density(solid)),
+        tuple(comments),
     )
 
 
@@ -173,28 +197,23 @@ def _name(candidate: str, ending: str) -> str:
     return f"{name if name[0].isalpha() else f'M{name}'}_{ending}"
 
 
-def _which(tree: xr.DataTree, row: int) -> str:
-    ensemble, draw = divmod(row, tree["posterior"].sizes["draw"])
-    return f"Ensemble {ensemble}, draw {draw} of the posterior file, both from 0"
-
-
-def _shear(solid: Solid, every: Solid, k: int, medians: bool) -> list[str]:
+def _on_shear_modulus(solid: Solid, all_draws: Solid, k: int, medians: bool) -> list[str]:
     """Comment on the card's shear modulus, and a note if the medians are not a typical draw."""
-    moduli = {kind: float(values[k]) for kind, values in _told(solid).items()}
-    told = ", ".join(f"{kind} {own:.5g} Pa" for kind, own in moduli.items())
-    said = [f"Shear modulus of this card: {told}"]
-    for kind, values in _told(every).items():
+    moduli = {kind: float(values[k]) for kind, values in _shear_moduli(solid).items()}
+    shown = ", ".join(f"{kind} {modulus:.5g} Pa" for kind, modulus in moduli.items())
+    comments = [f"Shear modulus of this card: {shown}"]
+    for kind, values in _shear_moduli(all_draws).items():
         low, high = np.nanquantile(values, MIDDLE)
         if medians and not low <= moduli[kind] <= high:
-            said.append(
-                f"NOTE: the {kind} shear modulus of the medians is outside of the central 50 % of "
-                f"the draws' ({low:.5g} to {high:.5g} Pa): parameters are correlated, and their "
-                "medians together are no typical draw. Take cards of draws (--draws)"
+            comments.append(
+                f"NOTE: the medians together are no typical draw, because parameters are "
+                f"correlated. Their {kind} shear modulus lies outside the central 50 % of the "
+                f"draws ({low:.5g} to {high:.5g} Pa). Write cards of draws instead (--draws)"
             )
-    return said
+    return comments
 
 
-def _told(solid: Solid) -> dict[str, FloatArray]:
+def _shear_moduli(solid: Solid) -> dict[str, FloatArray]:
     """Shear moduli before and after relaxation; a solid without relaxation has only `long-term`."""
     before, after = solid.shear_moduli
     return (
@@ -202,15 +221,11 @@ def _told(solid: Solid) -> dict[str, FloatArray]:
     )
 
 
-def _density(solid: Solid) -> list[str]:
-    return [] if solid.density is not None else ["Density: the specimen states none; add it"]
-
-
 def commented(sentences: Sequence[str], mark: str) -> list[str]:
     """Return sentences as comment lines; continuation lines are indented."""
     wrapped = (
-        textwrap.wrap(said, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-        for said in sentences
+        textwrap.wrap(sentence, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+        for sentence in sentences
     )
     return [f"{mark} {line}" for lines in wrapped for line in lines]
 
@@ -219,18 +234,3 @@ def series(coefficients: Mapping[str, float], name: str) -> list[float]:
     """Return the coefficients `name_1`, `name_2`, ... in order."""
     count = sum(key.startswith(f"{name}_") for key in coefficients)
     return [coefficients[f"{name}_{i}"] for i in range(1, count + 1)]
-
-
-def written(law: str, known: Mapping[str, Lines], program: str) -> Lines:
-    """Return the function that writes a law in a program's format.
-
-    Raises
-    ------
-    UserError : the program's format for this law is not known.
-    """
-    if law not in known:
-        raise UserError(
-            f"no card of {program} is known for the law {law!r}, only for {', '.join(known)}; "
-            "export the draws with --to json or --to csv"
-        )
-    return known[law]

@@ -9,10 +9,24 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import xarray as xr
 
-from deabayes.export.taken import converged, draws_table, stated, units
+from deabayes.export.source import converged, identity, units
 from deabayes.faults import UserError
+from deabayes.posteriors.storage import stacked
+
+LONGEST_NAME = 63
+"""Most characters of a name in MATLAB."""
+
+
+def draws_table(tree: xr.DataTree) -> pd.DataFrame:
+    """Tabulate all draws, one ensemble after the other; a column holds the ensemble's number."""
+    group = tree["posterior"]
+    table = pd.DataFrame({str(name): stacked(group, str(name)) for name in group.data_vars})
+    table.insert(0, "ensemble", np.repeat(np.arange(group.sizes["chain"]), group.sizes["draw"]))
+    return table
 
 
 def write_csv(tree: xr.DataTree, path: Path) -> None:
@@ -40,12 +54,14 @@ def write_json(tree: xr.DataTree, path: Path) -> None:
             "unit": variable.attrs.get("unit", "1"),
             "symbol": variable.attrs.get("symbol", ""),
             "kind": variable.attrs.get("kind", ""),
-            "draws": [each if math.isfinite(each) else None for each in table[str(name)].tolist()],
+            "draws": [
+                value if math.isfinite(value) else None for value in table[str(name)].tolist()
+            ],
         }
         for name, variable in tree["posterior"].data_vars.items()
     }
     content = {
-        **stated(tree),
+        **identity(tree),
         "converged": converged(tree),
         "ensemble": table["ensemble"].tolist(),
         "parameters": parameters,
@@ -53,13 +69,10 @@ def write_json(tree: xr.DataTree, path: Path) -> None:
     path.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
 
 
-LONGEST_NAME = 63
-
-
 def write_mat(tree: xr.DataTree, path: Path) -> None:
     """Write the structs `draws`, `units`, `names` and `about`.
 
-    The fields of the first three have names that MATLAB allows (see `fields`). `about` holds
+    The fields of the first three have names that MATLAB allows (see `matlab_fields`). `about` holds
     `candidate`, `system`, `provenance`, `deabayes_version` and the logical `converged`.
 
     Raises
@@ -69,17 +82,18 @@ def write_mat(tree: xr.DataTree, path: Path) -> None:
     from scipy.io import savemat
 
     table = draws_table(tree)
-    of = fields([str(name) for name in table.columns])
-    draws = {of[str(name)]: table[name].to_numpy() for name in table.columns}
-    labels = {of[name]: unit for name, unit in units(tree).items()}
-    names = {found: name for name, found in of.items()}
-    about = {**stated(tree), "converged": converged(tree)}
-    content = {"draws": draws, "units": labels, "names": names, "about": about}
+    field_of = matlab_fields([str(name) for name in table.columns])
+    content = {
+        "draws": {field: table[name].to_numpy() for name, field in field_of.items()},
+        "units": {field_of[name]: unit for name, unit in units(tree).items()},
+        "names": {field: name for name, field in field_of.items()},
+        "about": {**identity(tree), "converged": converged(tree)},
+    }
     with path.open("wb") as stream:
         savemat(stream, content, long_field_names=True)
 
 
-def fields(names: Sequence[str]) -> dict[str, str]:
+def matlab_fields(names: Sequence[str]) -> dict[str, str]:
     """Map quantities to MATLAB fields: `__` for a dot, `_` for other signs, `x` before a digit.
 
     If several names become the same field, the later ones get the endings `_1`, `_2`, as with
@@ -89,18 +103,18 @@ def fields(names: Sequence[str]) -> dict[str, str]:
     ------
     UserError : a field is longer than MATLAB allows.
     """
-    found: dict[str, str] = {}
+    field_of: dict[str, str] = {}
     for name in names:
         plain = re.sub(r"\W", "_", name.replace(".", "__"), flags=re.ASCII)
         plain = plain if plain[0].isalpha() else f"x{plain}"
         choices = itertools.chain([plain], (f"{plain}_{k}" for k in itertools.count(1)))
-        found[name] = next(each for each in choices if each not in found.values())
-        if len(found[name]) > LONGEST_NAME:
+        field_of[name] = next(field for field in choices if field not in field_of.values())
+        if len(field_of[name]) > LONGEST_NAME:
             raise UserError(
-                f"{name} is longer than the {LONGEST_NAME} characters of a name in MATLAB; export "
-                "to csv or json"
+                f"{name}: MATLAB allows names of at most {LONGEST_NAME} characters; export with "
+                "--to csv or --to json"
             )
-    return found
+    return field_of
 
 
 def write_parquet(tree: xr.DataTree, path: Path) -> None:
@@ -123,6 +137,9 @@ def write_parquet(tree: xr.DataTree, path: Path) -> None:
         else field
         for field in table.schema
     ]
-    told = stated(tree) | {"converged": json.dumps(converged(tree))}
-    kept = {key.decode(): value for key, value in (table.schema.metadata or {}).items()}
-    pq.write_table(table.cast(pa.schema(fields, metadata={**kept, **told})), path)
+    metadata = {
+        **(table.schema.metadata or {}),
+        **identity(tree),
+        "converged": json.dumps(converged(tree)),
+    }
+    pq.write_table(table.cast(pa.schema(fields, metadata=metadata)), path)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from deabayes.experiment import FloatArray
-from deabayes.export.taken import candidate_of, whose
+from deabayes.export.source import candidate_of, converged, provenance, title, units
 from deabayes.faults import UserError
 from deabayes.posteriors.inheritance import handed_on
 from deabayes.prior.from_posterior import FEWEST_DRAWS_PER_PARAMETER, LARGEST_MISFIT
@@ -46,8 +44,8 @@ class PriorNormal:
     mean: FloatArray
     factor: FloatArray
     misfit: float
-    out_of_order: tuple[tuple[tuple[str, ...], float], ...]
-    opposed: tuple[tuple[tuple[str, str], float], ...]
+    out_of_order: Mapping[tuple[str, ...], float]
+    opposed: Mapping[tuple[str, str], float]
 
 
 def prior_normal(tree: xr.DataTree) -> PriorNormal:
@@ -61,13 +59,18 @@ def prior_normal(tree: xr.DataTree) -> PriorNormal:
     UserError : too few draws, or draws without spread.
     """
     names, draws = handed_on(tree)
-    if len(draws) < FEWEST_DRAWS_PER_PARAMETER * len(names):
+    needed = FEWEST_DRAWS_PER_PARAMETER * len(names)
+    if len(draws) < needed:
         raise UserError(
-            f"{len(draws)} draws cannot carry the correlations of {len(names)} parameters; a "
-            f"posterior needs at least {FEWEST_DRAWS_PER_PARAMETER * len(names)} to become a prior"
+            f"the posterior has {len(draws)} draws, and a prior of {len(names)} correlated "
+            f"parameters needs at least {needed}; fit again with more draws"
         )
     parameters = {p.name: p for p in candidate_of(tree).parameters()}
-    pairs = _of_one_sign(names, parameters)
+    pairs = [
+        (name, other)
+        for name, parameter in parameters.items()
+        if (other := parameter.half_product_with) is not None and {name, other} <= set(names)
+    ]
     signed = {name for name, p in parameters.items() if p.prior.support[0] < 0.0}
     signed -= {name for pair in pairs for name in pair}
     logarithm = tuple(
@@ -77,13 +80,23 @@ def prior_normal(tree: xr.DataTree) -> PriorNormal:
     values = np.where(logarithm, np.log(np.where(logarithm, draws, 1.0)), draws)
     mean, factor = values.mean(axis=0), _factor(names, values)
     white = np.linalg.solve(factor, (values - mean).T).T
-    units = tuple(str(tree["posterior"][name].attrs.get("unit", "1")) for name in names)
-    columns = _drawn(names, mean, factor)
-    disorder = _out_of_order(_ordered(names, parameters), columns)
-    positive = {name for name, of in zip(names, logarithm, strict=True) if of}
-    opposed = _opposed([pair for pair in pairs if not positive.issuperset(pair)], positive, columns)
-    misfit = distance_from_normal(white)
-    return PriorNormal(names, units, logarithm, mean, factor, misfit, disorder, opposed)
+    drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
+    columns = dict(zip(names, drawn.T, strict=True))
+    positive = {name for name, is_log in zip(names, logarithm, strict=True) if is_log}
+    return PriorNormal(
+        tuple(names),
+        tuple(units(tree)[name] for name in names),
+        logarithm,
+        mean,
+        factor,
+        distance_from_normal(white),
+        _out_of_order(names, parameters, columns),
+        {
+            pair: _share_opposed(*pair, columns, positive)
+            for pair in pairs
+            if not positive.issuperset(pair)
+        },
+    )
 
 
 def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
@@ -96,8 +109,8 @@ def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
     fixed = [name for name, drawn in zip(names, values.T, strict=True) if np.ptp(drawn) == 0.0]
     if fixed:
         raise UserError(
-            f"all draws of {', '.join(fixed)} are alike, so they make no normal prior; fit again "
-            "with more draws, or export to csv"
+            f"all draws of {', '.join(fixed)} are equal, so they define no normal prior; fit again "
+            "with more draws, or export with --to csv"
         )
     spread = values.std(axis=0, ddof=1)
     correlation = np.atleast_2d(np.cov(values / spread, rowvar=False))
@@ -107,117 +120,89 @@ def _factor(names: Sequence[str], values: FloatArray) -> FloatArray:
         factor = np.zeros_like(correlation)
     if np.diag(factor).min() < LEAST_SPREAD:
         raise UserError(
-            f"draws of {', '.join(names)} do not vary in every direction: one follows from the "
-            "others, so they make no normal prior; export to csv"
+            f"one of {', '.join(names)} follows from the others in all draws, so they define no "
+            "normal prior; export with --to csv"
         )
     return spread[:, None] * factor
 
 
-def _ordered(names: Sequence[str], parameters: dict[str, Parameter]) -> tuple[tuple[str, ...], ...]:
-    """Names of ordered parameters, by group."""
+def _out_of_order(
+    names: Sequence[str],
+    parameters: Mapping[str, Parameter],
+    columns: Mapping[str, FloatArray],
+) -> dict[tuple[str, ...], float]:
+    """Share of the normal's draws in which ordered parameters do not ascend, by group.
+
+    Logarithms ascend if the parameters do.
+    """
     groups: dict[str, list[str]] = {}
     for name in names:
         if name in parameters and parameters[name].ordered is not None:
             groups.setdefault(str(parameters[name].ordered), []).append(name)
-    return tuple(tuple(group) for group in groups.values() if len(group) > 1)
+    shares = {}
+    for group in groups.values():
+        if len(group) > 1:
+            steps = np.diff([columns[name] for name in group], axis=0)
+            shares[tuple(group)] = float(np.mean(np.any(steps <= 0.0, axis=0)))
+    return shares
 
 
-def _of_one_sign(
-    names: Sequence[str], parameters: dict[str, Parameter]
-) -> tuple[tuple[str, str], ...]:
-    """Pairs of parameters whose product is positive, so that they have the same sign."""
-    return tuple(
-        (name, other)
-        for name, parameter in parameters.items()
-        if (other := parameter.half_product_with) is not None and {name, other} <= set(names)
-    )
+def _share_opposed(
+    first: str, second: str, columns: Mapping[str, FloatArray], positive: set[str]
+) -> float:
+    """Share of the normal's draws in which the signs of two parameters differ."""
+    signs = [
+        np.ones(TRIED) if name in positive else np.sign(columns[name]) for name in (first, second)
+    ]
+    return float(np.mean(signs[0] != signs[1]))
 
 
-def _drawn(names: Sequence[str], mean: FloatArray, factor: FloatArray) -> dict[str, FloatArray]:
-    """Draws of the normal by name, with logarithms where the normal uses them."""
-    drawn = mean + np.random.default_rng(0).standard_normal((TRIED, len(mean))) @ factor.T
-    return {name: drawn[:, k] for k, name in enumerate(names)}
-
-
-def _opposed(
-    pairs: Sequence[tuple[str, str]], positive: Collection[str], columns: dict[str, FloatArray]
-) -> tuple[tuple[tuple[str, str], float], ...]:
-    """Share of the normal's draws in which the signs of a pair differ, by pair."""
-    signs = {n: np.ones(len(v)) if n in positive else np.sign(v) for n, v in columns.items()}
-    return tuple(((a, b), float(np.mean(signs[a] != signs[b]))) for a, b in pairs)
-
-
-def _out_of_order(
-    groups: Sequence[tuple[str, ...]], columns: dict[str, FloatArray]
-) -> tuple[tuple[tuple[str, ...], float], ...]:
-    """Share of the normal's draws in which a group does not ascend, by group.
-
-    Logarithms ascend if the parameters do.
-    """
-    found = []
-    for group in groups:
-        wrong = [columns[one] >= columns[next_one] for one, next_one in pairwise(group)]
-        found.append((group, float(np.mean(np.any(wrong, axis=0)))))
-    return tuple(found)
-
-
-def in_words(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
+def description(tree: xr.DataTree, normal: PriorNormal) -> list[str]:
     """Describe the prior: its origin, how well it fits, and what it does not preserve."""
-    attrs = tree.attrs
-    simulated = attrs["provenance"] == "simulated"
-    said = [
-        f"{attrs['candidate']} of system {attrs['system']}, {whose(tree)}, by deabayes "
-        f"{attrs['deabayes_version']}.",
-        "From SIMULATED records, not measurements."
-        if simulated
-        else f"Provenance: {attrs['provenance']}.",
-    ]
-    if not json.loads(attrs["convergence"])["converged"]:
-        said.append("The posterior has NOT CONVERGED: do not use it.")
     rough = normal.misfit > LARGEST_MISFIT
-    said.append(
-        f"Misfit {normal.misfit:.3f}, the largest distance of distribution functions between draws "
-        f"and normal: {'above' if rough else 'up to'} {LARGEST_MISFIT:g}, the normal "
-        f"{'only approximates' if rough else 'describes'} the posterior."
-    )
-    said += [
-        f"In {100.0 * share:.2g} % of its draws {' < '.join(group)} does not hold, which it does "
-        "in the posterior: constrain it, or sort them with what belongs to them."
-        for group, share in normal.out_of_order
+    sentences = [
+        f"{title(tree)}, by deabayes {tree.attrs['deabayes_version']}.",
+        f"{provenance(tree)}.",
+        *([] if converged(tree) else ["The posterior has NOT CONVERGED: do not use this prior."]),
+        f"Misfit {normal.misfit:.3f}, {'above' if rough else 'at most'} {LARGEST_MISFIT:g}: the "
+        f"normal {'only approximates' if rough else 'describes'} the posterior. The misfit is the "
+        "largest distance between distribution functions of draws and normal.",
+    ]
+    sentences += [
+        f"{' < '.join(group)} holds in the posterior, but not in {100.0 * share:.2g} % of the "
+        "normal's draws: add it as a constraint, or sort these parameters and their partners."
+        for group, share in normal.out_of_order.items()
         if share > 0.0
     ]
-    said += [
-        f"In {100.0 * share:.2g} % of its draws the signs of {' and '.join(pair)} differ, which "
-        "they never do in the posterior: constrain them."
-        for pair, share in normal.opposed
+    sentences += [
+        f"{' and '.join(pair)} have the same sign in the posterior, but not in "
+        f"{100.0 * share:.2g} % of the normal's draws: add it as a constraint."
+        for pair, share in normal.opposed.items()
         if share > 0.0
     ]
-    return said
+    return sentences
 
 
 def write_python(tree: xr.DataTree, path: Path, program: str, imports: str, prior: str) -> None:
     """Write a module with the normal's numbers and then `prior`, the text of a function."""
     normal = prior_normal(tree)
-    said = "\n".join(in_words(tree, normal))
-    names = "".join(f"    {name!r}: {unit!r},\n" for name, unit in _units(normal))
+    sentences = "\n".join(description(tree, normal))
+    labels = zip(normal.names, normal.units, strict=True)
+    unit_lines = "".join(f"    {name!r}: {unit!r},\n" for name, unit in labels)
     rows = "".join(f"    {row},\n" for row in normal.factor.tolist())
+    logarithms = [n for n, is_log in zip(normal.names, normal.logarithm, strict=True) if is_log]
     text = (
-        f'"""Prior for {program}: a posterior as a multivariate normal.\n\n{said}\n"""\n\n'
+        f'"""Prior for {program}: a posterior as a multivariate normal.\n\n{sentences}\n"""\n\n'
         f"{imports}\n\n"
-        f"UNITS = {{\n{names}}}\n"
-        "LOGARITHM = "
-        f"{[name for name, of in zip(normal.names, normal.logarithm, strict=True) if of]!r}\n"
-        "# Of the logarithms of those in LOGARITHM and of the others' values, in the order of "
-        "UNITS, SI.\n"
+        f"UNITS = {{\n{unit_lines}}}\n"
+        f"LOGARITHM = {logarithms!r}\n"
+        "# Mean and Cholesky factor of the parameters, in the order of UNITS and in SI units.\n"
+        "# Parameters in LOGARITHM are represented by their logarithms.\n"
         f"MEAN = np.array({normal.mean.tolist()!r})\n"
         f"CHOLESKY = np.array([\n{rows}])\n"
         f"MISFIT = {normal.misfit:.4g}\n\n\n{prior}"
     )
     path.write_text(text, encoding="utf-8")
-
-
-def _units(normal: PriorNormal) -> list[tuple[str, str]]:
-    return list(zip(normal.names, normal.units, strict=True))
 
 
 PYMC_IMPORTS = "import numpy as np\nimport pymc as pm"
@@ -236,12 +221,7 @@ def prior():
 
 
 def write_pymc(tree: xr.DataTree, path: Path) -> None:
-    """Write `prior()` for the material and specimen parameters in PyMC; see `prior_normal`.
-
-    Raises
-    ------
-    UserError : too few draws, or draws without spread.
-    """
+    """Write `prior()` for the material and specimen parameters in PyMC; see `prior_normal`."""
     write_python(tree, path, "PyMC", PYMC_IMPORTS, PYMC_PRIOR)
 
 
@@ -264,10 +244,5 @@ def prior():
 
 
 def write_numpyro(tree: xr.DataTree, path: Path) -> None:
-    """Write `prior()` for the material and specimen parameters in NumPyro; see `prior_normal`.
-
-    Raises
-    ------
-    UserError : too few draws, or draws without spread.
-    """
+    """Write `prior()` for the material and specimen parameters in NumPyro; see `prior_normal`."""
     write_python(tree, path, "NumPyro", NUMPYRO_IMPORTS, NUMPYRO_PRIOR)

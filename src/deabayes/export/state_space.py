@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,44 +11,13 @@ import numpy as np
 import xarray as xr
 
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.export.taken import evenly, system_and_draws
+from deabayes.export.source import converged, evenly, identity, system_and_draws
 from deabayes.faults import UserError
 from deabayes.integrate.state_space import StateSpace
 from deabayes.quantities import with_unit
 from deabayes.systems import Draws, System
 from deabayes.systems.solid import LinearModel, Signal
 from deabayes.units import parse_quantity
-
-Content = Mapping[str, Any]
-
-
-def write_json(content: Content, path: Path) -> None:
-    """Write arrays as nested lists with the draws as first axis, and numbers with all digits."""
-    text = json.dumps(content, default=lambda array: array.tolist(), allow_nan=False)
-    path.write_text(text, encoding="utf-8")
-
-
-def write_mat(content: Content, path: Path) -> None:
-    """Write a struct `model`; draws are the last axis, so ss(A, B, C, D) is an array of systems."""
-    from scipy.io import savemat
-
-    with path.open("wb") as stream:
-        savemat(stream, {"model": _matlab(content)}, long_field_names=True)
-
-
-def _matlab(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _matlab(held) for name, held in value.items()}
-    if isinstance(value, list):
-        cells = np.empty(len(value), dtype=object)
-        cells[:] = [_matlab(held) for held in value]
-        return cells
-    return np.moveaxis(value, 0, -1) if isinstance(value, np.ndarray) and value.ndim else value
-
-
-WRITERS: Mapping[str, Callable[[Content, Path], None]] = {".json": write_json, ".mat": write_mat}
-"""Ending of the file -> function that writes it."""
-
 
 DRAWS, GRAM = 200, 1e-3
 FITTED_DELAY = "sensor_delay"
@@ -92,21 +61,25 @@ def write(
     """
     if suffix not in WRITERS:
         raise UserError(
-            f"--to state-space writes {' or '.join(WRITERS)}, by the ending of -o; "
-            f"found {suffix or 'no ending'!r}"
+            f"--to state-space writes {' or '.join(WRITERS)} files; end the name after -o with "
+            f"one of these, found {suffix or 'no ending'!r}"
         )
     hertz, volts = _positive(rate, "Hz", "--rate"), _positive(bias, "V", "--bias")
     total = tree["posterior"].sizes["chain"] * tree["posterior"].sizes["draw"]
     picked = evenly(total, min(DRAWS, total) if draws is None else draws)
-    system, values = system_and_draws(tree, picked)
+    system, all_draws = system_and_draws(tree)
+    values = {name: drawn[picked] for name, drawn in all_draws.items()}
     model = _linear_model(system, values, load_g, volts)
     content = _content(tree, system, model, GRAM * load_g)
     content |= {"draws": _draws(tree, system, values, picked), "continuous": _matrices(model.space)}
-    cautions = [] if hertz is None else _too_slow(model.space, hertz)
     if hertz is not None:
-        content["discrete"] = _discrete(model.space, hertz)
+        content["discrete"] = {
+            "sample_time": {"unit": "s", "value": 1.0 / hertz},
+            "discretisation": DISCRETISATION,
+            **_matrices(model.space.zero_order_hold(1.0 / hertz)),
+        }
     WRITERS[suffix](content, path)
-    return cautions
+    return [] if hertz is None else _too_slow(model.space, hertz)
 
 
 def _positive(given: str | float | None, unit: str, option: str) -> float | None:
@@ -114,25 +87,28 @@ def _positive(given: str | float | None, unit: str, option: str) -> float | None
         return None
     value = parse_quantity(given, unit, option)
     if not 0.0 < value < np.inf:
-        raise UserError(f"{option} must be more than zero; found {given!r}")
+        raise UserError(f"{option} must be above zero and finite; found {given!r}")
     return value
 
 
 def _linear_model(system: System, values: Draws, load_g: float, bias: float | None) -> LinearModel:
     """Return the linear model of a system; refuse systems without one, or non-finite matrices."""
     if not 0.0 <= load_g < np.inf:
-        raise UserError(f"--load-g must be a mass in g, zero or more; found {load_g:g}")
+        raise UserError(f"--load-g must be a mass in g of zero or more; found {load_g:g}")
     model = system.linear_model(values, GRAM * load_g, bias)
     if model is None:
         raise UserError(
-            f"{system.candidate} of system {system.name!r} has no linear model of a motion, so "
-            "there is no state space; export its draws with --to json or --to mat"
+            f"{system.candidate} of system {system.name!r} has no linear model, so it has no "
+            "state space; export its draws with --to json or --to mat"
         )
     space = model.space
     columns = np.column_stack([space.a.reshape(len(space.a), -1), space.b, space.c, space.d])
     lost = int(np.sum(~np.all(np.isfinite(columns), axis=1)))
     if lost:
-        raise UserError(f"{lost} of {len(columns)} draws have no state space: not finite numbers")
+        raise UserError(
+            f"the matrices of {lost} of {len(columns)} draws are not finite; look at the "
+            "posterior's draws with --to csv"
+        )
     return model
 
 
@@ -142,12 +118,9 @@ def _content(
     """Return the description of the model: origin, equations, signals, operating point."""
     simulated = tree.attrs["provenance"] == "simulated"
     content: dict[str, object] = {
-        "candidate": tree.attrs["candidate"],
-        "system": tree.attrs["system"],
-        "provenance": tree.attrs["provenance"],
+        **identity(tree),
         "provenance_note": "from simulated records, not from measurements" if simulated else "",
-        "converged": bool(json.loads(tree.attrs["convergence"])["converged"]),
-        "deabayes_version": tree.attrs["deabayes_version"],
+        "converged": converged(tree),
         "equations": "x' = A x + B u, y = C x + D u; discrete: x[k+1] = A x[k] + B u[k]",
         "validity": model.validity,
         "input": _signals(model.input)[0],
@@ -160,21 +133,19 @@ def _content(
         },
     }
     delay = _sensor_delay(system.specimen)
-    return content if delay is None else content | {"sensor_delay": delay}
+    return content | ({"sensor_delay": delay} if delay else {})
 
 
 def _sensor_delay(specimen: Specimen) -> dict[str, object] | None:
     """Return the delay of the motion sensor; None if the specimen does not state one."""
-    note = "the sensor's, not in the matrices"
-    fitted = specimen.quantities.get(FITTED_DELAY)
-    if fitted is not None and fitted.sd is not None:
-        note += f"; that of each draw is {FITTED_DELAY} among its parameters"
-        stated = {"unit": "s", "value": fitted.value, "sd": fitted.sd}
-        return {**stated, "description": note}
-    known = specimen.instruments
-    places = (known.get(name) for name in (*OWN_DELAYS, "delay"))
-    exact = fitted or next((delay for delay in places if delay is not None), None)
-    return None if exact is None else {"unit": "s", "value": exact.value, "description": note}
+    note = "delay of the sensor; the matrices do not contain it"
+    quantity = specimen.quantities.get(FITTED_DELAY)
+    if quantity is not None and quantity.sd is not None:
+        note += f"; every draw has its own delay, {FITTED_DELAY} among its parameters"
+        return {"unit": "s", "value": quantity.value, "sd": quantity.sd, "description": note}
+    stated = (specimen.instruments.get(name) for name in (*OWN_DELAYS, "delay"))
+    quantity = quantity or next((delay for delay in stated if delay is not None), None)
+    return quantity and {"unit": "s", "value": quantity.value, "description": note}
 
 
 def _signals(*signals: Signal) -> list[dict[str, str]]:
@@ -201,24 +172,44 @@ def _matrices(space: StateSpace) -> dict[str, FloatArray]:
     }
 
 
-def _discrete(space: StateSpace, rate: float) -> dict[str, object]:
-    held = space.zero_order_hold(1.0 / rate)
-    return {
-        "sample_time": {"unit": "s", "value": 1.0 / rate},
-        "discretisation": DISCRETISATION,
-        **_matrices(held),
-    }
-
-
 def _too_slow(space: StateSpace, rate: float) -> list[str]:
     """Warn if the model's fastest oscillation (median of draws) exceeds half the sample rate."""
-    turns = np.abs(np.linalg.eigvals(space.a).imag).max(axis=1) / (2.0 * np.pi)
-    resonance = float(np.median(turns))
+    frequencies = np.abs(np.linalg.eigvals(space.a).imag).max(axis=1) / (2.0 * np.pi)
+    resonance = float(np.median(frequencies))
     if resonance <= 0.5 * rate:
         return []
+    enough = with_unit(STEPS_PER_PERIOD * resonance, "Hz", digits=3)
     return [
-        f"--rate {rate:.4g} Hz: the model rings at {resonance:.3g} Hz (median of all draws), above "
-        "half this sample rate. The discrete model is right at its samples for an input held "
-        "between them and shows neither the ringing nor its frequency; "
-        f"{with_unit(STEPS_PER_PERIOD * resonance, 'Hz', digits=3)} or more shows both"
+        f"--rate {rate:.4g} Hz is too low for the resonance at {resonance:.3g} Hz (median of the "
+        "draws). The discrete model is right at its samples, but shows neither the oscillation "
+        f"nor its frequency. Use {enough} or more to see both"
     ]
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write arrays as nested lists with the draws as first axis, and numbers with all digits."""
+    text = json.dumps(content, default=lambda array: array.tolist(), allow_nan=False)
+    path.write_text(text, encoding="utf-8")
+
+
+def write_mat(content: Mapping[str, Any], path: Path) -> None:
+    """Write a struct `model`; draws are the last axis, so ss(A, B, C, D) is an array of systems."""
+    from scipy.io import savemat
+
+    with path.open("wb") as stream:
+        savemat(stream, {"model": _matlab(content)}, long_field_names=True)
+
+
+def _matlab(value: Any) -> Any:
+    """Return a value as savemat takes it: structs, cells, and draws on the last axis."""
+    if isinstance(value, Mapping):
+        return {name: _matlab(item) for name, item in value.items()}
+    if isinstance(value, list):
+        cells = np.empty(len(value), dtype=object)
+        cells[:] = [_matlab(item) for item in value]
+        return cells
+    return np.moveaxis(value, 0, -1) if isinstance(value, np.ndarray) and value.ndim else value
+
+
+WRITERS = {".json": write_json, ".mat": write_mat}
+"""Ending of the file -> function that writes it."""
