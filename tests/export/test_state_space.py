@@ -1,4 +1,4 @@
-"""Exported matrices against the forward model, the closed forms and scipy."""
+"""Exported matrices against the forward model, closed forms and scipy; refusals; the command."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.io import loadmat
 from scipy.signal import cont2discrete
+from tests.shared import membranes
+from tests.shared.fake_tables import whole
 from tests.shared.tube_trees import specimen, tree
 
-from deabayes.experiment import Excitation, Quantity
+from deabayes.cli.main import cli
+from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.export import export
 from deabayes.export.source import evenly
-from deabayes.posteriors.storage import stacked
+from deabayes.faults import UserError
+from deabayes.posteriors.storage import stacked, write_tree
 from deabayes.systems import build
 from deabayes.systems.tubular.circuit import Circuit
 from deabayes.systems.tubular.sine import SineResponse, fundamental_pressure
@@ -22,6 +27,7 @@ from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 ENDINGS = ("1", "2", "2_inertia", "2_circuit", "2_inertia_circuit")
 CANDIDATES = [f"voigt_kelvin_{ending}" for ending in ENDINGS]
+STRIP = Specimen("strip", "tensile_strip", {}, {})
 FREQUENCY = np.geomspace(0.1, 2000.0, 150)
 
 
@@ -120,7 +126,7 @@ def test_linearised_gain_without_mass(tmp_path):
 
 
 @pytest.mark.parametrize("candidate", CANDIDATES)
-def test_operating_point_is_where_the_system_settles(candidate, tmp_path):
+def test_the_operating_point_is_the_steady_state(candidate, tmp_path):
     model = exported(tree(candidate), tmp_path, bias="2 kV")
     point = model["operating_point"]
     driven = Excitation("voltage", "V", np.zeros(1), np.full(1, 2000.0))
@@ -161,7 +167,7 @@ def test_matlab_and_json_hold_the_same_numbers(tmp_path):
     assert matlab["provenance"] == "simulated" and matlab["converged"]
 
 
-def test_a_model_says_where_it_comes_from(tmp_path):
+def test_the_file_states_candidate_provenance_and_convergence(tmp_path):
     model = exported(tree("voigt_kelvin_2", converged=False), tmp_path)
     assert model["candidate"] == "voigt_kelvin_2" and model["system"] == "tubular"
     assert "simulated" in model["provenance_note"] and model["deabayes_version"] == "0.1.0"
@@ -170,14 +176,14 @@ def test_a_model_says_where_it_comes_from(tmp_path):
 
 
 @pytest.mark.parametrize("channel", ["delay", "displacement.delay", "strain.delay"])
-def test_the_sensors_delay_is_told_wherever_it_is_stated(channel, tmp_path):
+def test_a_sensor_delay_of_the_instruments_is_exported(channel, tmp_path):
     late = {"current.delay": Quantity(7e-4, "s"), channel: Quantity(3e-4, "s")}
     posterior = tree("voigt_kelvin_2", of=replace(specimen(), instruments=late))
     assert exported(posterior, tmp_path)["sensor_delay"]["value"] == 3e-4
 
 
 @pytest.mark.parametrize("sd", [None, 5e-5])
-def test_a_modelled_delay_is_told(sd, tmp_path):
+def test_a_sensor_delay_of_the_quantities_is_exported(sd, tmp_path):
     quantities = specimen().quantities | {"sensor_delay": Quantity(3e-4, "s", sd)}
     late = replace(specimen(), quantities=quantities, instruments={})
     model = exported(tree("voigt_kelvin_2", of=late), tmp_path)
@@ -187,7 +193,7 @@ def test_a_modelled_delay_is_told(sd, tmp_path):
     assert "sensor_delay" not in exported(tree("voigt_kelvin_2", of=without), tmp_path)
 
 
-def test_draws_are_taken_evenly_and_can_be_found_again(tmp_path):
+def test_draws_are_evenly_spaced_and_their_positions_are_stored(tmp_path):
     posterior = tree("voigt_kelvin_2", size=20)
     model = exported(posterior, tmp_path, draws=8)
     assert model["draws"]["ensemble"] == [0] * 4 + [1] * 4
@@ -196,3 +202,99 @@ def test_draws_are_taken_evenly_and_can_be_found_again(tmp_path):
     assert np.array_equal(draws_of(model)["tau_1"], stacked(posterior["posterior"], "tau_1")[rows])
     assert np.array_equal(evenly(40, 40), np.arange(40))
     assert len(exported(tree("voigt_kelvin_2", size=200), tmp_path)["draws"]["draw"]) == 200
+
+
+@pytest.mark.parametrize(
+    ("candidate", "name", "options", "words"),
+    [
+        (
+            "voigt_kelvin_2",
+            "m.csv",
+            {},
+            "writes .json or .mat files; end the name after -o",
+        ),
+        ("voigt_kelvin_2", "m", {}, "found 'no ending'"),
+        ("voigt_kelvin_2", "m.json", {"rate": "10"}, "--rate: '10' has no unit"),
+        ("voigt_kelvin_2", "m.json", {"rate": "10 ms"}, "--rate: unit 'ms' is a time"),
+        ("voigt_kelvin_2", "m.json", {"rate": "0 Hz"}, "--rate must be above zero"),
+        ("voigt_kelvin_2", "m.json", {"bias": "-2 kV"}, "--bias must be above zero"),
+        ("voigt_kelvin_2", "m.json", {"draws": 13}, "--draws 13: the posterior holds 12 draws"),
+        (
+            "voigt_kelvin_2_inertia",
+            "m.json",
+            {"load_g": -1.0},
+            "--load-g must be a mass in g of zero",
+        ),
+        ("voigt_kelvin_2", "m.json", {"load_g": 5.0}, "has no mass, so no load can hang from it"),
+    ],
+)
+def test_impossible_options_are_refused(candidate, name, options, words, tmp_path):
+    with pytest.raises(UserError) as caught:
+        export(tree(candidate), "state-space", tmp_path / name, **options)
+    assert words in str(caught.value) and list(tmp_path.iterdir()) == []
+
+
+def test_draws_without_finite_matrices_are_refused(tmp_path):
+    posterior = tree("voigt_kelvin_2_inertia")
+    posterior["posterior"]["tau_1"].values[0, 2] = 0.0
+    with pytest.raises(UserError, match="matrices of 1 of 12 draws are not finite"):
+        exported(posterior, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [Specimen("strip", "tensile_strip", {}, {}), membranes.PLAIN],
+    ids=lambda other: other.system,
+)
+def test_a_system_that_is_not_linear_has_no_state_space(other, tmp_path):
+    words = f"kv_gm_1 of system .{other.system}. has no linear model, so it has no state"
+    with pytest.raises(UserError, match=words):
+        exported(tree("kv_gm_1", of=other), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("to", "option", "value", "takers"),
+    [
+        ("csv", "rate", "1 kHz", "state-space"),
+        ("mat", "draws", 3, "state-space or abaqus or ansys"),
+        ("abaqus", "load_g", 0.0, "state-space"),
+        ("json", "bias", "2 kV", "state-space"),
+    ],
+)
+def test_options_of_another_format_are_refused(to, option, value, takers, tmp_path):
+    words = f"--to {to} takes no option --{option.replace('_', '-')}; only --to {takers} does"
+    with pytest.raises(UserError, match=f"^{words}$"):
+        export(tree("voigt_kelvin_1"), to, tmp_path / "x", **{option: value})
+    assert not (tmp_path / "x").exists()
+
+
+def test_the_command_passes_its_options_and_warns_of_a_low_rate(tmp_path):
+    posterior = tree("voigt_kelvin_2_inertia_circuit")
+    write_tree(whole(posterior), tmp_path / "posterior.nc")
+    arguments = (
+        f"export {tmp_path}/posterior.nc --to state-space -o {tmp_path}/command.json".split()
+    )
+    arguments += ["--rate", "2 Hz", "--draws", "4", "--load-g", "300", "--bias", "2 kV"]
+    result = CliRunner().invoke(cli, arguments)
+    assert result.exit_code == 0, result.output
+    assert "command.json: --rate 2 Hz is too low for the resonance at" in result.stderr
+    options = {"rate": "2 Hz", "draws": 4, "load_g": 300.0, "bias": "2 kV"}
+    written = json.loads((tmp_path / "command.json").read_text())
+    assert written == exported(posterior, tmp_path, **options)
+
+
+def test_a_rate_below_twice_the_resonance_gives_a_warning(tmp_path):
+    posterior = tree("voigt_kelvin_2_inertia")
+    model = exported(posterior, tmp_path, draws=5)
+    poles = np.linalg.eigvals(np.array(model["continuous"]["A"]))
+    resonance = float(np.median(np.abs(poles.imag).max(axis=1) / (2 * np.pi)))
+    warnings = {
+        times: export(
+            posterior, "state-space", tmp_path / "m.json", rate=times * resonance, draws=5
+        )
+        for times in (1.9, 2.1)
+    }
+    assert warnings[2.1] == []
+    assert f"the resonance at {resonance:.3g} Hz" in warnings[1.9][0]
+    without_mass = tree("voigt_kelvin_2")
+    assert export(without_mass, "state-space", tmp_path / "m.json", rate="1 mHz") == []
