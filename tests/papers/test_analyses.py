@@ -19,9 +19,8 @@ from deabayes import figures, papers
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.papers.base import Analysis
-from deabayes.report.page import render
-from deabayes.report.sections import readable
-from deabayes.report.tables import write_csv
+from deabayes.report.contents import render
+from deabayes.report.tables import readable, write_csv
 from deabayes.systems import REGISTRY as SYSTEMS
 
 

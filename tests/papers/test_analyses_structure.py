@@ -20,7 +20,7 @@ from deabayes.papers.minimum_energy_structure import (
     structure_units,
 )
 from deabayes.papers.timing import Cycles
-from deabayes.report.sections import readable
+from deabayes.report.tables import readable
 
 OF_STRUCTURE = [n for n in papers.names_for("minimum_energy_structure") if "genetic" not in n]
 """The genetic algorithm is tested in test_genetic_algorithm.py: it takes its time."""

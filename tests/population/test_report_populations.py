@@ -18,7 +18,7 @@ from deabayes.population.member import Member
 from deabayes.population.model import PopulationModel
 from deabayes.prior.distributions import LogNormal, Normal, Uniform
 from deabayes.prior.joint import Prior
-from deabayes.report import sections
+from deabayes.report import notices, tables
 
 
 def test_only_a_spread_of_the_logarithm_is_relative() -> None:
@@ -38,7 +38,7 @@ def test_only_a_spread_of_the_logarithm_is_relative() -> None:
     numbers = {"median": 0.3, "q05": 0.2, "q95": 0.4}
     summary = pd.DataFrame({name: numbers | {"unit": labels[name]["unit"]} for name in labels}).T
     results = SimpleNamespace(summary=summary, new_specimen=SimpleNamespace(label=labels.get))
-    rows = [sections._parameter(results, name) for name in coordinate.names]  # type: ignore[arg-type]
+    rows = [tables._population_parameter(results, name) for name in coordinate.names]  # type: ignore[arg-type]
     assert [row["spread_unit"] for row in rows] == ["%", "", "%"]
     assert [row["spread"] for row in rows] == ["30 [20, 40]", "0.30 [0.20, 0.40]", "30 [20, 40]"]
 
@@ -54,7 +54,7 @@ def test_a_new_specimens_predictions_have_their_notices(tmp_path: Path, failed: 
     results = SimpleNamespace(
         name="strips", attributes={"candidate": "kv_gm_1"}, converged=True, new_specimen=new
     )
-    found = list(sections.population_notices(results))  # type: ignore[arg-type]
+    found = notices.of_population(results)  # type: ignore[arg-type]
     titles = [notice.title for notice in found]
     assert any("Extrapolation" in title for title in titles)
     assert ("Failed predictions" in titles) == bool(failed)

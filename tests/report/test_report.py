@@ -1,4 +1,4 @@
-"""The report: one page without outside references, warnings first, honest tables."""
+"""The report: one page without outside references, with warnings first and tables in full."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
 from deabayes.faults import UserError
+from deabayes.figures import style
 from deabayes.figures.results import PopulationResults, StudyResults
-from deabayes.report import build, notices
-from deabayes.report.page import figure_folders, verdict
-from deabayes.report.tables import about, errors, parameters
+from deabayes.report import build
+from deabayes.report.contents import figure_folders
+from deabayes.report.images import QUALITIES, shrink
+from deabayes.report.tables import parameters
 
 UNCONVERGED = Fake(
     name="fake_tube",
@@ -74,12 +77,17 @@ def test_folders_of_figures_once_each() -> None:
     assert here == f"{Path.cwd().parent}/<study>/figures"
 
 
-def test_two_results_folders_of_one_name_are_refused(tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        write_study(tmp_path / name, UNCONVERGED)
-    folders = [tmp_path / name / "fake_tube" for name in ("one", "two")]
-    with pytest.raises(UserError, match=f"{folders[0]} and {folders[1]}: both are called 'fake_"):
-        build(folders, tmp_path / "index.html", tmp_path / "tables")
+def test_two_results_folders_of_one_name_are_refused(
+    built: tuple[str, Path], tmp_path: Path
+) -> None:
+    """Here a link to the study."""
+    study = built[1].parents[1] / "fake_tube"
+    (tmp_path / "fake_tube").mkdir()
+    for path in study.iterdir():
+        (tmp_path / "fake_tube" / path.name).symlink_to(path)
+    words = f"{study} and {tmp_path / 'fake_tube'}: both are called 'fake_tube'"
+    with pytest.raises(UserError, match=words):
+        build([study, tmp_path / "fake_tube"], tmp_path / "index.html", tmp_path / "tables")
     assert not (tmp_path / "tables").exists()
 
 
@@ -96,7 +104,7 @@ def test_warnings_come_before_results(built: tuple[str, Path]) -> None:
     for words in (
         "mu_alpha: R-hat 1.310 is not below 1.01",
         "Extrapolation",
-        "The noise model takes what the physics lacks",
+        "Correlated noise replaces physics that the model lacks",
         "Set by the prior",
     ):
         assert place < text.index(words) < text.index("Contents")
@@ -127,17 +135,12 @@ def test_tables_hold_all_candidates_at_full_precision(built: tuple[str, Path]) -
     assert (built[1] / "fake_strip_comparison.csv").is_file()
 
 
-def test_parameter_rows_are_in_display_units(tmp_path: Path) -> None:
-    fake = Fake(candidates=(1,), protocols=("relaxation",))
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
-    assert rows["mu_alpha"]["unit"] == "kPa"
-    assert rows["mu_alpha"]["value"].startswith(("34.9", "35.0"))
-    assert rows["mu_alpha"]["symbol"] == "μ<sub>α</sub>"
-    assert rows["mu_alpha"]["decided_by"] == ""
-
-
-def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
+def test_parameter_rows_have_display_units_and_say_what_decided_them(
+    built: tuple[str, Path],
+) -> None:
+    results = StudyResults(built[1].parents[1] / "fake_strip").recommended
+    table = results.summary
+    assert table is not None
     moved = {
         "mu_alpha": (0.234, 0.412),
         "tau_beta_1": (0.12, 0.01),
@@ -145,9 +148,13 @@ def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
         "relaxation.tau_ou": (0.01, np.nan),
         "relaxation.sigma_ou": (0.2, np.nan),
     }
-    fake = Fake(candidates=(1,), protocols=("relaxation",), sensitivities=moved)
-    results = StudyResults(write_study(tmp_path, fake)).recommended
+    columns = ["prior_sensitivity", "likelihood_sensitivity"]
+    for name, sensitivities in moved.items():
+        table.loc[name, columns] = sensitivities
     rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
+    assert rows["mu_alpha"]["unit"] == "kPa"
+    assert rows["mu_alpha"]["value"].startswith(("34.9", "35.0"))
+    assert rows["mu_alpha"]["symbol"] == "μ<sub>α</sub>"
     shown = {name: (row["sensitivities"], row["decided_by"]) for name, row in rows.items()}
     assert shown["mu_alpha"] == ("0.234 / 0.412", "moved by prior and data")
     assert shown["tau_beta_1"] == ("0.120 / 0.010", "moved by the prior")
@@ -156,40 +163,17 @@ def test_parameters_say_who_decided_them(tmp_path: Path) -> None:
     assert shown["relaxation.sigma_ou"] == ("0.200 / not known", "")
     assert shown["zeta_alpha"][1] == "set by the prior"
     assert shown["mu_total"][1] == ""
-    found = {n.title: n for n in notices.of_candidate(results)}
-    assert found["Moved by prior and data"].details[0].startswith("mu_alpha: ")
-    assert not found["Moved by prior and data"].serious
-    assert found["Moved by the prior"].details[0].startswith("tau_beta_1: ")
-    assert not found["Moved by the prior"].serious
-    assert found["Set by the prior, not by the data"].details[0].startswith("zeta_alpha: ")
 
 
-def test_a_posterior_as_wide_as_its_prior_that_data_move_is_not_set_by_it(tmp_path: Path) -> None:
-    fake = Fake(
-        candidates=(1,), protocols=("relaxation",), sensitivities={"zeta_alpha": (0.3, 0.3)}
-    )
-    results = StudyResults(write_study(tmp_path, fake)).recommended
-    assert results.summary is not None
-    assert results.summary.loc["zeta_alpha", "contraction"] < 0.1
-    titles = {n.title for n in notices.of_candidate(results)}
-    assert "Moved by prior and data" in titles
-    assert "Set by the prior, not by the data" not in titles
-
-
-def test_results_from_before_sensitivities_are_reported(tmp_path: Path) -> None:
-    folder = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
-    path = folder / "kv_gm_2" / "summary.csv"
-    old = pd.read_csv(path).drop(columns=["prior_sensitivity", "likelihood_sensitivity"])
-    old.to_csv(path, index=False)
-    few = {"identifiability": figures.REGISTRY["identifiability"]}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "REGISTRY", few)
-        page = build([folder], tmp_path / "index.html", tmp_path / "tables", [])
-    results = StudyResults(folder).candidates[1]
+def test_results_from_before_sensitivities_are_reported(built: tuple[str, Path]) -> None:
+    results = StudyResults(built[1].parents[1] / "fake_strip").recommended
+    table = results.summary
+    assert table is not None
+    table.drop(columns=["prior_sensitivity", "likelihood_sensitivity"], inplace=True)
     rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
     assert rows["mu_alpha"]["sensitivities"] == "–"
     assert rows["zeta_alpha"]["decided_by"] == "set by the prior"
-    assert "What the data determined" in page.read_text(encoding="utf-8")
+    assert figures.draw("identifiability", results)
 
 
 def test_words_stand_in_the_parameter_table(built: tuple[str, Path]) -> None:
@@ -198,58 +182,72 @@ def test_words_stand_in_the_parameter_table(built: tuple[str, Path]) -> None:
     assert "Moved by<br>prior / data" in table
 
 
-def test_verdicts(tmp_path: Path) -> None:
-    protocols = ("relaxation",)
-    unresolved = "not resolved by these data against kv_gm_1; the smallest order"
-    cases = {
-        "chosen": (Fake(name="chosen", candidates=(1, 2), protocols=protocols), "use kv_gm_2"),
-        "open": (
-            Fake(name="open", candidates=(1, 2), protocols=protocols, verdict=unresolved),
-            "do not settle",
-        ),
-        "bad": (Fake(name="bad", converged=False, protocols=protocols), "none is to be used"),
-        "single": (Fake(name="single", candidates=(1,), protocols=protocols), "no order to choose"),
-    }
-    for fake, words in cases.values():
-        assert words in verdict(StudyResults(write_study(tmp_path, fake)))
+def entry(name: str, failed: float, **changes: object) -> dict[str, object]:
+    return {
+        "experiment": name, "what": f"step {name}", "held_out": False,
+        "candidates": "kv_gm_1, kv_gm_2", "information_candidate_nats": 0.6,
+        "information_candidate_error_nats": 0.01, "probability_right": 0.93,
+        "probability_right_error": 0.01, "failed_share": failed,
+        "failure": "kv_gm_1: 9 × pull-in" if failed else "", "extrapolation": "",
+        "information_kv_gm_1_nats": 2.0, "information_kv_gm_1_error_nats": 0.1,
+        "information_kv_gm_2_nats": 3.0, "information_kv_gm_2_error_nats": 0.1,
+    } | changes  # fmt: skip
 
 
-def test_the_only_converged_candidate_is_not_recommended(tmp_path: Path) -> None:
-    folder = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
-    table = pd.read_csv(folder / "comparison.csv")
-    table["verdict"] = ["nothing to compare: the only candidate that converged", "not ranked"]
-    table.to_csv(folder / "comparison.csv", index=False)
-    found = verdict(StudyResults(folder))
-    assert found.startswith("Only kv_gm_1 of 2 candidates converged")
-    assert "not recommended" in found
+def test_further_experiments_and_nested_evidence_are_on_the_page_and_in_the_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "further_experiments"
+    monkeypatch.setattr(figures, "REGISTRY", {name: figures.REGISTRY[name]})
+    study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
+    assert figures.draw(name, StudyResults(study)) == []
+    rows = [entry("3 kV", 0.0), entry("5 kV", 1.0, information_candidate_nats=0.5)]
+    pd.DataFrame(rows).to_csv(study / f"{name}.csv", index=False)
+    table = pd.read_csv(study / "comparison.csv")
+    table["log_evidence_nested"] = np.where(table["candidate"] == "kv_gm_1", 12.3, np.nan)
+    table["log_evidence_nested_error"] = 0.2
+    table.loc[0, "verdict"] = "chosen: x; bridge and nested sampling differ by -3.0"
+    table.to_csv(study / "comparison.csv", index=False)
+    page = build([study], tmp_path / "index.html", tmp_path / "tables").read_text()
+    assert "3 kV (step 3 kV) would be expected to tell kv_gm_1 from kv_gm_2" in page
+    assert "100 % of the draws have no response" in page
+    assert "12.3 ± 0.2" in page and "by nested" in page and "Evidence uncertain" in page
+    assert (tmp_path / "tables" / f"{study.name}_{name}.csv").is_file()
+    (figure,) = figures.draw(name, StudyResults(study))
+    assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == ["3 kV", "5 kV ▲"]
+    pd.DataFrame([entry("3 kV", 0.0, candidates="kv_gm_1")]).to_csv(study / f"{name}.csv")
+    (figure,) = figures.draw(name, StudyResults(study))
+    assert len(figure.axes) == 1
+    pd.DataFrame(columns=["experiment", "candidates"]).to_csv(study / f"{name}.csv", index=False)
+    assert figures.draw(name, StudyResults(study)) == []
 
 
-def test_candidates_that_were_not_compared_are_not_called_one(tmp_path: Path) -> None:
-    study = write_study(tmp_path)
-    (study / "comparison.csv").unlink()
-    assert verdict(StudyResults(study)).startswith("3 candidates were fitted and not compared")
+def picture() -> Image.Image:
+    """Patches of all colours a legend may have, and lines that blend them with white."""
+    colours = [*style.SERIES, *(colour for colour, _ in style.BANDS.values()), "#a6d3ee"]
+    canvas = np.full((700, 2161, 3), 255.0)
+    for k, colour in enumerate(colours):
+        value = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+        canvas[20:60, 20 + 110 * k : 110 + 110 * k] = value
+        shares = np.linspace(0.0, 1.0, 200)[:, None]
+        canvas[100 + 40 * k : 102 + 40 * k, 20:220] = shares * value + (1.0 - shares) * 255.0
+    return Image.fromarray(canvas.round().astype(np.uint8))
 
 
-def test_a_score_that_is_not_known_is_left_empty(tmp_path: Path) -> None:
-    folder = write_study(tmp_path, Fake(candidates=(1,), protocols=("relaxation",)))
-    (table,) = folder.glob("*/errors.csv")
-    scores = ["coverage_50", "coverage_90", "crps"]
-    empty = dict.fromkeys([*scores, "pit_p"], np.nan)
-    pd.read_csv(table).assign(**empty).to_csv(table, index=False)
-    (row,) = errors(StudyResults(folder).recommended)["calibration"]
-    assert [row[score] for score in [*scores, "pit"]] == ["", "", "", ""]
-    pd.read_csv(table).drop(columns="pit_p").to_csv(table, index=False)
-    (row,) = errors(StudyResults(folder).recommended)["calibration"]
-    assert row["pit"] == ""
-
-
-def test_what_a_record_states_is_read_with_its_unit() -> None:
-    stated: dict[str, float | str] = {
-        "note": "second pull", "load_g": 300.0, "bias_kV": 2.0, "stretch_rate_per_s": 0.05,
-        "crosshead_mm_per_min": 500.0, "deformation": "uniaxial", "batch_s": "B", "stretch": 2.0,
-        "amplitude_kV": np.nan,
-    }  # fmt: skip
-    assert about(stated) == (
-        "load 300 g; bias 2 kV; stretch rate 0.05 1/s; crosshead 500 mm/min; "
-        "deformation uniaxial; batch s B; stretch 2; second pull"
-    )
+@pytest.mark.parametrize(("width", "colours"), QUALITIES)
+def test_embedded_figures_keep_the_colours_of_areas(
+    tmp_path: Path, width: int, colours: int
+) -> None:
+    original = picture()
+    original.save(path := tmp_path / "figure.png")
+    data, size = shrink(path, width, colours)
+    assert size == original.size and len(data) < 20_000
+    (small := tmp_path / "small.png").write_bytes(data)
+    with Image.open(small) as opened:
+        found = np.asarray(opened.convert("RGB")).astype(int)
+        assert len(opened.getcolors()) <= colours
+    factor = found.shape[1] / original.size[0]
+    for k in range(12):
+        x, y = 65 + 110 * k, 40
+        shown, meant = found[round(factor * y), round(factor * x)], original.getpixel((x, y))
+        assert np.abs(shown - np.array(meant)).max() <= 6, (k, shown, meant)

@@ -1,8 +1,12 @@
-"""Build the report: one self-contained page about studies, made only from results files."""
+"""Build the report: one self-contained page about studies, made only from results files.
+
+`tables` makes the rows of all tables, `notices` the warnings, and `words` all other sentences.
+`contents` gives them to `template.html`, together with the figures, which `images` shrinks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,41 +51,37 @@ def build(
     """
     from deabayes.figures.results import PopulationResults, StudyResults, results_of
     from deabayes.files import write_text_atomically
-    from deabayes.report import sections
-    from deabayes.report.page import embed_all, render
+    from deabayes.report.contents import render
+    from deabayes.report.images import embed_all
     from deabayes.report.tables import write_csv
 
-    found = [results_of(Path(folder)) for folder in study_folders]
-    studies = [each for each in found if isinstance(each, StudyResults)]
-    populations = [each for each in found if isinstance(each, PopulationResults)]
+    results = [results_of(Path(folder)) for folder in study_folders]
+    studies = [one for one in results if isinstance(one, StudyResults)]
+    populations = [one for one in results if isinstance(one, PopulationResults)]
     _check_names(studies)
     _check_names(populations)
-    figures = {each.folder: _figures(each) for each in found}  # may raise, before tables and page
-    write_csv(studies, Path(tables_folder))
-    sections.write_csv(populations, Path(tables_folder))
+    figures = {one.folder: _figures(one.folder) for one in results}  # may raise: before writing
+    write_csv(studies, Path(tables_folder), populations)
     images = embed_all([sheet for sheets in figures.values() for sheet in sheets])
     page = render(studies, figures, left_out, images, populations, Path(tables_folder), failed)
-    output = Path(output)
-    write_text_atomically(page, output)
-    return output
+    write_text_atomically(page, Path(output))
+    return Path(output)
 
 
-def _check_names(found: Sequence[StudyResults | PopulationResults]) -> None:
+def _check_names(results: Iterable[StudyResults | PopulationResults]) -> None:
     """Check that names are unique, because sections and tables are named after them."""
     folders: dict[str, Path] = {}
-    for each in found:
-        if each.name in folders:
+    for one in results:
+        if one.name in folders:
             raise UserError(
-                f"{folders[each.name]} and {each.folder}: both are called {each.name!r}, as are "
-                "their tables; report them apart"
+                f"{folders[one.name]} and {one.folder}: both are called {one.name!r}, and so are "
+                "their tables; make two reports"
             )
-        folders[each.name] = each.folder
+        folders[one.name] = one.folder
 
 
-def _figures(study: StudyResults | PopulationResults) -> list[SavedFigure]:
+def _figures(folder: Path) -> list[SavedFigure]:
     from deabayes.figures import save_all, saved_figures
 
-    existing = saved_figures(study.folder, study.folder / "figures")
-    if existing is not None:
-        return existing
-    return save_all(study.folder, study.folder / "figures")
+    existing = saved_figures(folder, folder / "figures")
+    return save_all(folder, folder / "figures") if existing is None else existing

@@ -11,7 +11,13 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import Experiment, FloatArray
-from deabayes.figures.results import CandidateResults, StudyResults
+from deabayes.figures.results import (
+    AnalysisResults,
+    CandidateResults,
+    PopulationResults,
+    StudyResults,
+)
+from deabayes.population.coordinate import OF_LOGARITHM
 from deabayes.posteriors.sensitivity import in_words
 from deabayes.quantities import (
     ROLES,
@@ -25,13 +31,32 @@ from deabayes.quantities import (
 )
 from deabayes.units import USUAL_UNITS
 
+Rows = list[dict[str, Any]]
+
 _PLAIN_UNITS = sorted((u for u in USUAL_UNITS if u.isalpha()), key=len, reverse=True)
 _ONE_UNIT = "|".join(map(re.escape, _PLAIN_UNITS))
 UNIT_AT_END = re.compile(rf"(?P<name>.+?)_(?P<unit>(?:(?:(?:{_ONE_UNIT})_)?per_)?(?:{_ONE_UNIT}))")
 """Column name of experiments.csv that ends in a unit: `bias_kV`, `crosshead_mm_per_min`."""
-
+UNITS = {
+    "percent": "%",
+    "percentperV": "%/V",
+    "um": "µm",
+    "kVmm": "kV·mm",
+    "ohm": "Ω",
+    "Gohm": "GΩ",
+    "kgm": "kg/m",
+    "Nperm": "N/m",
+    "Nsperm": "N·s/m",
+    "mNmperrad": "mN·m/rad",
+} | {unit: unit for unit in "kV V mm m s ms Hz kPa Pa mW mN N kHz nF mA rad g".split()}
+"""Unit for which the last word of a column's name stands."""
+LOW, HIGH = "_q05", "_q95"
 UNIFORM = 0.05
 """Smallest p-value of uniform PIT at which a record's points count as predicted."""
+DIGITS = 4
+"""Significant digits of a number without interval, as many as the papers print."""
+LONGEST = 80
+"""Most rows of a table on the page; longer tables are only in the report's tables folder."""
 KINDS = {
     "material": "Material",
     "specimen": "Specimen (measured, with uncertainty)",
@@ -40,35 +65,48 @@ KINDS = {
 }
 
 
-def write_csv(studies: Iterable[StudyResults], folder: Path) -> list[Path]:
-    """Write the tables of each study as CSV, in full precision and SI units.
+def write_csv(
+    studies: Iterable[StudyResults], folder: Path, populations: Iterable[PopulationResults] = ()
+) -> None:
+    """Write the tables of studies and populations as CSV, in full precision and SI units.
 
     `{study}_{errors,summary,comparison,further_experiments}.csv` hold all candidates of a study.
     `{study}_{table}.csv` holds a table of its analyses.
+    `population_{name}_{summary,shrinkage}.csv` hold the tables of a population.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
     for study in studies:
-        tables = {
-            "errors": _stacked({c.name: c.errors for c in study.candidates}),
-            "summary": _stacked(
-                {c.name: None if c.summary is None else c.summary.reset_index()
-                 for c in study.candidates}
+        candidates = {c.name: c for c in study.candidates}
+        summaries = {n: c.summary for n, c in candidates.items() if c.summary is not None}
+        tables: dict[str, pd.DataFrame | None] = {
+            "errors": _stacked(
+                {n: c.errors for n, c in candidates.items() if c.errors is not None}
             ),
+            "summary": _stacked({n: table.reset_index() for n, table in summaries.items()}),
             "comparison": None if study.comparison is None else study.comparison.reset_index(),
             "further_experiments": study.further_experiments,
-        }  # fmt: skip
+        }
         for analysis in study.analyses:
             tables |= analysis.tables
         for kind, table in tables.items():
             if table is not None:
-                path = folder / f"{study.name}_{kind}.csv"
-                table.assign(provenance=study.provenance).to_csv(path, index=False)
-                written.append(path)
-    return written
+                table = table.assign(provenance=study.provenance)
+                table.to_csv(folder / f"{study.name}_{kind}.csv", index=False)
+    for population in populations:
+        for kind, table in (
+            ("summary", population.summary.reset_index()),
+            ("shrinkage", population.shrinkage.drop(columns="provenance")),
+        ):
+            table = table.assign(provenance=population.provenance)
+            table.to_csv(folder / f"population_{population.name}_{kind}.csv", index=False)
+
+
+def _flat(table: pd.DataFrame | None) -> pd.DataFrame | None:
+    return None if table is None else table.reset_index()
 
 
 def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
+    """Join the candidates' tables, with the candidate as first column; None without a table."""
     present = [t.assign(candidate=name) for name, t in tables.items() if t is not None]
     if not present:
         return None
@@ -76,7 +114,7 @@ def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
     return joined[["candidate", *joined.columns.drop("candidate")]]
 
 
-def records(study: StudyResults) -> list[dict[str, Any]]:
+def records(study: StudyResults) -> Rows:
     """Rows of the records table, one per prepared record."""
     return [_record(experiment) for experiment in study.experiments.values()]
 
@@ -129,7 +167,7 @@ def _range(values: FloatArray, unit: str, name: str) -> tuple[str, str]:
     return plain(name), f"{text} {display.label}".strip()
 
 
-def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
+def parameters(results: CandidateResults) -> dict[str, Rows]:
     """Rows of the parameter table by kind: median [5 %, 95 %] in display units."""
     table = results.summary
     if table is None:
@@ -146,13 +184,12 @@ def parameters(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
 def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str, Any]:
     label = results.label(name)
     unit = display_unit(label["unit"], row["median"], name)
-    numbers = (float(row[key]) / unit.factor for key in ("median", "q05", "q95"))
     contraction = float(row["contraction"])
     return {
         "name": name,
         "symbol": symbol_html(label["symbol"]),
         "description": label["description"],
-        "value": interval(*numbers),
+        "value": _interval(row, unit.factor),
         "unit": unit.label,
         "contraction": f"{fixed(100 * contraction, 0)} %" if np.isfinite(contraction) else "–",
         "sensitivities": _sensitivities(row),
@@ -175,17 +212,16 @@ def _sensitivities(row: pd.Series) -> str:
     return " / ".join(f"{v:.3f}" if np.isfinite(v) else "not known" for v in values)
 
 
-def errors(results: CandidateResults) -> dict[str, list[dict[str, Any]]]:
+def errors(results: CandidateResults) -> dict[str, Rows]:
     """Rows of the error table by role."""
     table = results.errors
     if table is None:
         return {}
-    groups = {text: table[table["role"] == role] for role, text in ROLES.items()}
-    return {
-        text: [_error(results, row) for _, row in rows.iterrows()]
-        for text, rows in groups.items()
-        if len(rows)
+    groups = {
+        text: [_error(results, row) for _, row in table[table["role"] == role].iterrows()]
+        for role, text in ROLES.items()
     }
+    return {text: rows for text, rows in groups.items() if rows}
 
 
 def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
@@ -217,3 +253,173 @@ def _uniform(p: float) -> str:
 
 def _percent(share: float) -> str:
     return "" if np.isnan(share) else f"{100 * share:.0f} %"
+
+
+def comparison(study: StudyResults) -> Rows:
+    """Rows of the table that compares model orders."""
+    if study.comparison is None:
+        return []
+    return [
+        {
+            "candidate": name,
+            "shown": name == study.recommended.name,
+            "n_parameters": int(row["n_parameters"]),
+            "log_evidence": _with_error(row["log_evidence"], row["log_evidence_mcse"]),
+            "log_evidence_nested": _with_error(
+                row.get("log_evidence_nested", np.nan), row.get("log_evidence_nested_error", np.nan)
+            ),
+            "bic": _with_error(row["bic"]),
+            "elpd": _with_error(row["elpd_block_loo"], row["elpd_block_loo_se"]),
+            "left_out": _with_error(row["elpd_leave_one_experiment_out"]),
+            "k_hat": _with_error(row["worst_k_hat"], decimals=2),
+            "converged": bool(row["converged"]),
+            "verdict": row["verdict"],
+        }
+        for name, row in study.comparison.iterrows()
+    ]
+
+
+def has_nested(study: StudyResults) -> bool:
+    """Whether nested sampling checked the evidence of at least one candidate."""
+    table = study.comparison
+    return table is not None and bool(table.get("log_evidence_nested", pd.Series()).notna().any())
+
+
+def further_experiments(study: StudyResults) -> Rows:
+    """Rows of the table of further experiments, the most informative first."""
+    table = study.further_experiments
+    if table is None:
+        return []
+    names = str(table["candidates"].iloc[0]).split(", ")
+    return [
+        {
+            "experiment": row["experiment"],
+            "what": row["what"] + (", held-out record" if row["held_out"] else ""),
+            "probability": _with_error(row["probability_right"], row["probability_right_error"], 2),
+            "candidate": _with_error(
+                row["information_candidate_nats"], row["information_candidate_error_nats"], 2
+            ),
+            "parameters": [
+                f"{name} {_with_error(row[f'information_{name}_nats'])}" for name in names
+            ],
+            "cautions": _cautions(row),
+        }
+        for _, row in table.iterrows()
+    ]
+
+
+def _cautions(row: pd.Series) -> list[str]:
+    cautions = [row["extrapolation"]] if isinstance(row["extrapolation"], str) else []
+    if row["failed_share"] > 0.0:
+        percent = f"{100 * row['failed_share']:.3g} %"
+        cautions.append(
+            f"{percent} of the draws have no response ({row['failure']}): the specimen may not "
+            "survive it"
+        )
+    return cautions
+
+
+def _with_error(value: float, error: float = np.nan, decimals: int = 1) -> str:
+    """A number with its error if that is known; a dash if the number is not known."""
+    if not np.isfinite(value):
+        return "–"
+    return fixed(value, decimals) + (f" ± {error:.{decimals}f}" if np.isfinite(error) else "")
+
+
+def of_analysis(analysis: AnalysisResults) -> dict[str, dict[str, Any]]:
+    """Return an analysis' readable tables by name, except those of more than `LONGEST` rows."""
+    return {name: readable(t) for name, t in analysis.tables.items() if len(t) <= LONGEST}
+
+
+def readable(table: pd.DataFrame) -> dict[str, Any]:
+    """Join columns `x`, `x_q05`, `x_q95` as ``median [5 %, 95 %]`` and round the numbers."""
+    bounds = {str(c) for c in table.columns if str(c).endswith((LOW, HIGH))}
+    kept = [str(c) for c in table.columns if str(c) not in bounds and c != "converged"]
+    cells = [_cells(table, name, bounds) for name in kept]
+    converged = table["converged"] if "converged" in table else [True] * len(table)
+    return {
+        "header": [heading(name) for name in kept],
+        "number": [table[name].dtype.kind in "if" for name in kept],
+        "rows": [list(row) for row in zip(*cells, strict=True)],
+        "converged": [bool(value) for value in converged],
+    }
+
+
+def heading(column: str) -> str:
+    """Heading of a column: ``e_m_percent`` becomes ``e m (%)``."""
+    name, unit = _split(column)
+    return plain(name) + (f" ({unit})" if unit else "")
+
+
+def _split(column: str) -> tuple[str, str]:
+    name, _, last = column.rpartition("_")
+    return (name, UNITS[last]) if name and last in UNITS else (column, "")
+
+
+def _cells(table: pd.DataFrame, column: str, bounds: set[str]) -> list[str]:
+    base = next((b for b in (column, _split(column)[0]) if b + LOW in bounds), None)
+    if base is None:
+        return [_text(value) for value in table[column]]
+    rows = zip(table[column], table[base + LOW], table[base + HIGH], strict=True)
+    # A value printed in a paper has no interval.
+    return [interval(*row) if np.all(np.isfinite(row)) else _text(row[0]) for row in rows]
+
+
+def _text(value: object) -> str:
+    if isinstance(value, str):
+        return ROLES.get(value, value)
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    number = float(value)  # type: ignore[arg-type]
+    return short(number, DIGITS) if np.isfinite(number) else "–"
+
+
+def population_parameters(results: PopulationResults) -> Rows:
+    """Rows of a population's parameters: mean, new specimen and spread."""
+    return [_population_parameter(results, name) for name in results.parameters]
+
+
+def _population_parameter(results: PopulationResults, name: str) -> dict[str, Any]:
+    """Row of a parameter: new specimen, population mean and spread as median [5 %, 95 %]."""
+    summary, label = results.summary, results.new_specimen.label(name)
+    new, mean, spread = (summary.loc[prefix + name] for prefix in ("", "mean_", "spread_"))
+    unit = display_unit(label["unit"], mean["median"], name)
+    relative = OF_LOGARITHM in results.new_specimen.label(f"spread_{name}")["description"]
+    return {
+        "name": name,
+        "symbol": symbol_html(label["symbol"]),
+        "description": label["description"].removesuffix(", of a new specimen"),
+        "unit": unit.label,
+        "mean": _interval(mean, unit.factor),
+        "new": _interval(new, unit.factor),
+        "spread": _interval(spread, 0.01 if relative else unit.factor),
+        "spread_unit": "%" if relative else unit.label,
+    }
+
+
+def specimens(results: PopulationResults) -> Rows:
+    """Rows of every specimen's estimates, from its own records and with the population."""
+    return [_specimen(row) for _, row in results.shrinkage.iterrows()]
+
+
+def _specimen(row: pd.Series) -> dict[str, Any]:
+    unit = display_unit(row["unit"], row["median"], row["parameter"])
+    return {
+        "study": row["study"],
+        "symbol": symbol_html(row["symbol"]),
+        "parameter": row["parameter"],
+        "unit": unit.label,
+        "own": _interval(row, unit.factor),
+        "shrunken": _interval(row, unit.factor, "shrunken_"),
+        "shrinkage": f"{100 * row['shrinkage']:.0f} %",
+        "tail": f"{row['tail_probability']:.2g}",
+        "k_hat": short(row["k_hat"], 2),
+        "effective": f"{row['effective_draws']:.0f}",
+        "sound": bool(row["reliable"] and row["converged"]),
+    }
+
+
+def _interval(row: pd.Series, factor: float, prefix: str = "") -> str:
+    return interval(
+        *(float(row[prefix + quantile]) / factor for quantile in ("median", "q05", "q95"))
+    )

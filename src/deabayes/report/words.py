@@ -1,0 +1,267 @@
+"""Sentences of the report, except its notices: verdicts, proposals, fixed text and the glossary."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from deabayes.figures.noise_share import sizes
+from deabayes.figures.results import StudyResults
+from deabayes.prediction.errors import rejected
+from deabayes.quantities import significant
+
+SURE, MAY_FAIL = 0.9, 0.01
+"""Probability of deciding rightly above which an experiment is said to decide, and share of draws
+without a response above which an experiment is not proposed."""
+ROUNDING = 0.005
+"""Difference in nats that is ignored."""
+
+LEAD = (
+    "Records are fitted with candidate models. Every number has its uncertainty. Models are tested "
+    "on records that were held out of the fit, if there are any."
+)
+UNFINISHED = (
+    "Jobs failed. This page shows the results that do not depend on them. Correct the causes below "
+    "and run the same command again: it continues from here."
+)
+NO_WARNINGS = "Every fit converged, and no prediction leaves the calibrated range."
+NO_RESULTS = "No results: this study depends on a job that failed."
+GLOSSARY = {
+    "Prior, posterior": (
+        "What was considered possible before the data, and after them. If a wide prior became a "
+        "narrow posterior, the data determined the number."
+    ),
+    "Median [5 %, 95 %]": (
+        "The middle of the posterior and the interval that holds 90 % of it. If the model is "
+        "right, the number lies in the interval with 90 % probability."
+    ),
+    "Parameter band": (
+        "Where the model's curve lies, given what is known about its parameters. New data do not "
+        "fall into this band, because they have noise."
+    ),
+    "Discrepancy band": (
+        "The parameter band widened by the systematic error of the model, a slowly varying error "
+        "that is estimated from the residuals."
+    ),
+    "Predictive band": (
+        "The discrepancy band widened by sensor noise: where a new reading falls with the stated "
+        "probability. Compare data with this band only."
+    ),
+    "Coverage": (
+        "The share of readings inside a predictive band. A 90 % band should hold about 90 %. If "
+        "it holds much less, the prediction is too certain."
+    ),
+    "Held-out record": (
+        "A record that was not fitted. Its errors show how well the model predicts; errors of "
+        "calibration records show only how well it fits."
+    ),
+    "e<sub>rms</sub>, e<sub>m</sub>": (
+        "Root-mean-square and largest error of the median curve, in per cent of the record's "
+        "range. The brackets hold the errors of the posterior's curves. The median curve may lie "
+        "closer to a record than most of them, and its error is then below the bracket."
+    ),
+    "CRPS": (
+        "Average distance between prediction and reading, in the response's unit. It also rewards "
+        "bands of the right width. Smaller is better."
+    ),
+    "Points fall (PIT)": (
+        "Whether each point falls where the prediction expects it, given the points before it. "
+        "The p-value tests whether the probability integral transforms are uniform. Below 0.05 "
+        "they are not: the predicted spread is too narrow or too wide, or readings lie to one "
+        "side, as the figure of the transforms shows. In a long record the error may be too small "
+        "to matter. The test is too mild for fitted records."
+    ),
+    "Contraction": (
+        "The share of the prior's variance that the data removed. Below 10 %, and if the data do "
+        "not move the number either, the prior sets it: cite the prior's source, not this fit. A "
+        "negative value means that the number is less certain than before, because the "
+        "uncertainty of other parameters was added."
+    ),
+    "Moved by prior / data": (
+        "How far the number moves when the priors, or the data, get a little more weight "
+        "(power-scaling sensitivity). Values up to 0.05 are negligible: doubling the weight would "
+        "shift the number, and change its width, by less than about a quarter of its standard "
+        "deviation. “Not known”: there are too few draws to tell."
+    ),
+    "Moved by the prior": (
+        "The data narrowed the number, but it follows the priors and hardly the data. The prior "
+        "may be its own or that of another parameter, such as a thickness. A better prior or an "
+        "independent measurement improves the number; more data of this kind do not."
+    ),
+    "Moved by prior and data": (
+        "More weight on the priors moves the number one way, more weight on the data the other: "
+        "it is a compromise. This is right if both are about equally informative. If the data "
+        "should be better, check the prior, the stated quantities of the specimen, and the model."
+    ),
+    "Correlated noise (OU)": (
+        "Readings close in time have similar errors. Treating them as independent makes intervals "
+        "far too narrow. σ<sub>OU</sub> is the size of that error, τ<sub>OU</sub> its duration. "
+        "If correlated noise is much of a record, the model lacks physics."
+    ),
+    "R-hat": (
+        "Compares independent runs of the sampler. It is 1.00 if they agree. Above 1.01 they "
+        "disagree, and the numbers must not be used."
+    ),
+    "Effective sample size (ESS)": (
+        "Number of independent draws that are worth as much as the correlated draws, for the "
+        "middle (bulk) and the ends (tails) of an interval. At least 400 of each."
+    ),
+    "Log evidence": (
+        "Log probability of the data under a candidate, averaged over its prior. Differences of "
+        "more than a few units count."
+    ),
+    "elpd": (
+        "Expected log predictive density: how well a candidate predicts parts of the records "
+        "(blocks) or whole records that were left out. A dash means that there is a single "
+        "record, or that the evidence without some record is not known to half a nat. Larger is "
+        "better. A difference over blocks counts if it exceeds 4 and twice its standard error. It "
+        "also counts if it exceeds 8 and, without the block that gains most, 4 and its standard "
+        "error."
+    ),
+    "Further experiment": (
+        "What the data of an experiment are expected to tell, if one of the remaining candidates "
+        "is right and its parameters follow its posterior. “Decides rightly”: how often its data "
+        "would name the right candidate. A repeated record counts as if the model's own error "
+        "were drawn anew, which makes it look better than it is."
+    ),
+    "Nat": (
+        "Unit of information: an answer of one nat makes something e = 2.7 times as probable. "
+        "Naming one of two equally probable candidates with certainty gives 0.69 nats."
+    ),
+    "k-hat": (
+        "Reliability of the weights that leave a block out; smaller is better. For a block above "
+        "0.5, the posterior without it was sampled instead."
+    ),
+    "Extrapolation": (
+        "A prediction outside the calibration records: beyond their range of excitation or held "
+        "conditions (a load, a bias), 1.5 times as long, or 1.5 times as fast. No statistics can "
+        "guarantee it."
+    ),
+    "Simulated data": (
+        "Produced by a computer model, not measured. Such studies test the method, not a material."
+    ),
+}
+"""Term -> its meaning, as HTML."""
+GLOSSARY_OF_POPULATIONS = {
+    "Population, spread": (
+        "Specimens of one material scatter about a mean. The spread is the standard deviation "
+        "between them, or that of the logarithm for a positive parameter: 10 % means that "
+        "specimens differ by about a tenth."
+    ),
+    "Shrinkage": (
+        "The share by which the other specimens replace a specimen's own records: 0 % if its own "
+        "records decide alone, 100 % if they say nothing."
+    ),
+    "Tail probability": (
+        "How far a specimen lies from the others. Below 0.005 it may not belong to them."
+    ),
+}
+
+
+def verdict(study: StudyResults) -> str:
+    """State which candidate to use, and whether its calibration records reject it."""
+    errors = study.recommended.errors
+    rejecting = [] if errors is None else list(rejected(errors)["experiment"])
+    if not rejecting:
+        return _choice(study)
+    return (
+        f"{_choice(study)} But the records to which it was fitted reject it "
+        f"({', '.join(rejecting)}). All these models lack something, and parameters may be off by "
+        "more than their intervals say."
+    )
+
+
+def _choice(study: StudyResults) -> str:
+    """One sentence on which candidate to use."""
+    best, count = study.recommended, len(study.candidates)
+    if not any(candidate.converged for candidate in study.candidates):
+        return "No candidate converged, so use none of them: sample longer."
+    if study.comparison is None and count > 1:
+        return f"{count} candidates were fitted and not compared; {best.name} is shown."
+    if study.comparison is None or count < 2:
+        return f"One candidate was fitted, {best.name}; there was no order to choose."
+    text = str(study.comparison["verdict"].get(best.name, "not compared"))
+    if text.startswith("nothing to compare"):
+        return (
+            f"Only {best.name} of {count} candidates converged, so no order can be chosen. "
+            "It is shown, not recommended."
+        )
+    if text.startswith("not resolved"):
+        return f"The records do not decide the model order; {best.name} is shown ({text})."
+    return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
+
+
+def may_hide(study: StudyResults) -> str:
+    """State how large a further unit may be and still be hidden in correlated noise.
+
+    Empty if nothing is compared, or if correlated noise is nowhere larger than white noise.
+    """
+    if study.comparison is None or len(study.comparison) < 2:
+        return ""
+    by_record = sizes(study.recommended)
+    above = {
+        name: parts["correlated"]
+        for name, parts in by_record.items()
+        if parts.get("correlated", 0.0) > parts.get("white", 0.0)
+    }
+    if not above:
+        return ""
+    name = max(above, key=lambda record: above[record])
+    white = by_record[name].get("white", 0.0)
+    beside = f", beside white noise of {significant(100 * white, 2)} %" if white else ""
+    most = ", the most of its records" if len(by_record) > 1 else ""
+    return (
+        f"Correlated noise takes what {study.recommended.name} leaves: "
+        f"{significant(100 * above[name], 2)} % of the range in {name}{most}{beside}. A further "
+        "unit that adds less than that may be hidden in it. The verdict says which units these "
+        "records need, not that there are no others."
+    )
+
+
+def further_sentence(study: StudyResults) -> str:
+    """Propose the best further experiment; empty unless there are several candidates."""
+    table = study.further_experiments
+    names = [] if table is None else str(table["candidates"].iloc[0]).split(", ")
+    if table is None or len(names) < 2:
+        return ""
+    others = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
+    question = f"tell {names[0]} from {others}"
+    several = f"None of the {len(table)} experiments considered would"
+    none = several if len(table) > 1 else "The only experiment considered would not"
+    nats = table["information_candidate_nats"]
+    informative = nats > 2.0 * table["information_candidate_error_nats"]
+    safe = table["failed_share"] <= MAY_FAIL
+    if not (informative & safe).any():
+        risky = informative & ~safe
+        but = ", except some that the specimen may not survive" if risky.any() else ""
+        return f"{none} be expected to {question}{but}."
+    best = _preferred(table[informative & safe])
+    name = f"{best['experiment']} ({best['what']})"
+    name = f"the held-out record {name}" if best["held_out"] else name
+    probability = f"{best['probability_right']:.2f}"
+    flag = best["extrapolation"]
+    caution = f" It is an extrapolation ({flag})." if isinstance(flag, str) else ""
+    if best["probability_right"] < SURE:
+        return (
+            f"{none} surely {question}. The best is {name}: it would decide rightly with "
+            f"probability {probability} ({1.0 / len(names):.2f} is guessing).{caution}"
+        )
+    name = name.replace("the held-out", "The held-out", 1)
+    return (
+        f"{name} would be expected to {question}. It would decide rightly with probability "
+        f"{probability}.{caution}"
+    )
+
+
+def _preferred(table: pd.DataFrame) -> pd.Series:
+    """Choose among the experiments that are as informative as the best one, within errors.
+
+    A held-out record comes first, because it is already measured, then an experiment inside the
+    calibrated range.
+    """
+    nats, error = table["information_candidate_nats"], table["information_candidate_error_nats"]
+    margin = np.maximum(2.0 * np.hypot(error, error.iloc[0]), ROUNDING)
+    equal = table[nats >= nats.iloc[0] - margin]
+    outside = equal["extrapolation"].map(lambda flag: isinstance(flag, str) and bool(flag))
+    order = equal.assign(new=~equal["held_out"].astype(bool), outside=outside)
+    return equal.loc[order.sort_values(["new", "outside"], kind="stable").index[0]]
