@@ -145,7 +145,9 @@ def _sensor_delay(specimen: Specimen) -> dict[str, object] | None:
         return {"unit": "s", "value": quantity.value, "sd": quantity.sd, "description": note}
     stated = (specimen.instruments.get(name) for name in (*OWN_DELAYS, "delay"))
     quantity = quantity or next((delay for delay in stated if delay is not None), None)
-    return quantity and {"unit": "s", "value": quantity.value, "description": note}
+    if quantity is None:
+        return None
+    return {"unit": "s", "value": quantity.value, "description": note}
 
 
 def _signals(*signals: Signal) -> list[dict[str, str]]:

@@ -56,7 +56,7 @@ def render(
     template = environment.from_string((folder / "template.html").read_text(encoding="utf-8"))
     found = [notice for study in studies for notice in notices.of_study(study)]
     found += [notice for p in populations for notice in notices.of_population(p)]
-    shown = {results.name for results in (*studies, *populations)}
+    shown = {study.name for study in studies} | {p.name for p in populations}
     return template.render(
         words=words,
         css=(folder / "style.css").read_text(encoding="utf-8"),
