@@ -65,7 +65,7 @@ class Posterior:
 
     @property
     def leaning(self) -> tuple[str, ...]:
-        """One sentence per parameter whose draws lean on a bound of its prior, with the remedy."""
+        """One sentence per parameter that a bound of its prior limits, with the remedy."""
         return tuple(json.loads(self._tree.attrs.get("leaning", "[]")))
 
     def summary(self) -> pd.DataFrame:
@@ -142,11 +142,10 @@ class Posterior:
             `predictive` (level, bound, coordinate), with levels 0.5 and 0.9 and bounds
             `lower` and `upper`; `coordinate` is the time. Four attributes are notes, which are
             empty if there is nothing to say. `extrapolation` says where the excitation leaves the
-            calibrated region. `noise_note` says that the noise comes from another response,
-            because no calibration record measured this one, or that its size comes from a
-            calibration record. `model_note` says which candidate solved the prediction, if the
-            study names a wider candidate for some protocols. `held_out_note` says where the bands
-            missed held-out records, or that the scores (errors.csv) are not beside the file.
+            calibrated region. `noise_note` says if the noise, or its size, comes from other
+            records. `model_note` says which candidate solved the prediction, if the study names a
+            wider candidate for some protocols. `held_out_note` says where the bands missed
+            held-out records, or that the scores (errors.csv) are not beside the file.
         """
         from deabayes.posteriors.fitted import Fitted
         from deabayes.prediction.bands import to_dataset

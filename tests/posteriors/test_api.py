@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -163,8 +164,10 @@ def test_the_file_of_another_version_names_both(tmp_path):
     assert "unexpected keyword argument 'future'" in told(specimen)
 
 
-def test_what_the_package_offers_is_found_by_completion():
-    assert {"open_posterior", "simulate", "load_models", "Posterior"} <= set(dir(deabayes))
+def test_the_package_lists_what_it_offers_and_has_types():
+    names = ["Posterior", "__version__", "load_models", "open_posterior", "simulate"]
+    assert dir(deabayes) == names and all(hasattr(deabayes, name) for name in names)
+    assert Path(deabayes.__file__).with_name("py.typed").is_file()
 
 
 def test_draws_of_some_kinds_are_what_simulate_takes(post):
