@@ -35,7 +35,8 @@ def test_the_band_at_a_time_is_the_same_whatever_else_is_asked():
         assert part == pytest.approx(whole, rel=0.15)
         assert note == (
             "the response varies by less than in any calibrated record of step, so its noise is "
-            f"in proportion to the smallest range of those ({record(4e3).response_range:.3g} m)"
+            "in proportion to the smallest range of these records "
+            f"({record(4e3).response_range:.3g} m)"
         )
 
 
@@ -55,7 +56,7 @@ def test_noise_carried_over_to_a_response_that_does_not_vary_is_not_known(what, 
     samples = fitted(relative=relative).sample(what, np.random.default_rng(1))
     assert np.isfinite(samples.parameter).all()
     assert np.isnan(samples.discrepancy).all() and np.isnan(samples.predictive).all()
-    assert samples.noise_note.endswith("its size is not known")
+    assert samples.noise_note.endswith("size is not known")
 
 
 def test_one_point_of_another_coordinate_has_noise():

@@ -10,7 +10,7 @@ from tests.posteriors.test_predict_with import STUDY, creep, file
 from tests.shared.fake_results import write_study as write_results
 from tests.shared.study_folders import make_folder
 
-from deabayes.cli.judging import predict_posteriors
+from deabayes.cli.main import main
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study
@@ -81,6 +81,6 @@ def test_nor_is_it_predicted_with(tmp_path: Path) -> None:
         write_tree(file(None, study), results / name / "posterior.nc")
     write_prepared(creep(), results / "prepared" / "creep.nc")
     write_study(replace(study, candidates=("voigt_kelvin_2",)), results / "study.yaml")
-    predict_posteriors("creep", tmp_path, None, None, None)
+    main(["predict", "creep", "--results", str(tmp_path)])
     assert names(results) == ["other", "prepared", "study.yaml", "voigt_kelvin_2"]
     assert names(results / "other") == ["posterior.nc"]

@@ -20,7 +20,9 @@ def names(*modules: str) -> set[str]:
     return {path.relative_to(PACKAGE).as_posix() for path in sources_of(*modules)}
 
 
-@pytest.mark.parametrize("module", ["comparison.ranking", "report.contents", "posteriors.inheritance"])
+@pytest.mark.parametrize(
+    "module", ["comparison.ranking", "report.contents", "posteriors.inheritance"]
+)
 def test_what_python_loads_is_among_them(module: str) -> None:
     code = LOADED.format(module=f"deabayes.{module}")
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

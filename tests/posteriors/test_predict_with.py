@@ -145,7 +145,8 @@ def test_a_held_out_record_is_predicted_with_the_wider_candidate():
 def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
     study = Study("shaken", Path("data/tubular"), ("voigt_kelvin_2" + ENDING,), noise="white")
     fitted = build(study, "voigt_kelvin_2" + ENDING, SPECIMEN, experiments(100))
-    from deabayes.prediction.noise_origin import CalibratedRecord, find_noise
+    from deabayes.prediction.calibrated import CalibratedRecord
+    from deabayes.prediction.noise_origin import find_noise
 
     records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in fitted.records]
     assert {r.response_name: r.proportional for r in records} == {"gain": True, "phase": False}

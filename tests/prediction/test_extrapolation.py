@@ -17,7 +17,7 @@ from tests.systems.test_tubular_frequency_response import experiments as gain_an
 
 from deabayes.experiment import Specimen
 from deabayes.inference.record_noise import ResidualScale
-from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
+from deabayes.prediction.calibrated import CalibratedRecord, records_to_json
 from deabayes.systems.tensile_strip.system import TensileStrip
 from deabayes.systems.tubular.system import Tubular
 

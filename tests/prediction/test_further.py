@@ -15,7 +15,7 @@ from deabayes.faults import Faults
 from deabayes.inference.record_noise import ResidualScale
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.posteriors.fitted import Fitted
-from deabayes.prediction.noise_origin import CalibratedRecord
+from deabayes.prediction.calibrated import CalibratedRecord
 
 TIME = np.linspace(1.0, 60.0, 40)
 SLOW = {

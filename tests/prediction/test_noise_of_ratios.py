@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Excitation, Experiment
-from deabayes.prediction.noise_origin import CalibratedRecord, find_noise
+from deabayes.prediction.calibrated import CalibratedRecord
+from deabayes.prediction.noise_origin import find_noise
 
 SYSTEM = SimpleNamespace(
     proportional=("gain",),

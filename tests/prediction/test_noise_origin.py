@@ -17,7 +17,7 @@ from deabayes.faults import UserError
 from deabayes.inference.record_noise import ResidualScale, noise_coordinate
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.posteriors.fitted import Fitted
-from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
+from deabayes.prediction.calibrated import CalibratedRecord, records_to_json
 from deabayes.systems.membrane.system import Membrane
 
 TIME = np.linspace(1.0, 600.0, 300)
@@ -148,10 +148,10 @@ def test_faster_changes_than_calibrated_are_flagged():
     quick = experiment("quick", "sine", sine(0.2), np.arange(1.0, 90.0, 0.5), "displacement")
     note = fitted([slow]).extrapolation(quick)
     assert note == (
-        "it shows what happens at up to 0.2 Hz, the calibration records at up to 0.05 Hz"
+        "the prediction reaches 0.2 Hz, and the calibration records only 0.05 Hz"
     )
     sudden = replace(quick, excitation=step(2e3), coordinate=np.array([1e-4, 1.0, 50.0]))
-    assert "at up to 1600 Hz, " in fitted([slow]).extrapolation(sudden)
+    assert "reaches 1600 Hz, " in fitted([slow]).extrapolation(sudden)
     assert fitted([slow, quick]).extrapolation(quick) == ""
     assert fitted([quick]).extrapolation(slow) == ""
     old = replace(fitted([slow]).records[0], fastest=float("nan"))

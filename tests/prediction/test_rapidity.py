@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Excitation, Experiment
-from deabayes.prediction.noise_origin import fastest
+from deabayes.prediction.calibrated import fastest
 
 
 def experiment(knots, values, read, coordinate_name="time"):

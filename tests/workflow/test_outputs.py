@@ -51,7 +51,7 @@ def test_what_is_read_is_not_written_over(
     before = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
     said = refusal(capsys, *READ[output], "-o", output)
     kind = "folder" if output == "prepared" else "file"
-    assert said == f"deabayes: -o {output}: is the {kind} that is read; name another\n"
+    assert said == f"deabayes: -o {output}: this {kind} is an input; name another {kind}\n"
     assert {path: path.read_bytes() for path in place.rglob("*") if path.is_file()} == before
 
 
@@ -59,14 +59,14 @@ def test_the_table_of_errors_is_not_written_over_the_posterior(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = refusal(capsys, "predict", POSTERIOR, "--prepared", "prepared", "--errors", POSTERIOR)
-    assert said.startswith(f"deabayes: --errors {POSTERIOR}: is the file that is read")
+    assert said.startswith(f"deabayes: --errors {POSTERIOR}: this file is an input")
 
 
 @pytest.mark.parametrize(
     ("output", "said"),
     [
-        ("strip", "is the folder that is read; name another"),
-        ("strip/../strip/records", "is the folder that is read; name another"),
+        ("strip", "this folder is an input; name another folder"),
+        ("strip/../strip/records", "this folder is an input; name another folder"),
         ("strip/specimen.yaml", "is a file; name a folder"),
     ],
 )
@@ -81,14 +81,14 @@ def test_records_are_not_prepared_into_the_folder_of_the_study(
 @pytest.mark.parametrize(
     ("command", "output", "said"),
     [
-        ("figures", "strip", "holds specimen.yaml; name a folder for figures alone"),
-        ("figures", "fit", "holds study.yaml; name a folder for figures alone"),
+        ("figures", "strip", "holds specimen.yaml; name a folder that holds only figures"),
+        ("figures", "fit", "holds study.yaml; name a folder that holds only figures"),
         ("figures", "fit/analyses", "its index.json lists no figures; name another folder"),
         ("figures", "link.csv", "is a file; name a folder"),
-        ("analyse", "strip", "holds specimen.yaml; name a folder for analyses alone"),
-        ("analyse", "strip/records", "is replaced as a whole, and holds pull.csv; name a new"),
+        ("analyse", "strip", "holds specimen.yaml; name a folder that holds only analyses"),
+        ("analyse", "strip/records", "the command would delete this folder with pull.csv; name a"),
         ("analyse", "fit/figures", "its index.json lists no analyses; name another folder"),
-        ("analyse", ".", "is replaced as a whole, and holds fit; name a new folder"),
+        ("analyse", ".", "the command would delete this folder with fit; name a new folder"),
     ],
 )
 def test_figures_and_analyses_have_a_folder_of_their_own(

@@ -16,8 +16,8 @@ import xarray as xr
 from tests.posteriors.test_predict_with import STUDY, creep, file
 
 from deabayes.api import open_posterior
+from deabayes.cli.drive import read_drive
 from deabayes.cli.main import main
-from deabayes.cli.using import read_drive
 from deabayes.posteriors.storage import sum_of_draws, write_tree
 from deabayes.records.preparation.prepared import write_prepared
 from deabayes.study import Study
@@ -99,8 +99,8 @@ def test_a_table_says_what_it_is_worth(
 
 
 NARROW = (
-    "of 3 held-out records the 90 % bands of 2 are too narrow (they hold, of sine_1kV 53 %, "
-    "sine_2kV 62 %); those of a drive of your own may be as much so"
+    "the 90 % bands of 2 of 3 held-out records are too narrow: they hold 53 % of sine_1kV, 62 % of "
+    "sine_2kV. Bands of other excitations may be too narrow as well"
 )
 
 
@@ -144,7 +144,7 @@ def test_scores_that_are_copied_along_are_those_of_the_copy(place: Path) -> None
     Path("errors.csv").rename(copy / "errors.csv")
     shutil.copyfile("posterior.nc", copy / "posterior.nc")
     copied = open_posterior(copy / "posterior.nc").predict(time=[0.0, 1.0], voltage=1800.0)
-    assert copied.attrs["held_out_note"].startswith("of 1 held-out records the 90 % bands of 1")
+    assert copied.attrs["held_out_note"].startswith("the 90 % bands of 1 of 1 held-out records")
 
 
 @pytest.mark.parametrize("validate", [None, ("sine_1kV",), ()])
@@ -205,7 +205,7 @@ def test_a_frequency_response_is_named_unless_one_was_fitted(
     [
         ((), "-o"),
         (("-o", "out.xlsx"), r"-o out\.xlsx: .*\.csv or \.nc"),
-        (("-o", "drive.csv"), "is the file that is read"),
+        (("-o", "drive.csv"), "this file is an input; name another file"),
         (("-o", "out.csv", "--condition", "load_g"), "--condition 'load_g': expected NAME=VALUE"),
         (("-o", "out.csv", "--condition", "laod_g=3"), "laod_g.*did you mean 'load_g'"),
         (("-o", "out.csv", "--excitation", "."), r"deabayes: \.: is a folder; name the file"),
@@ -228,7 +228,7 @@ def test_a_response_alone_goes_with_an_excitation(
 ) -> None:
     with pytest.raises(SystemExit):
         main(["predict", "posterior.nc", "--response", "strain"])
-    assert "--response goes with --excitation" in capsys.readouterr().err
+    assert "--response needs --excitation" in capsys.readouterr().err
 
 
 def test_a_study_by_name_has_one_posterior_or_names_them(

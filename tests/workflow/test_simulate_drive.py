@@ -41,9 +41,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("record", "words"),
     [
-        ("Zeit [s],voltage [kV]\n0,1\n1,2\n2,3\n", "'Zeit' is a time .* write 'time .s.'"),
+        ("Zeit [s],voltage [kV]\n0,1\n1,2\n2,3\n", "'Zeit' is a time .* call it 'time .s.'"),
         ("t [ms],voltage [kV]\n0,1\n1,2\n2,3\n", "'t' is a time"),
-        ("tiem,voltage [kV]\n0,1\n1,2\n2,3\n", "column 'time' is missing, voltage drives"),
+        ("tiem,voltage [kV]\n0,1\n1,2\n2,3\n", "column 'time' is missing, and voltage drives"),
         ("time [s],voltage [kV]\n0,1\n2,2\n1,3\n", "column time: goes back at data row 3"),
         ("time [s],voltage [kV]\n0,1\n1,2\n1,3\n", "column time: data row 3 repeats"),
         ("time [s],voltage [kV]\n0,1\n1,nan\n2,3\n", "column voltage: .* first in data row 2"),
@@ -72,14 +72,14 @@ def test_a_drive_without_time_ascends(place: Path, capsys: pytest.CaptureFixture
         simulate(place, "stretch [1],note\n1,a\n2,b\n1.5,c\n", STRIP, ("mu=3e4",))
     said = capsys.readouterr().err
     assert "drive.csv, column stretch: does not ascend at data row 3" in said
-    assert said.rstrip().endswith("or give the time as a column 'time [s]'")
+    assert said.rstrip().endswith("or add a column 'time [s]'")
 
 
 @pytest.mark.parametrize(
     ("drive", "advice"),
     [
         ("time [s],displacement [mm]\n0,0\n1,1\n2,0\n", "remove the column 'time', and sort"),
-        ("displacement [mm]\n0\n1\n0\n", "as a drive without time must; sort the rows\n"),
+        ("displacement [mm]\n0\n1\n0\n", "and there is no time; sort the rows\n"),
     ],
 )
 def test_a_pull_of_a_structure_is_at_no_time(
@@ -90,7 +90,7 @@ def test_a_pull_of_a_structure_is_at_no_time(
     with pytest.raises(SystemExit):
         simulate(place, drive, structure, ("mu_1=3e4", "alpha_1=2"))
     said = capsys.readouterr().err
-    assert "drive.csv" in said and advice in said and "give the time" not in said
+    assert "drive.csv" in said and advice in said and "add a column" not in said
 
 
 def test_a_parameter_outside_its_support_is_named(
@@ -106,7 +106,7 @@ def test_a_parameter_outside_its_support_is_named(
     ("values", "output", "words"),
     [
         ((*TUBE_VALUES, "E_0=2e6"), "out.csv", "--set: E_0 is given twice; keep one"),
-        (TUBE_VALUES, "out.xlsx", "-o out.xlsx: a table is written, name it .csv"),
+        (TUBE_VALUES, "out.xlsx", "-o out.xlsx: the command writes a CSV table; name it .csv"),
     ],
 )
 def test_what_would_be_passed_over(

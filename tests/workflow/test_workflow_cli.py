@@ -141,7 +141,7 @@ def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main([])
     assert ended.value.code == 1
-    assert "goes on where" in capsys.readouterr().err
+    assert "continues where" in capsys.readouterr().err
 
 
 def test_a_fault_of_the_program_is_not_hidden(monkeypatch) -> None:

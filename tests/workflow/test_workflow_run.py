@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.workflow.snakemake_runs import ROOT, TINY, snakemake
 
-from deabayes.cli.judging import weigh_experiments
+from deabayes.cli.main import main
 from deabayes.pipeline import compare_candidates
 from deabayes.posteriors.storage import read_tree, write_tree
 
@@ -65,7 +65,7 @@ def test_further_experiments_of_twins(tiny: Path, tmp_path: Path) -> None:
         lines.append(f"{name},3,0,True,{verdict if name == 'one' else 'not chosen: elpd 0'}")
     (tmp_path / "comparison.csv").write_text("\n".join(lines))
     asked = "{longer: {like: creep_2000V, duration: 2}, too_much: {like: creep_2000V, speed: 2}}"
-    weigh_experiments(tmp_path, tmp_path / "none.yaml", asked, None)
+    main(["further", str(tmp_path), "--config", str(tmp_path / "none.yaml"), "--asked", asked])
     with (tmp_path / "further_experiments.csv").open(newline="") as stream:
         rows = {row["experiment"]: row for row in csv.DictReader(stream)}
     assert set(rows) == {"creep_2500V", "creep_1500V", "longer", "too_much"}

@@ -18,7 +18,7 @@ from deabayes.posteriors.inheritance import GROUP, inherited_prior
 from deabayes.posteriors.records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.posteriors.sensitivity import sensitivities
 from deabayes.posteriors.storage import specimen_to_json
-from deabayes.prediction.noise_origin import CalibratedRecord, records_to_json
+from deabayes.prediction.calibrated import CalibratedRecord, records_to_json
 from deabayes.prior.joint import Prior
 from deabayes.study import to_settings
 

@@ -23,9 +23,9 @@ from deabayes.posteriors.storage import (
     stacked,
 )
 from deabayes.prediction.bands import Samples, sample_response
-from deabayes.prediction.calibrated import Calibrated
+from deabayes.prediction.calibrated import Calibrated, CalibratedRecord
 from deabayes.prediction.given import excitation_of
-from deabayes.prediction.noise_origin import CalibratedRecord, NoiseOrigin, find_noise
+from deabayes.prediction.noise_origin import NoiseOrigin, find_noise
 from deabayes.prediction.outcomes import Reading
 from deabayes.systems import build as build_system
 from deabayes.systems.base import System

@@ -63,10 +63,10 @@ def crps(observed: ArrayLike, samples: ArrayLike) -> FloatArray:
     ndarray
         (N,); smaller is better.
     """
-    observed, samples = _samples(observed, samples)
-    size = samples.shape[0]
-    if size < 2:
-        raise ValueError(f"crps needs at least 2 samples, got {size}")
+    observed, samples = _same_length(observed, samples)
+    if samples.ndim != 2 or len(samples) < 2:
+        raise ValueError(f"crps needs at least 2 samples (S, N), got shape {samples.shape}")
+    size = len(samples)
     ordered = np.sort(samples - observed, axis=0)
     rank_weights = 2.0 * np.arange(1, size + 1) - size - 1.0
     spread = rank_weights @ ordered / (size * (size - 1.0))
@@ -146,13 +146,6 @@ def _curves(observed: ArrayLike, predicted: ArrayLike) -> tuple[FloatArray, Floa
     return observed, predicted
 
 
-def _samples(observed: ArrayLike, samples: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    observed, samples = _same_length(observed, samples)
-    if samples.ndim != 2:
-        raise ValueError(f"samples must be (S, N), got shape {samples.shape}")
-    return observed, samples
-
-
 def _same_length(observed: ArrayLike, other: ArrayLike) -> tuple[FloatArray, FloatArray]:
     observed, other = np.asarray(observed, dtype=float), np.asarray(other, dtype=float)
     # Broadcasting would accept a single value for a whole record.
@@ -210,7 +203,7 @@ REJECTED = 1e-3
 MOST_NAMED = 4
 SCORED_DRAWS = "posterior_draws"
 """Column of errors.csv that identifies the draws which were scored."""
-UNCHECKED = "so nothing tells here whether bands on records that were not fitted are wide enough"
+UNCHECKED = "so it is not known whether bands are wide enough for records outside the fit"
 
 
 def missed(errors: pd.DataFrame) -> pd.DataFrame:
@@ -235,9 +228,14 @@ def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
     draws : text that identifies the posterior's draws (`sum_of_draws`).
     none_held_out : the study holds out no record, so that there is nothing to score.
     """
+    import pandas as pd
+
     table = posterior.with_name("errors.csv")
-    errors = _scores(table, draws)
-    if errors is not None:
+    try:
+        errors = pd.read_csv(table)
+    except (OSError, ValueError):  # no file, or not a table
+        errors = pd.DataFrame()
+    if SCORED_DRAWS in errors and (errors[SCORED_DRAWS] == draws).all():
         return _too_narrow(errors)
     if none_held_out:
         return ""
@@ -248,20 +246,8 @@ def note_beside(posterior: Path, draws: str, none_held_out: bool) -> str:
         )
     return (
         f"held-out scores (errors.csv) are not beside the posterior, {UNCHECKED}; copy errors.csv "
-        "along with it"
+        "to the same folder"
     )
-
-
-def _scores(table: Path, draws: str) -> pd.DataFrame | None:
-    """Read errors.csv; None if it is missing or scores other draws."""
-    import pandas as pd
-
-    try:
-        errors = pd.read_csv(table)
-    except (OSError, ValueError):  # no file, or not a table
-        return None
-    of_these = SCORED_DRAWS in errors and bool((errors[SCORED_DRAWS] == draws).all())
-    return errors if of_these else None
 
 
 def _too_narrow(errors: pd.DataFrame) -> str:
@@ -269,13 +255,13 @@ def _too_narrow(errors: pd.DataFrame) -> str:
     rows = missed(errors).sort_values("coverage_90")
     if rows.empty:
         return ""
-    count = int((errors["role"] == "validate").sum())
-    named = [
-        f"{row['experiment']} {100 * row['coverage_90']:.0f} %"
+    shares = [
+        f"{100 * row['coverage_90']:.0f} % of {row['experiment']}"
         for _, row in rows.head(MOST_NAMED).iterrows()
     ]
-    more = f" and {len(rows) - MOST_NAMED} more" if len(rows) > MOST_NAMED else ""
+    more = f" (and {len(rows) - MOST_NAMED} more records)" if len(rows) > MOST_NAMED else ""
     return (
-        f"of {count} held-out records the 90 % bands of {len(rows)} are too narrow (they hold, of "
-        f"{', '.join(named)}{more}); those of a drive of your own may be as much so"
+        f"the 90 % bands of {len(rows)} of {(errors['role'] == 'validate').sum()} held-out records "
+        f"are too narrow: they hold {', '.join(shares)}{more}. Bands of other excitations may be "
+        "too narrow as well"
     )
