@@ -29,7 +29,7 @@ def test_relative_errors_of_one_curve_are_scalars_and_nan_stays_in_its_row():
 
 
 @pytest.mark.parametrize("measure", [relative_maximum_error, relative_rms_error])
-def test_relative_errors_refuse_what_has_no_range_or_another_length(measure):
+def test_relative_errors_refuse_constant_records_and_other_lengths(measure):
     with pytest.raises(ValueError, match="vary"):
         measure(np.ones(3), OBSERVED)
     with pytest.raises(ValueError, match="length"):
@@ -86,7 +86,7 @@ def test_draws_behind_the_joint_log_score_by_hand():
     ("dimension", "information", "carried", "low", "high"),
     [(7, 2.0, True, -1.0, 1.0), (20, 10.0, False, -200.0, -10.0)],
 )
-def test_a_joint_log_score_is_known_where_ten_draws_carry_it(
+def test_a_joint_log_score_is_reliable_with_ten_effective_draws(
     dimension, information, carried, low, high
 ):
     """Posterior N(0, I) and a record that says `information` times as much of each parameter."""

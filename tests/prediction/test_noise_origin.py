@@ -1,9 +1,10 @@
-"""Whose noise a predicted record is taken to have, and what carries it to another response."""
+"""Whose noise a predicted record is assumed to have, also if no record measured its response."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,13 @@ from tests.shared.membranes import PLAIN, golden_draws, membrane, sine, step, vo
 from tests.shared.structure_contexts import fitted as structure_fitted
 from tests.shared.structure_contexts import force
 
-from deabayes.experiment import Quantity
+from deabayes.experiment import Excitation, Experiment, Quantity
 from deabayes.faults import UserError
 from deabayes.inference.record_noise import ResidualScale, noise_coordinate
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.posteriors.fitted import Fitted
 from deabayes.prediction.calibrated import CalibratedRecord, records_to_json
+from deabayes.prediction.noise_origin import find_noise
 from deabayes.systems.membrane.system import Membrane
 
 TIME = np.linspace(1.0, 600.0, 300)
@@ -61,7 +63,7 @@ def test_a_calibrated_record_has_its_own_noise():
     assert (origin.group, origin.scale, origin.note) == ("step", 1.0, "")
 
 
-def test_the_same_response_has_the_noise_in_its_unit():
+def test_noise_of_the_same_response_keeps_its_size():
     origin = fitted().noise_of(record(2e3))
     assert (origin.group, origin.scale, origin.note) == ("step", 1.0, "")
     correlated, white = spreads(fitted(), record(2e3))
@@ -116,7 +118,7 @@ def test_a_record_of_the_same_unit_comes_before_one_of_the_same_protocol():
     assert found.noise_of(record(2e3, "area")).group == "areas"
 
 
-def test_a_file_without_the_ranges_is_read_and_says_what_it_cannot():
+def test_an_old_file_without_ranges_asks_to_fit_again():
     old = json.loads(records_to_json(list(fitted().records)))
     for each in old:
         del each["response_range"]
@@ -147,9 +149,7 @@ def test_faster_changes_than_calibrated_are_flagged():
     slow = experiment("slow", "sine", sine(0.05), np.arange(1.0, 90.0), "displacement")
     quick = experiment("quick", "sine", sine(0.2), np.arange(1.0, 90.0, 0.5), "displacement")
     note = fitted([slow]).extrapolation(quick)
-    assert note == (
-        "the prediction reaches 0.2 Hz, and the calibration records only 0.05 Hz"
-    )
+    assert note == ("the prediction reaches 0.2 Hz, and the calibration records only 0.05 Hz")
     sudden = replace(quick, excitation=step(2e3), coordinate=np.array([1e-4, 1.0, 50.0]))
     assert "reaches 1600 Hz, " in fitted([slow]).extrapolation(sudden)
     assert fitted([slow, quick]).extrapolation(quick) == ""
@@ -184,10 +184,55 @@ def test_a_record_of_the_same_coordinate_comes_before_others_of_its_protocol():
             assert (origin.group, origin.stretch) == (each.name, 1.0)
 
 
-def test_an_excitation_that_no_record_had_asks_for_what_it_is_answered_with():
+def test_a_new_excitation_predicts_the_usual_response_to_it():
     """Sines were calibrated, of displacement, which no pull answers with."""
     moved = CalibratedRecord.of(replace(force(5), excitation=sine(1.0)), "sine", ResidualScale())
     kept = replace(moved, response_name="displacement")
     found = replace(structure_fitted("ogden_4", "quasi_static"), records=(kept,))
     asked = found.experiment({"displacement": np.linspace(0.0, 1e-2, 5)}, None, {"voltage": 5e3})
     assert (kept.excitation_name, asked.response_name) == ("voltage", "force")
+
+
+RATIOS = SimpleNamespace(
+    proportional=("gain",),
+    responses={"strain": "1", "gain": "1/V", "phase": "rad", "current": "A"},
+    candidate="voigt_kelvin_2",
+    specimen=SimpleNamespace(instruments={}),
+)
+GAIN = CalibratedRecord(
+    "shaken", "frequency_response", "gains", 1.0, "gain", "frequency", 190.0, "frequency",
+    10.0, 200.0, 8e-7, proportional=True,
+)  # fmt: skip
+PHASE = replace(
+    GAIN, name="shaken_phase", response_name="phase", response_range=2.9, proportional=False
+)
+CREEP = replace(
+    GAIN, name="creep", protocol="creep", group="creep", response_name="strain",
+    response_range=0.04, proportional=False,
+)  # fmt: skip
+SHOWN_RANGE = 0.02
+
+
+def strain() -> Experiment:
+    time = np.linspace(0.0, 1.0, 50)
+    drive = Excitation("voltage", "V", time, np.full(50, 2000.0))
+    return Experiment(
+        "pulled", "creep", "validate", "time", "s", time, "strain", "1", np.full(50, np.nan),
+        np.ones(50), drive,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("records", [[GAIN], [PHASE], [GAIN, PHASE]])
+def test_noise_of_a_gain_is_a_fraction_of_the_range_of_a_strain(records, relative):
+    """Whatever unit the gain is in: its residuals are logarithms, those of a phase radians."""
+    origin = find_noise(strain(), records, RATIOS, relative, "record")
+    mean = np.linspace(0.0, SHOWN_RANGE, 50)[None]
+    assert origin.scales(mean) == pytest.approx([SHOWN_RANGE])
+
+
+def test_noise_of_a_strain_is_scaled_by_its_range():
+    current = replace(strain(), response_name="current", response_unit="A")
+    origin = find_noise(current, [CREEP], RATIOS, False, "record")
+    mean = np.linspace(0.0, SHOWN_RANGE, 50)[None]
+    assert origin.scales(mean) == pytest.approx([SHOWN_RANGE / 0.04])

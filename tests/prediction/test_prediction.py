@@ -1,4 +1,4 @@
-"""Bands, densities and scores of a record whose response and noise are known in closed form."""
+"""Bands, densities and scores of records; draws that have no response."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import lognorm, norm
 
-from deabayes.experiment import Excitation, Experiment
+import deabayes
+from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise.white import White
 from deabayes.prediction.bands import Samples, sample_response, to_dataset
 from deabayes.prediction.errors import error_row
 from deabayes.prediction.noise_origin import NoiseOrigin
+from deabayes.systems.membrane.system import Membrane
 
 TIME = np.array([0.0, 1.0, 2.0, 4.0])
 SIGMA = 0.2
@@ -142,3 +144,86 @@ def test_a_record_that_does_not_vary_has_no_relative_errors():
         [row["e_rms_percent"], row["e_rms_q05"], row["e_m_percent"], row["e_m_q95"]]
     ).all()
     assert 0.0 <= row["coverage_90"] <= 1.0 and np.isfinite(row["crps"])
+
+
+SPECIMEN = Specimen(
+    "m", "membrane", {"kind": "simulated"},
+    {
+        "thickness": Quantity(1e-3, "m"), "permittivity": Quantity(4.11e-11, "F/m"),
+        "prestretch": Quantity(3.0, "1"), "side_length": Quantity(0.01, "m"),
+    },
+)  # fmt: skip
+RAMP_TIME = np.linspace(0.0, 600.0, 61)
+RAMP = 5e3 * RAMP_TIME / 600.0
+MATERIAL = {
+    "zeta_alpha": 1e5, "J_beta": 55.0, "mu_beta_1": 15e3, "tau_beta_1": 4.0, "mu_alpha": 35e3,
+}  # fmt: skip
+STABLE, UNSTABLE = 110.0, 1e6
+
+
+def ramp_response(limits, observed=np.nan):
+    """A ramp to 5 kV in 600 s, for draws of J_alpha; with J -> infinity it ends at 3.75 kV."""
+    draws = {name: np.full(len(limits), value) for name, value in MATERIAL.items()}
+    draws["J_alpha"] = np.asarray(limits)
+    experiment = Experiment(
+        "ramp", "step", "validate", "time", "s", RAMP_TIME, "stretch", "1",
+        np.broadcast_to(observed, RAMP_TIME.shape), np.ones(RAMP_TIME.size),
+        Excitation("voltage", "V", RAMP_TIME, RAMP), provenance="simulated",
+    )  # fmt: skip
+    noise = {"sigma_white": np.full(len(limits), 1e-3)}
+    samples = sample_response(
+        Membrane("kv_gm_1", SPECIMEN), White(), draws, noise, experiment,
+        NoiseOrigin("step", 1.0), RAMP_TIME, np.random.default_rng(1),
+    )  # fmt: skip
+    return experiment, samples
+
+
+def test_draws_past_pull_in_are_left_out_and_the_voltage_is_named():
+    _, samples = ramp_response([STABLE, STABLE, UNSTABLE])
+    assert samples.parameter.shape == (2, RAMP_TIME.size)
+    assert samples.failed == 1
+    assert samples.failure.startswith("1 of 3 draws have no response (pull-in; at ")
+    kilovolts = float(samples.failure.split("under ")[1].split(" kV")[0])
+    assert 3.75 < kilovolts < 4.3  # the fold, and what viscosity delays
+
+
+def test_bands_are_nan_if_every_draw_fails():
+    experiment, samples = ramp_response([UNSTABLE, UNSTABLE])
+    dataset = to_dataset(experiment, samples, {})
+    assert np.isnan(dataset["predictive"].values).all()
+    assert dataset.attrs["failed_draws"] == 2
+    assert "pull-in" in dataset.attrs["failure"]
+
+
+def test_simulate_gives_the_reason_of_a_failure():
+    found = deabayes.simulate(
+        "membrane", "kv_gm_1", {**MATERIAL, "J_alpha": UNSTABLE},
+        {"thickness": 1e-3, "permittivity": 4.11e-11, "prestretch": 3.0, "side_length": 0.01},
+        time=RAMP_TIME, voltage=RAMP,
+    )  # fmt: skip
+    assert "pull-in" in found.attrs["failure"]
+    assert "kV" in found.attrs["failure"]
+
+
+def scored(limits):
+    """The row of errors.csv of a record that reads what the stable draw gives, with noise."""
+    experiment, samples = ramp_response([STABLE])
+    read = samples.parameter[0] + 1e-3 * np.random.default_rng(2).standard_normal(RAMP_TIME.size)
+    _, samples = ramp_response(limits, read)
+    return error_row(replace(experiment, response=read), samples, "")
+
+
+def test_draws_without_a_response_cost_joint_log_score():
+    whole, few = scored([STABLE] * 20), scored([STABLE] * 2 + [UNSTABLE] * 18)
+    assert few["failed_draws"] == 18
+    assert few["joint_log_score"] == pytest.approx(whole["joint_log_score"] + np.log(0.1))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("limits", [[STABLE, UNSTABLE], [UNSTABLE, UNSTABLE]])
+def test_scores_of_bands_need_two_draws(limits):
+    row = scored(limits)
+    assert all(np.isnan(row[name]) for name in ("crps", "coverage_50", "coverage_90"))
+    left = limits.count(STABLE)
+    assert np.isnan(row["e_rms_percent"]) == (left == 0)
+    assert np.isfinite(row["joint_log_score"]) == (left == 1)

@@ -179,7 +179,7 @@ def test_a_quasi_static_excitation_is_its_own_coordinate():
 def test_a_steady_state_is_at_no_time(system, candidate, parameters, drive):
     """Times were taken for frequencies, and for displacements, without a word."""
     (name,) = drive
-    with pytest.raises(UserError, match=f"^{name} drives system '{system}' from one .* leave time"):
+    with pytest.raises(UserError, match=f"^{name} moves system '{system}' through .* leave time"):
         deabayes.simulate(
             system, candidate, parameters, REPOSITORY / "data" / system, time=TIME, **drive
         )

@@ -47,26 +47,22 @@ def bands(
     weights : (N,) weights for the noise model, 1 / samples averaged.
     """
     shape = (len(LEVELS), 2, mean.shape[1])
-    found = {name: np.empty(shape) for name in BANDS}
+    intervals = {name: np.empty(shape) for name in BANDS}
     size = max(AT_ONCE // len(mean), 1)
     for first in range(0, mean.shape[1], size):
         part = slice(first, first + size)
         curves, level = mean[:, part], scale.level(mean[:, part])
         spreads = noise.spreads(noise_draws, weights[part])
         inner = np.stack([np.quantile(curves, pair, axis=0) for pair in TAILS])
-        found["parameter"][..., part] = inner
+        intervals["parameter"][..., part] = inner
         for name, spread in zip(BANDS[1:], spreads, strict=True):
             if np.any(spread):
                 wider = _band(level, scale.in_levels(spread), noise, noise_draws, scale)
-                inner = _around(inner, wider)
-            found[name][..., part] = inner
-    return found
-
-
-def _around(inner: FloatArray, outer: FloatArray) -> FloatArray:
-    """Return intervals (level, bound, N) that cover both given ones."""
-    ends = np.minimum(inner[:, 0], outer[:, 0]), np.maximum(inner[:, 1], outer[:, 1])
-    return np.stack(ends, axis=1)
+                low = np.minimum(inner[:, 0], wider[:, 0])
+                high = np.maximum(inner[:, 1], wider[:, 1])
+                inner = np.stack([low, high], axis=1)
+            intervals[name][..., part] = inner
+    return intervals
 
 
 def _band(
@@ -146,18 +142,18 @@ class _Search:
         self.high[points] = np.where(values > 0.0, x, self.high[points])
         with np.errstate(all="ignore"):
             slope = (values - self.before[1, points]) / (x - self.before[0, points])
-        fair = np.isfinite(slope) & (slope > 0.0)
-        self.slope[points] = np.where(fair, slope, self.usual[points])
+        usable = np.isfinite(slope) & (slope > 0.0)
+        self.slope[points] = np.where(usable, slope, self.usual[points])
         self.before[:, points] = x, values
         low, high = self.low[points], self.high[points]
         width = (high - low) * self.usual[points]
-        left = (np.abs(values) > NEAR) & (width > NEAR)
-        to = x - values / self.slope[points]
+        unfinished = (np.abs(values) > NEAR) & (width > NEAR)
+        secant = x - values / self.slope[points]
         with np.errstate(invalid="ignore"):
             middle = 0.5 * (low + high)
-        out = np.isfinite(middle) & (halve | (to <= low) | (to >= high))
-        self.x[points] = np.where(left, np.where(out, middle, to), x)
-        self.open = points[left]
+        use_middle = np.isfinite(middle) & (halve | (secant <= low) | (secant >= high))
+        self.x[points] = np.where(unfinished, np.where(use_middle, middle, secant), x)
+        self.open = points[unfinished]
 
 
 @dataclass(frozen=True)
@@ -215,7 +211,7 @@ def sample_response(
     """
     mean = system.simulator_of(experiment)(draws)
     kept = np.all(np.isfinite(mean), axis=1)
-    failure = _why_failed(system, experiment, draws, ~kept)
+    failure = _failure(system, experiment, draws, ~kept)
     observed = np.all(np.isfinite(experiment.response))
     log_density = np.full(kept.size, -np.inf) if observed else None
     pit = np.full(experiment.coordinate.size, np.nan)
@@ -228,7 +224,9 @@ def sample_response(
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     if log_density is not None:
-        log_density[kept], pit = _judged(experiment, noise, scale, mean, along, noise_draws, seen)
+        log_density[kept], pit = _density_and_pit(
+            experiment, noise, scale, mean, along, noise_draws, seen
+        )
     return Samples(
         mean,
         scale.with_residuals(mean, discrepancy),
@@ -242,7 +240,7 @@ def sample_response(
     )
 
 
-def _judged(
+def _density_and_pit(
     experiment: Experiment,
     noise: NoiseModel,
     scale: ResidualScale,
@@ -254,15 +252,15 @@ def _judged(
     """log p(y | theta_s) of the observed response, (W,), and its PIT, (N,)."""
     weights = 1.0 / experiment.samples_averaged
     residuals = scale.residuals(experiment.response, mean)
-    each = noise.pointwise_log_prob(residuals, along, weights, noise_draws)
-    each = each + scale.log_derivative(experiment.response)
-    total = each.sum(axis=1)
+    pointwise = noise.pointwise_log_prob(residuals, along, weights, noise_draws)
+    pointwise = pointwise + scale.log_derivative(experiment.response)
+    total = pointwise.sum(axis=1)
     scores = noise.innovations(residuals, along, weights, noise_draws)
-    pit = transforms(scores, None if seen else each)
+    pit = transforms(scores, None if seen else pointwise)
     return np.where(np.isfinite(total), total, -np.inf), pit
 
 
-def _why_failed(
+def _failure(
     system: System, experiment: Experiment, draws: Draws, failed: NDArray[np.bool_]
 ) -> str:
     """Say how many draws failed on a record, and why; empty if none failed."""
@@ -277,8 +275,24 @@ def to_dataset(
     experiment: Experiment, samples: Samples, attributes: Mapping[str, object]
 ) -> xr.Dataset:
     """Return the dataset of one record for predictions/{experiment}.nc."""
-    dataset = xr.Dataset(_curves(experiment, samples), _coordinates(experiment))
-    return dataset.assign_attrs(
+    driven, unit = experiment.excitation, {"units": experiment.response_unit}
+    driven_unit = {"units": driven.unit, "long_name": driven.name}
+    along = {"name": experiment.coordinate_name, "units": experiment.coordinate_unit}
+    variables: dict[str, tuple[object, ...]] = {
+        "observed": ("coordinate", experiment.response, unit),
+        "mean": ("coordinate", samples.parameter.mean(axis=0), unit),
+        "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
+        "excitation": ("coordinate", driven.at(experiment.coordinate), driven_unit),
+        "pit": ("coordinate", samples.pit, {"units": "1"}),
+    }
+    for name, band in samples.bands.items():
+        variables[name] = (("level", "bound", "coordinate"), band, unit)
+    coordinates = {
+        "coordinate": ("coordinate", experiment.coordinate, along),
+        "level": list(LEVELS),
+        "bound": ["lower", "upper"],
+    }
+    return xr.Dataset(variables, coordinates).assign_attrs(
         experiment=experiment.name,
         role=experiment.role,
         protocol=experiment.protocol,
@@ -290,28 +304,3 @@ def to_dataset(
         noise_note=samples.noise_note,
         **attributes,
     )
-
-
-def _curves(experiment: Experiment, samples: Samples) -> dict[str, tuple[object, ...]]:
-    driven, unit = experiment.excitation, {"units": experiment.response_unit}
-    driven_unit = {"units": driven.unit, "long_name": driven.name}
-    intervals = {
-        name: (("level", "bound", "coordinate"), band, unit) for name, band in samples.bands.items()
-    }
-    return {
-        "observed": ("coordinate", experiment.response, unit),
-        "mean": ("coordinate", samples.parameter.mean(axis=0), unit),
-        "median": ("coordinate", np.median(samples.parameter, axis=0), unit),
-        "excitation": ("coordinate", driven.at(experiment.coordinate), driven_unit),
-        "pit": ("coordinate", samples.pit, {"units": "1"}),
-        **intervals,
-    }
-
-
-def _coordinates(experiment: Experiment) -> dict[str, object]:
-    named = {"name": experiment.coordinate_name, "units": experiment.coordinate_unit}
-    return {
-        "coordinate": ("coordinate", experiment.coordinate, named),
-        "level": list(LEVELS),
-        "bound": ["lower", "upper"],
-    }

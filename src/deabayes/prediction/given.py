@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from deabayes.experiment import Excitation, FloatArray
 from deabayes.faults import UserError, nearest
@@ -18,6 +18,7 @@ from deabayes.units import DIMENSIONLESS, USUAL_UNITS, parse_quantity, same_dime
 UNIT_OF_NAME = re.compile(r"\[(?P<unit>[^\[\]]*)\]\s*$")
 IN_PARENTHESES = re.compile(r"\((?P<unit>[^()]*)\)\s*$")
 BETWEEN_WORDS = re.compile(r"[\s_\-/.,:()]+")
+COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
 COMPOSED = re.compile(r"[*/^]")
 SPELT_OUT = 5
 """Shortest word that counts as a unit because pint knows it (`kilovolt`). Pint takes too many
@@ -49,18 +50,17 @@ def without_unit(values: Any, expected: str, where: str) -> tuple[Any, str | Non
 def _refuse_another_unit(name: str, expected: str, where: str) -> None:
     """Refuse ambiguous names such as `voltage (kV)`, `voltage_kV` or `kV`: volts or kilovolts?"""
     within = IN_PARENTHESES.search(name)
-    meant = [_unit_meant(within["unit"].strip(), expected, anything=True)] if within else []
+    units = [_unit_meant(within["unit"].strip(), expected, anything=True)] if within else []
     words = [word for word in BETWEEN_WORDS.split(name) if word[:1].isalpha() or word == "%"]
-    meant += [_unit_meant(word, expected) for word in words]
-    units = (unit for unit in meant if unit and to_si(1.0, unit, expected, where) != 1.0)
-    unit = next(units, None)
+    units += [_unit_meant(word, expected) for word in words]
+    unit = next((u for u in units if u and to_si(1.0, u, expected, where) != 1.0), None)
     if unit is None:
         return
     short = where.rpartition(" ")[2]
     wanted = "plain numbers" if expected == "1" else expected
     raise UserError(
-        f"{where}: the values are called {name!r}, which does not tell whether they are in "
-        f"{unit}; rename them '{short} [{unit}]' if they are, or {short!r} if they are {wanted}"
+        f"{where}: the values are called {name!r}, so they may be in {unit}; rename them "
+        f"'{short} [{unit}]' if they are, or {short!r} if they are {wanted}"
     )
 
 
@@ -74,9 +74,9 @@ def _unit_meant(word: str, expected: str, anything: bool = False) -> str | None:
     if word.lower() in DIMENSIONLESS:
         return None
     word = word.replace("\u03bc", "\u00b5")  # the letters mu and micro look alike
-    alike = [usual for usual in USUAL_UNITS if usual.lower() == word.lower()]
+    alike = [unit for unit in USUAL_UNITS if unit.lower() == word.lower()]
     usual = [word] if word in alike else alike
-    fitting = [each for each in usual if same_dimension(each, expected)]
+    fitting = [unit for unit in usual if same_dimension(unit, expected)]
     if fitting:
         return expected if expected in fitting else fitting[0]
     if anything and (usual or COMPOSED.search(word)) and same_dimension(word, word):
@@ -84,9 +84,6 @@ def _unit_meant(word: str, expected: str, anything: bool = False) -> str | None:
     if anything or len(word) >= SPELT_OUT:
         return next((s for s in (word, word.lower()) if same_dimension(s, expected)), None)
     return None
-
-
-COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+\s*")
 
 
 def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
@@ -103,8 +100,8 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     """
     if callable(values) and not hasattr(values, "__array__"):
         raise UserError(f"{where}: expected numbers in {unit}, found a function; give its values")
-    if isinstance(values, list | tuple) and any(hasattr(each, "magnitude") for each in values):
-        return np.asarray([array_in_si(each, unit, where) for each in values])
+    if isinstance(values, list | tuple) and any(hasattr(value, "magnitude") for value in values):
+        return np.asarray([array_in_si(value, unit, where) for value in values])
     values, carried = without_unit(values, unit, where)
     _refuse_masked(values, where)
     try:
@@ -114,20 +111,15 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     first = array.flat[0] if array.size else None
     if array.dtype.kind == "M" or isinstance(first, datetime.date | np.datetime64):
         raise UserError(
-            f"{where}: expected numbers in {unit}, found dates ({first}); give what has passed "
-            "since the first, as `t - t[0]`"
+            f"{where}: expected numbers in {unit}, found dates ({first}); give the time since the "
+            "first, such as `t - t[0]`"
         )
     if array.dtype.kind == "m" or isinstance(first, datetime.timedelta):
         if unit != "s":
             raise UserError(f"{where}: expected numbers in {unit}, found spans of time ({first})")
         return np.asarray(array.astype("timedelta64[ns]") / np.timedelta64(1, "s"), dtype=float)
     if isinstance(first, str):
-        comma = next((each for each in array.flat if COMMA_NUMBER.fullmatch(str(each))), None)
-        if comma is not None:
-            raise UserError(f"{where}: found texts with a decimal comma ({comma!r}); give numbers "
-                            "(pandas reads such files with decimal=',')")  # fmt: skip
-        parsed = [parse_quantity(str(each), unit, where) for each in array.flat]
-        return np.asarray(parsed, dtype=float).reshape(array.shape)
+        return _texts_in_si(array, unit, where)
     if array.dtype.kind not in "fiubO":
         raise UserError(f"{where}: expected numbers in {unit}, found {first!r}")
     try:
@@ -137,12 +129,24 @@ def array_in_si(values: ArrayLike, unit: str, where: str) -> FloatArray:
     return numbers if carried is None else to_si(numbers, carried, unit, where)
 
 
+def _texts_in_si(texts: NDArray[Any], unit: str, where: str) -> FloatArray:
+    """Convert texts with a unit, such as ``"1.8 kV"``; refuse decimal commas."""
+    comma = next((text for text in texts.flat if COMMA_NUMBER.fullmatch(str(text))), None)
+    if comma is not None:
+        raise UserError(
+            f"{where}: found texts with a decimal comma ({comma!r}); give numbers (pandas reads "
+            "such files with decimal=',')"
+        )
+    numbers = [parse_quantity(str(text), unit, where) for text in texts.flat]
+    return np.asarray(numbers, dtype=float).reshape(texts.shape)
+
+
 def _refuse_masked(values: Any, where: str) -> None:
     """Refuse masked values, since numpy would use the numbers under the mask."""
     rows = values if isinstance(values, list | tuple) else (values,)
     masked = sum(np.ma.count_masked(row) for row in rows if np.ma.isMaskedArray(row))
     if masked:
-        raise UserError(f"{where}: {masked} values are masked; leave out what is not known")
+        raise UserError(f"{where}: {masked} values are masked; leave out these values")
 
 
 def excitation_of(
@@ -164,8 +168,9 @@ def excitation_of(
         conditions.
     """
     if not isinstance(conditions, Mapping):
-        found = repr(conditions)
-        raise UserError(f"conditions: give names with values, as {{'load_g': 300}}; found {found}")
+        raise UserError(
+            f"conditions: give names with values, such as {{'load_g': 300}}; found {conditions!r}"
+        )
     system.check_conditions(conditions)
     known = system.excitations
     for name in channels:
@@ -181,8 +186,8 @@ def excitation_of(
         raise UserError(f"{name} drives system {system.name!r} in time; give time= [s] as well")
     if time is not None and name in system.without_time:
         raise UserError(
-            f"{name} drives system {system.name!r} from one steady state to the next, at no time; "
-            f"leave time out and give an ascending {name}"
+            f"{name} moves system {system.name!r} through steady states, without time; leave time "
+            f"out and give ascending values of {name}"
         )
     values = _finite(given, known[name], name)
     label = name if time is None else "time"

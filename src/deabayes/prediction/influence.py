@@ -15,6 +15,17 @@ from deabayes.systems.base import System
 HALF_WIDTH = 1.96
 """Half-width of a 95 % interval in standard deviations."""
 RESAMPLES = 100
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILE_POINTS = 14
+"""Exponent of two: marginal quantiles of the prior are computed from 2^14 points."""
+REGIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+MOST_LEFT_OUT = 0.01
+PILOT, CLEARLY_TOO_MANY = 128, 0.05
+"""In each region, `PILOT` groups are tried first. The region is skipped if a larger share of them
+than `CLEARLY_TOO_MANY` has a failed point. A region in which 1 % of the groups fail is skipped
+wrongly once in three thousand."""
+STAGES = 4
+LOST = "lost"
 
 
 @dataclass(frozen=True)
@@ -50,8 +61,8 @@ def design(dimension: int, groups: int, rng: np.random.Generator) -> FloatArray:
     """
     from scipy.stats import qmc
 
-    found = qmc.Sobol(2 * dimension, scramble=True, rng=rng).random(groups)
-    a, b = found[:, None, :dimension], found[:, None, dimension:]
+    pairs = qmc.Sobol(2 * dimension, scramble=True, rng=rng).random(groups)
+    a, b = pairs[:, None, :dimension], pairs[:, None, dimension:]
     mixed = np.where(np.eye(dimension, dtype=bool), b, a)
     return np.concatenate([a, mixed, b], axis=1).reshape(-1, dimension)
 
@@ -76,7 +87,7 @@ def indices(values: FloatArray, dimension: int, rng: np.random.Generator) -> Ind
     picked = rng.integers(len(kept), size=(RESAMPLES, len(kept)))
     counts = np.array([np.bincount(row, minlength=len(kept)) for row in picked], dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):  # a resample may have equal values only
-        spread = [HALF_WIDTH * each.std(axis=0, ddof=1) for each in _estimates(centred, counts)]
+        spread = [HALF_WIDTH * e.std(axis=0, ddof=1) for e in _estimates(centred, counts)]
     left_out = len(by_group) - len(kept)
     return Indices(first[0], spread[0], total[0], spread[1], len(by_group), left_out)
 
@@ -91,19 +102,6 @@ def _estimates(values: FloatArray, counts: FloatArray) -> tuple[FloatArray, Floa
         shares @ (b * (mixed - a)) / variance,
         shares @ (0.5 * (a - mixed) ** 2) / variance,
     )
-
-
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-QUANTILE_POINTS = 14
-"""Exponent of two: marginal quantiles of the prior are computed from 2^14 points."""
-REGIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-MOST_LEFT_OUT = 0.01
-PILOT, CLEARLY_TOO_MANY = 128, 0.05
-"""In each region, `PILOT` groups are tried first. The region is skipped if a larger share of them
-than `CLEARLY_TOO_MANY` has a failed point. A region in which 1 % of the groups fail is skipped
-wrongly once in three thousand."""
-STAGES = 4
-LOST = "lost"
 
 
 @dataclass(frozen=True)
@@ -215,12 +213,12 @@ def one_at_a_time(
     """
     moved = marginal_quantiles(model, quantiles)
     medians = {name: float(v[0]) for name, v in marginal_quantiles(model, [0.5]).items()}
-    held = medians | dict(centre or {})
-    found = {}
+    values = medians | dict(centre or {})
+    curves = {}
     for name in model.names:
-        draws = {n: np.full(len(quantiles), held[n]) for n in model.names} | {name: moved[name]}
-        found[name] = Curves(draws, model.response(draws))
-    return found
+        draws = {n: np.full(len(quantiles), values[n]) for n in model.names} | {name: moved[name]}
+        curves[name] = Curves(draws, model.response(draws))
+    return curves
 
 
 def stage_times(experiment: Experiment, count: int = STAGES) -> FloatArray:
@@ -236,10 +234,10 @@ def stage_changes(model: PriorModel, z: FloatArray, times: FloatArray) -> dict[s
     response = model.response(model.parameters(z), np.concatenate([[start], start + times]))
     change = response[:, 1:] - response[:, :1]
     labels = [f"{time:g}" for time in times]
-    found = {f"at {label} s": change[:, k] for k, label in enumerate(labels)}
+    changes = {f"at {label} s": change[:, k] for k, label in enumerate(labels)}
     for k in range(1, len(labels)):
-        found[f"{labels[k - 1]} to {labels[k]} s"] = change[:, k] - change[:, k - 1]
-    return found
+        changes[f"{labels[k - 1]} to {labels[k]} s"] = change[:, k] - change[:, k - 1]
+    return changes
 
 
 @dataclass(frozen=True)
@@ -279,30 +277,35 @@ def stage_sensitivity(
     failed member; those groups are left out. In a narrower region, parameters with long-tailed
     priors count less.
     """
-    from scipy.special import ndtri
-
     dimension = len(model.names)
     points = design(dimension, groups, rng)
-    first = points[: PILOT * (dimension + 2)]
+    pilot = points[: PILOT * (dimension + 2)]
     for region in REGIONS:
-        if region > REGIONS[-1] and _left_out(model, stages, first, region) > CLEARLY_TOO_MANY:
-            continue
-        reached = stages(model, ndtri(0.5 + region * (points - 0.5)))
-        failed = np.isnan(next(iter(reached.values())))
-        if np.mean(failed.reshape(groups, -1).any(axis=1)) <= MOST_LEFT_OUT:
+        if region > REGIONS[-1]:
+            _, failed = _stages_in_region(model, stages, pilot, region)
+            if _share_left_out(failed, dimension) > CLEARLY_TOO_MANY:
+                continue
+        changes, failed = _stages_in_region(model, stages, points, region)
+        if _share_left_out(failed, dimension) <= MOST_LEFT_OUT:
             break
-    found = {stage: indices(values, dimension, rng) for stage, values in reached.items()}
+    found = {stage: indices(values, dimension, rng) for stage, values in changes.items()}
     by_stage = {stage: value for stage, value in found.items() if value is not None}
     return Sensitivity(region, failed.size, int(failed.sum()), by_stage)
 
 
-def _left_out(model: PriorModel, stages: Stages, points: FloatArray, region: float) -> float:
-    """Share of a design's groups that have a failed member in a region."""
+def _stages_in_region(
+    model: PriorModel, stages: Stages, points: FloatArray, region: float
+) -> tuple[Mapping[str, FloatArray], NDArray[np.bool_]]:
+    """Changes by stage at a design's points in a region, and which points failed."""
     from scipy.special import ndtri
 
-    reached = stages(model, ndtri(0.5 + region * (points - 0.5)))
-    failed = np.isnan(next(iter(reached.values())))
-    return float(np.mean(failed.reshape(-1, len(model.names) + 2).any(axis=1)))
+    changes = stages(model, ndtri(0.5 + region * (points - 0.5)))
+    return changes, np.isnan(next(iter(changes.values())))
+
+
+def _share_left_out(failed: NDArray[np.bool_], dimension: int) -> float:
+    """Share of a design's groups that have a failed point."""
+    return float(np.mean(failed.reshape(-1, dimension + 2).any(axis=1)))
 
 
 def failure_sensitivity(model: PriorModel, groups: int, rng: np.random.Generator) -> Sensitivity:

@@ -16,6 +16,8 @@ NOISE_DRAWS = 8
 """Number of draws of the noise parameters; a normal predictive is formed for every one of them."""
 SLIGHT = 1e-6
 """Size of residuals, relative to the noise, at which normal scores are taken to be linear."""
+ENOUGH_DRAWS = 20.0
+"""Smallest number of effective draws; `transforms` does not update weights any further below."""
 LOG_2PI = float(np.log(2.0 * np.pi))
 Readings = tuple[FloatArray, ...]
 """Outcomes of an experiment: one array (Y, N) per record."""
@@ -90,11 +92,11 @@ class Normal:
 
     @classmethod
     def of(cls, readings: Sequence[Reading], draw: int) -> Normal:
-        found = [r.whitened(r.curves - r.curves.mean(axis=0), draw) for r in readings]
-        white = np.concatenate([white for white, _ in found], axis=1)
+        whitened = [r.whitened(r.curves - r.curves.mean(axis=0), draw) for r in readings]
+        white = np.concatenate([residuals for residuals, _ in whitened], axis=1)
         count = max(len(white) - 1, 1)
         _, singular, directions = np.linalg.svd(white / np.sqrt(count), full_matrices=False)
-        return cls(draw, directions, singular, sum(volume for _, volume in found))
+        return cls(draw, directions, singular, sum(volume for _, volume in whitened))
 
     @property
     def information(self) -> float:
@@ -103,9 +105,11 @@ class Normal:
 
     def log_density(self, readings: Sequence[Reading], y: Readings) -> FloatArray:
         """Log density of Y outcomes, (Y,)."""
-        pairs = zip(readings, y, strict=True)
-        found = [r.whitened(each - r.curves.mean(axis=0), self.draw)[0] for r, each in pairs]
-        white = np.concatenate(found, axis=1)
+        whitened = [
+            reading.whitened(outcome - reading.curves.mean(axis=0), self.draw)[0]
+            for reading, outcome in zip(readings, y, strict=True)
+        ]
+        white = np.concatenate(whitened, axis=1)
         shrunk = self.singular**2 / (1.0 + self.singular**2)
         squares = np.sum(white**2, axis=1) - (white @ self.directions.T) ** 2 @ shrunk
         constant = self.log_volume - 0.5 * white.shape[1] * LOG_2PI
@@ -155,18 +159,14 @@ class Predictive:
         """log p(y | M) of Y outcomes, (Y,), given that there is a response."""
         from scipy.special import logsumexp
 
-        normal = np.stack([each.log_density(self.known, y) for each in self.normals])
+        by_normal = np.stack([normal.log_density(self.known, y) for normal in self.normals])
         rows = [
-            sum(r.log_density(each) for r, each in zip(self.known, row, strict=True))
-            for row in zip(*y, strict=True)
+            sum(reading.log_density(one) for reading, one in zip(self.known, outcome, strict=True))
+            for outcome in zip(*y, strict=True)
         ]
         by_draw = np.stack(rows, axis=1)
-        halves = [logsumexp(each, axis=0) - np.log(len(each)) for each in (normal, by_draw)]
+        halves = [logsumexp(d, axis=0) - np.log(len(d)) for d in (by_normal, by_draw)]
         return np.asarray(np.logaddexp(*halves) - np.log(2.0))
-
-
-ENOUGH_DRAWS = 20.0
-"""Smallest number of effective draws; `transforms` does not update weights any further below."""
 
 
 def transforms(
@@ -196,10 +196,10 @@ def transforms(
         finite &= np.all(np.isfinite(log_density), axis=1)
     if not finite.any():
         return np.full(scores.shape[1], np.nan)
-    each = ndtr(scores[finite])
+    by_draw = ndtr(scores[finite])
     if log_density is None:
-        return np.asarray(each.mean(axis=0))
-    return np.asarray(np.sum(_weights(log_density[finite], enough) * each, axis=0))
+        return np.asarray(by_draw.mean(axis=0))
+    return np.asarray(np.sum(_weights(log_density[finite], enough) * by_draw, axis=0))
 
 
 def _weights(log_density: FloatArray, enough: float) -> FloatArray:

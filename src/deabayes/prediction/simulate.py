@@ -80,18 +80,20 @@ def simulate(
     """
     model = build(system, candidate, _specimen(system, specimen))
     driven, coordinate_name = excitation_of(model, time, excitation, conditions or {})
-    coordinate = driven.coordinate
     response = response or model.response_to(driven.name)
-    draws, scalar = _draws(model, _by_name(parameters))
-    values = model.predict(driven, coordinate, response, draws)
+    if not hasattr(parameters, "items"):
+        raise UserError(
+            f"parameters: give names with values, such as {{'E_0': 1.5e6}}; found {parameters!r}"
+        )
+    draws, scalar = _draws(model, dict(parameters.items()))
+    values = model.predict(driven, driven.coordinate, response, draws)
     failed = ~np.all(np.isfinite(values), axis=1)
-    if failed.any():
-        values = np.where(failed[:, None], np.nan, values)
-    dataset = _dataset(model, driven, coordinate_name, coordinate, response, values, draws)
+    values = np.where(failed[:, None], np.nan, values)
+    dataset = _dataset(model, driven, coordinate_name, response, values, draws)
     dataset.attrs["failed_draws"] = int(failed.sum())
     if failed.any():
         lost = {n: np.ascontiguousarray(drawn[failed]) for n, drawn in draws.items()}
-        dataset.attrs["failure"] = model.failure_note(driven, coordinate, lost)
+        dataset.attrs["failure"] = model.failure_note(driven, driven.coordinate, lost)
     return dataset.squeeze("draw") if scalar else dataset
 
 
@@ -109,16 +111,10 @@ def _specimen(system: str, given: str | Path | Mapping[str, Any]) -> Specimen:
     specimen = read_specimen(Path(given))
     if specimen.system != system:
         raise UserError(
-            f"{given} describes a specimen of system {specimen.system!r}, not {system!r}"
+            f"{given} describes a specimen of system {specimen.system!r}, not {system!r}; name "
+            "another folder or the other system"
         )
     return specimen
-
-
-def _by_name(given: Mapping[str, ArrayLike]) -> Mapping[str, ArrayLike]:
-    """Return the parameters as a dictionary, from a mapping, DataFrame or Series."""
-    if not hasattr(given, "items"):
-        raise UserError(f"parameters: give names with values, as {{'E_0': 1.5e6}}; found {given!r}")
-    return dict(given.items())
 
 
 def _draws(model: System, given: Mapping[str, ArrayLike]) -> tuple[dict[str, FloatArray], bool]:
@@ -201,28 +197,24 @@ def _dataset(
     model: System,
     excitation: Excitation,
     coordinate_name: str,
-    coordinate: FloatArray,
     response: str,
     values: FloatArray,
     draws: Mapping[str, FloatArray],
 ) -> xr.Dataset:
     """Return the dataset of response, excitation and parameters with their units."""
-    unit = "s" if coordinate_name == "time" else excitation.unit
+    along = coordinate_name
     variables: dict[str, Any] = {
-        response: (("draw", coordinate_name), values, {"units": model.responses[response]})
+        response: (("draw", along), values, {"units": model.responses[response]})
     }
-    if coordinate_name != excitation.name:
-        variables[excitation.name] = (
-            coordinate_name,
-            excitation.values,
-            {"units": excitation.unit},
-        )
+    if along != excitation.name:
+        variables[excitation.name] = (along, excitation.values, {"units": excitation.unit})
     for parameter in model.parameters():
         attributes = {"units": parameter.unit, "symbol": parameter.symbol}
         variables[parameter.name] = ("draw", draws[parameter.name], attributes)
+    unit = "s" if along == "time" else excitation.unit
     return xr.Dataset(
         variables,
-        {coordinate_name: (coordinate_name, coordinate, {"units": unit})},
+        {along: (along, excitation.coordinate, {"units": unit})},
         {
             "system": model.name,
             "candidate": model.candidate,
