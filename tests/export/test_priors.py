@@ -141,9 +141,7 @@ def test_the_docstring_names_candidate_provenance_and_convergence(program, made,
 
 def test_draws_that_define_no_normal_are_refused(tmp_path):
     few = posterior("membrane", "kv_gm_1", size=20)
-    with pytest.raises(
-        UserError, match=r"has 40 draws, .* 6 corr.* needs at least 60; fit again"
-    ):
+    with pytest.raises(UserError, match=r"has 40 draws, .* 6 corr.* needs at least 60; fit again"):
         export(few, "pymc", tmp_path / "prior.py")
     fixed = posterior("membrane", "kv_gm_1")
     fixed["posterior"]["J_beta"].values[:] = 60.0

@@ -76,9 +76,7 @@ def compare(
 @click.command()
 @click.argument("results", type=EXISTING)
 @CONFIG
-@click.option(
-    "--asked", help="further_experiments as YAML; default: those of the study."
-)
+@click.option("--asked", help="further_experiments as YAML; default: those of the study.")
 @click.option("-o", "--output", type=TARGET, help="Default: further_experiments.csv in RESULTS.")
 def further(results: Path, config: Path, asked: str | None, output: Path | None) -> None:
     """Compare experiments that could be done next, from one study's results (results/NAME).

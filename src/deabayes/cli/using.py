@@ -242,9 +242,7 @@ def complete_format(_context: object, _parameter: object, incomplete: str) -> li
     type=click.IntRange(min=1),
     help="state-space, abaqus, ansys: how many draws  [default: 200; of cards, the medians]",
 )
-@click.option(
-    "--load-g", type=float, help="state-space: mass of the load in g  [default: 0]"
-)
+@click.option("--load-g", type=float, help="state-space: mass of the load in g  [default: 0]")
 @click.option("--bias", help="state-space: linearise about this voltage ('2 kV').")
 def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     """Write POSTERIOR in another program's format.
