@@ -78,7 +78,7 @@ def sampled(model, inputs):
 
 
 @pytest.mark.parametrize(
-    "candidate", ["voigt_kelvin_1", "voigt_kelvin_2", "voigt_kelvin_2_inertia"]
+    "candidate", ["voigt_kelvin_2", "voigt_kelvin_2_inertia"]
 )
 def test_the_discrete_model_predicts_as_the_system_does(candidate, tmp_path):
     """Voltages that jump every two samples; strain at every sample."""

@@ -253,13 +253,3 @@ def test_zero_voltage_is_calibrated_by_every_record():
 
 def step_of(volts):
     return experiment("step", "step", step(volts), np.linspace(1.0, 600.0, 50), "displacement")
-
-
-def test_the_other_polarity_of_a_tube_is_no_extrapolation():
-    time = np.linspace(0.0, 10.0, 50)
-    driven = {sign: voltage([0.0, 10.0], [sign * 2e3, sign * 2e3]) for sign in (1.0, -1.0)}
-    there, back = (
-        replace(experiment("creep", "creep", step(2e3), time, "displacement"), excitation=each)
-        for each in driven.values()
-    )
-    assert tube(there).extrapolation(back) == ""

@@ -71,23 +71,18 @@ def test_noise_of_the_same_response_keeps_its_size():
     assert white == pytest.approx(2e-6, rel=0.02)
 
 
-def test_correlated_noise_is_carried_over_in_proportion_to_the_range():
+@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("camera", [False, True])
+def test_noise_of_another_response_is_in_proportion_to_the_range(relative, camera):
+    """White noise is that of the sensor if the specimen states it."""
     area, calibrated = record(2e3, "area"), record(4e3)
-    correlated, white = spreads(fitted(), area)
-    ratio = area.response_range / calibrated.response_range
-    assert correlated == pytest.approx(30e-6 * ratio, rel=0.1)
-    assert white == pytest.approx(2e-6 * ratio, rel=0.02)
-
-
-def test_white_noise_is_the_sensors_where_it_is_stated():
-    area = record(2e3, "area")
-    found = fitted(specimen=with_camera())
+    found = fitted(relative=relative, specimen=with_camera() if camera else PLAIN)
     correlated, white = spreads(found, area)
-    assert white == pytest.approx(1.5e-6, rel=0.02)
-    assert correlated == pytest.approx(30e-6 * area.response_range / record(4e3).response_range,
-                                       rel=0.1)  # fmt: skip
+    ratio = area.response_range / (1.0 if relative else calibrated.response_range)
+    assert correlated == pytest.approx(30e-6 * ratio, rel=0.1)
+    assert white == pytest.approx(1.5e-6 if camera else 2e-6 * ratio, rel=0.02)
     note = found.noise_of(area).note
-    assert "no calibrated record measured area" in note and "specimen.yaml" in note
+    assert "no calibrated record measured area" in note and ("specimen.yaml" in note) == camera
 
 
 def test_the_density_is_that_of_the_same_noise():
@@ -97,14 +92,6 @@ def test_the_density_is_that_of_the_same_noise():
     wider = fitted(specimen=with_camera(15e-6)).sample(area, np.random.default_rng(1)).log_density
     assert np.all(density > wider)
     assert np.mean(density - wider) < TIME.size * np.log(10.0)
-
-
-def test_relative_noise_is_carried_over_in_proportion_to_the_range():
-    found = fitted(relative=True, specimen=with_camera())
-    area = record(2e3, "area")
-    correlated, white = spreads(found, area)
-    assert correlated == pytest.approx(30e-6 * area.response_range, rel=0.1)
-    assert white == pytest.approx(1.5e-6, rel=0.02)
 
 
 def test_a_record_of_the_same_unit_comes_before_one_of_the_same_protocol():

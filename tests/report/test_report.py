@@ -43,7 +43,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
         write_study(folder, UNCONVERGED),
     ]
     output = folder / "report" / "index.html"
-    few = {name: figures.REGISTRY[name] for name in ("data_and_bands", "coverage", "errors")}
+    few = {name: figures.REGISTRY[name] for name in ("data_and_bands", "errors")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "REGISTRY", few)
         assert build(studies, output, folder / "report" / "tables", [LEFT_OUT]) == output

@@ -117,14 +117,18 @@ def _predict_excitation(
     from deabayes.posteriors.storage import write_dataset
 
     if output is None or output.suffix not in PREDICTED:
-        found = "" if output is None else f" {output}"
-        raise UserError(f"-o{found}: name a file that ends in .csv or .nc for the prediction")
+        given = "" if output is None else f" {output}"
+        raise UserError(f"-o{given}: name a file that ends in .csv or .nc for the prediction")
     keep_inputs(output, posterior, excitation)
-    held = named_values(conditions, "--condition")
     post = open_posterior(posterior)
     restore(post.data.attrs)
     drive: dict[str, Any] = read_drive(str(post.data.attrs["system"]), excitation)
-    prediction = post.predict(response=response, protocol=protocol, conditions=held, **drive)
+    prediction = post.predict(
+        response=response,
+        protocol=protocol,
+        conditions=named_values(conditions, "--condition"),
+        **drive,
+    )
     if output.suffix == ".nc":
         write_dataset(prediction, output)
     else:

@@ -288,8 +288,11 @@ def stage_sensitivity(
         changes, failed = _stages_in_region(model, stages, points, region)
         if _share_left_out(failed, dimension) <= MOST_LEFT_OUT:
             break
-    found = {stage: indices(values, dimension, rng) for stage, values in changes.items()}
-    by_stage = {stage: value for stage, value in found.items() if value is not None}
+    by_stage = {
+        stage: shares
+        for stage, values in changes.items()
+        if (shares := indices(values, dimension, rng)) is not None
+    }
     return Sensitivity(region, failed.size, int(failed.sum()), by_stage)
 
 
@@ -316,5 +319,6 @@ def failure_sensitivity(model: PriorModel, groups: int, rng: np.random.Generator
     points = design(dimension, groups, rng)
     last = np.array([float(model.experiment.coordinate.max())])
     failed = np.isnan(model.response(model.parameters(ndtri(points)), last)[:, 0])
-    found = indices(failed.astype(float), dimension, rng)
-    return Sensitivity(1.0, failed.size, int(failed.sum()), {} if found is None else {LOST: found})
+    shares = indices(failed.astype(float), dimension, rng)
+    by_stage = {} if shares is None else {LOST: shares}
+    return Sensitivity(1.0, failed.size, int(failed.sum()), by_stage)

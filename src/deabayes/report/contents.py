@@ -54,16 +54,16 @@ def render(
     )
     folder = files("deabayes.report")
     template = environment.from_string((folder / "template.html").read_text(encoding="utf-8"))
-    found = [notice for study in studies for notice in notices.of_study(study)]
-    found += [notice for p in populations for notice in notices.of_population(p)]
+    all_notices = [notice for study in studies for notice in notices.of_study(study)]
+    all_notices += [notice for p in populations for notice in notices.of_population(p)]
     shown = {study.name for study in studies} | {p.name for p in populations}
     return template.render(
         words=words,
         css=(folder / "style.css").read_text(encoding="utf-8"),
         studies=[_study(study, figures[study.folder], images) for study in studies],
         populations=[_population(p, figures[p.folder], images) for p in populations],
-        serious=[notice for notice in found if notice.serious],
-        notes=[notice for notice in found if not notice.serious],
+        serious=[notice for notice in all_notices if notice.serious],
+        notes=[notice for notice in all_notices if not notice.serious],
         left_out=list(left_out),
         failed=failed,
         without_results=sorted({notice.study for notice in failed} - shown - {""}),
@@ -178,13 +178,12 @@ def _embedded(
     figures: Figures, names: Iterable[str], images: Images
 ) -> list[tuple[str, str, list[Image]]]:
     """(title, caption, sheets) of each named figure that was drawn."""
-    found = []
-    for name in names:
-        sheets = [figure for figure in figures if figure.name == name]
-        if sheets:
-            pictures = [images[sheet.png] for sheet in sheets]
-            found.append((sheets[0].title, sheets[0].caption, pictures))
-    return found
+    drawn = ([figure for figure in figures if figure.name == name] for name in names)
+    return [
+        (sheets[0].title, sheets[0].caption, [images[sheet.png] for sheet in sheets])
+        for sheets in drawn
+        if sheets
+    ]
 
 
 def _versions(studies: Sequence[StudyResults]) -> dict[str, str]:
