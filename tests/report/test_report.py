@@ -95,6 +95,7 @@ def test_anchors_of_the_contents_exist(built: tuple[str, Path]) -> None:
     targets = set(re.findall(r'href="#([^"]+)"', built[0]))
     assert {"fake_strip", "fake_tube", "glossary"} <= targets
     assert all(f'id="{target}"' in built[0] for target in targets)
+    assert "<dt>R-hat</dt>" in built[0] and "<dt>Shrinkage</dt>" not in built[0]
 
 
 def test_warnings_come_before_results(built: tuple[str, Path]) -> None:
@@ -169,7 +170,7 @@ def test_results_from_before_sensitivities_are_reported(built: tuple[str, Path])
     results = StudyResults(built[1].parents[1] / "fake_strip").recommended
     table = results.summary
     assert table is not None
-    table.drop(columns=["prior_sensitivity", "likelihood_sensitivity"], inplace=True)
+    del table["prior_sensitivity"], table["likelihood_sensitivity"]
     rows = {row["name"]: row for rows in parameters(results).values() for row in rows}
     assert rows["mu_alpha"]["sensitivities"] == "–"
     assert rows["zeta_alpha"]["decided_by"] == "set by the prior"
