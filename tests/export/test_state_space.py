@@ -77,9 +77,7 @@ def sampled(model, inputs):
     return np.array(output).T
 
 
-@pytest.mark.parametrize(
-    "candidate", ["voigt_kelvin_2", "voigt_kelvin_2_inertia"]
-)
+@pytest.mark.parametrize("candidate", ["voigt_kelvin_2", "voigt_kelvin_2_inertia"])
 def test_the_discrete_model_predicts_as_the_system_does(candidate, tmp_path):
     """Voltages that jump every two samples; strain at every sample."""
     load = 300.0 if "inertia" in candidate else None
