@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.prior.scores import (
@@ -18,22 +18,47 @@ from deabayes.prior.scores import (
     log_normal_density,
     log_normal_mass,
     log_or_nan,
-    outside_is_impossible,
     score,
     score_between,
 )
 
 
+LARGEST_EXPONENT = 700.0
+
+
 class Distribution(ABC):
     """A continuous distribution of one quantity.
 
-    Methods are vectorised over any shape and issue no warnings. Values outside
-    the support have log density -inf and normal score NaN.
+    Settings are finite, unless `infinite_bounds` allows otherwise. Methods are vectorised over
+    any shape and issue no warnings. Values outside the support have log density -inf and normal
+    score NaN.
     """
 
     label: ClassVar[str]
     dimensionless: ClassVar[tuple[str, ...]] = ()
     """Names of the settings that have no unit."""
+    positive: ClassVar[tuple[str, ...]] = ()
+    """Names of the settings that must be positive."""
+    infinite_bounds: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        lower, upper = self.support
+        for field in fields(self):  # type: ignore[arg-type]
+            name, value = field.name, getattr(self, field.name)
+            free = self.infinite_bounds and name in ("lower", "upper")
+            if not (free or math.isfinite(value)):
+                raise ValueError(f"{self.label}: {name} must be finite, found {value}")
+            if name in self.positive and not value > 0.0:
+                raise ValueError(f"{self.label}: {name} must be positive, found {value}")
+        if not lower < upper:
+            raise ValueError(
+                f"{self.label}: lower must be below upper, found lower {lower}, upper {upper}"
+            )
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Lower and upper end, infinite where unbounded."""
+        return -math.inf, math.inf
 
     @abstractmethod
     def from_normal(self, z: ArrayLike) -> FloatArray:
@@ -44,13 +69,19 @@ class Distribution(ABC):
         """The normal score Phi^-1(F(x)); NaN outside the support."""
 
     @abstractmethod
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        """log f(x); -inf outside the support."""
+    def _log_density_inside(self, x: FloatArray) -> ArrayLike:
+        """log f(x) for x in the support."""
 
-    @property
-    @abstractmethod
-    def support(self) -> tuple[float, float]:
-        """Lower and upper end, infinite where unbounded."""
+    def log_density(self, x: ArrayLike) -> FloatArray:
+        """log f(x); -inf outside the support, NaN where x is NaN."""
+        x = np.asarray(x, dtype=float)
+        density = self._log_density_inside(x)
+        impossible = ~np.isnan(x) & (np.isnan(density) | ~self._supports(x))
+        return np.where(impossible, -np.inf, np.where(np.isnan(x), np.nan, density))
+
+    def _supports(self, x: FloatArray) -> NDArray[np.bool_]:
+        lower, upper = self.support
+        return (x >= lower) & (x <= upper)
 
     def describe(self) -> str:
         """Name and settings in words: ``log-normal, median 35e3, sigma 0.5``."""
@@ -66,31 +97,6 @@ def format_number(value: float) -> str:
     return f"{value / 10.0**exponent:.4g}e{exponent}"
 
 
-def check_finite(distribution: Distribution, *names: str) -> None:
-    """Refuse settings that are not finite."""
-    for name in names:
-        value = getattr(distribution, name)
-        if not math.isfinite(value):
-            raise ValueError(f"{distribution.label}: {name} must be finite, found {value}")
-
-
-def check_positive(distribution: Distribution, *names: str) -> None:
-    """Refuse settings that are not positive."""
-    for name in names:
-        value = getattr(distribution, name)
-        if not value > 0.0:
-            raise ValueError(f"{distribution.label}: {name} must be positive, found {value}")
-
-
-def check_ascending(distribution: Distribution) -> None:
-    """Refuse a lower bound that is not below the upper bound."""
-    lower, upper = distribution.support
-    if not lower < upper:
-        raise ValueError(
-            f"{distribution.label}: lower must be below upper, found lower {lower}, upper {upper}"
-        )
-
-
 @dataclass(frozen=True)
 class Normal(Distribution):
     """f(x) = exp(-(x - mean)^2 / 2 sd^2) / (sd sqrt(2 pi))."""
@@ -98,10 +104,7 @@ class Normal(Distribution):
     mean: float
     sd: float
     label: ClassVar[str] = "normal"
-
-    def __post_init__(self) -> None:
-        check_finite(self, "mean", "sd")
-        check_positive(self, "sd")
+    positive: ClassVar[tuple[str, ...]] = ("sd",)
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         return self.mean + self.sd * np.asarray(z, dtype=float)
@@ -109,15 +112,8 @@ class Normal(Distribution):
     def to_normal(self, x: ArrayLike) -> FloatArray:
         return (np.asarray(x, dtype=float) - self.mean) / self.sd
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
         return log_normal_density(self.to_normal(x)) - math.log(self.sd)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return -math.inf, math.inf
-
-
-LARGEST_EXPONENT = 700.0
 
 
 @dataclass(frozen=True)
@@ -128,10 +124,11 @@ class LogNormal(Distribution):
     sigma: float
     label: ClassVar[str] = "log-normal"
     dimensionless: ClassVar[tuple[str, ...]] = ("sigma",)
+    positive: ClassVar[tuple[str, ...]] = ("median", "sigma")
 
-    def __post_init__(self) -> None:
-        check_finite(self, "median", "sigma")
-        check_positive(self, "median", "sigma")
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         log_x = math.log(self.median) + self.sigma * np.asarray(z, dtype=float)
@@ -140,47 +137,10 @@ class LogNormal(Distribution):
     def to_normal(self, x: ArrayLike) -> FloatArray:
         return (log_or_nan(x) - math.log(self.median)) / self.sigma
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
         log_x = log_or_nan(x)
         z = (log_x - math.log(self.median)) / self.sigma
-        return outside_is_impossible(log_normal_density(z) - math.log(self.sigma) - log_x, x)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
-
-
-@dataclass(frozen=True)
-class LogUniform(Distribution):
-    """f(x) = 1 / (x log(upper / lower)) between the positive bounds."""
-
-    lower: float
-    upper: float
-    label: ClassVar[str] = "log-uniform"
-
-    def __post_init__(self) -> None:
-        check_finite(self, "lower", "upper")
-        check_positive(self, "lower")
-        check_ascending(self)
-
-    def from_normal(self, z: ArrayLike) -> FloatArray:
-        x = np.exp(between(math.log(self.lower), math.log(self.upper), z))
-        return np.clip(x, self.lower, self.upper)  # exp(log(bound)) may step outside by one ulp
-
-    def to_normal(self, x: ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        scores = score_between(math.log(self.lower), math.log(self.upper), log_or_nan(x), 1e-14)
-        return np.where((x >= self.lower) & (x <= self.upper), scores, np.nan)
-
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        inside = (x >= self.lower) & (x <= self.upper)
-        log_width = math.log(math.log(self.upper / self.lower))
-        return outside_is_impossible(np.where(inside, -log_or_nan(x) - log_width, np.nan), x)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return self.lower, self.upper
+        return log_normal_density(z) - math.log(self.sigma) - log_x
 
 
 @dataclass(frozen=True)
@@ -189,10 +149,11 @@ class HalfNormal(Distribution):
 
     sd: float
     label: ClassVar[str] = "half-normal"
+    positive: ClassVar[tuple[str, ...]] = ("sd",)
 
-    def __post_init__(self) -> None:
-        check_finite(self, "sd")
-        check_positive(self, "sd")
+    @property
+    def support(self) -> tuple[float, float]:
+        return 0.0, math.inf
 
     def from_normal(self, z: ArrayLike) -> FloatArray:
         from scipy.special import erfcinv, erfinv, ndtr
@@ -208,40 +169,15 @@ class HalfNormal(Distribution):
         scaled = np.asarray(x, dtype=float) / (self.sd * math.sqrt(2.0))
         return np.where(scaled >= 0.0, score(erf(scaled), erfc(scaled)), np.nan)
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        log_density = log_normal_density(x / self.sd) + math.log(2.0 / self.sd)
-        return outside_is_impossible(np.where(x >= 0.0, log_density, np.nan), x)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return 0.0, math.inf
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
+        return log_normal_density(x / self.sd) + math.log(2.0 / self.sd)
 
 
-@dataclass(frozen=True)
-class Uniform(Distribution):
-    """f(x) = 1 / (upper - lower) between the bounds."""
+class Bounded(Distribution):
+    """A distribution between two bounds, which are settings."""
 
     lower: float
     upper: float
-    label: ClassVar[str] = "uniform"
-
-    def __post_init__(self) -> None:
-        check_finite(self, "lower", "upper")
-        check_ascending(self)
-
-    def from_normal(self, z: ArrayLike) -> FloatArray:
-        return between(self.lower, self.upper, z)
-
-    def to_normal(self, x: ArrayLike) -> FloatArray:
-        return score_between(self.lower, self.upper, np.asarray(x, dtype=float))
-
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        inside = (x >= self.lower) & (x <= self.upper)
-        return outside_is_impossible(
-            np.where(inside, -math.log(self.upper - self.lower), np.nan), x
-        )
 
     @property
     def support(self) -> tuple[float, float]:
@@ -249,7 +185,47 @@ class Uniform(Distribution):
 
 
 @dataclass(frozen=True)
-class TruncatedNormal(Distribution):
+class Uniform(Bounded):
+    """f(x) = 1 / (upper - lower) between the bounds."""
+
+    lower: float
+    upper: float
+    label: ClassVar[str] = "uniform"
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        return between(self.lower, self.upper, z)
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        return score_between(self.lower, self.upper, np.asarray(x, dtype=float))
+
+    def _log_density_inside(self, x: FloatArray) -> float:
+        return -math.log(self.upper - self.lower)
+
+
+@dataclass(frozen=True)
+class LogUniform(Bounded):
+    """f(x) = 1 / (x log(upper / lower)) between the positive bounds."""
+
+    lower: float
+    upper: float
+    label: ClassVar[str] = "log-uniform"
+    positive: ClassVar[tuple[str, ...]] = ("lower",)
+
+    def from_normal(self, z: ArrayLike) -> FloatArray:
+        x = np.exp(between(math.log(self.lower), math.log(self.upper), z))
+        return np.clip(x, self.lower, self.upper)  # exp(log(bound)) may step outside by one ulp
+
+    def to_normal(self, x: ArrayLike) -> FloatArray:
+        x = np.asarray(x, dtype=float)
+        scores = score_between(math.log(self.lower), math.log(self.upper), log_or_nan(x), 1e-14)
+        return np.where(self._supports(x), scores, np.nan)
+
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
+        return -log_or_nan(x) - math.log(math.log(self.upper / self.lower))
+
+
+@dataclass(frozen=True)
+class TruncatedNormal(Bounded):
     """A normal distribution restricted to [lower, upper]; either end may be infinite."""
 
     mean: float
@@ -257,11 +233,8 @@ class TruncatedNormal(Distribution):
     lower: float = -math.inf
     upper: float = math.inf
     label: ClassVar[str] = "truncated normal"
-
-    def __post_init__(self) -> None:
-        check_finite(self, "mean", "sd")
-        check_positive(self, "sd")
-        check_ascending(self)
+    positive: ClassVar[tuple[str, ...]] = ("sd",)
+    infinite_bounds: ClassVar[bool] = True
 
     def _ends(self) -> tuple[float, float]:
         return (self.lower - self.mean) / self.sd, (self.upper - self.mean) / self.sd
@@ -286,24 +259,18 @@ class TruncatedNormal(Distribution):
 
         x = np.asarray(x, dtype=float)
         a, b = self._ends()
-        inside = (x >= self.lower) & (x <= self.upper)
+        inside = self._supports(x)
         scaled = np.where(inside, (x - self.mean) / self.sd, np.clip(0.0, a, b))
         log_mass = log_normal_mass(a, b)
         below = _resolved(np.minimum(log_normal_mass(a, scaled) - log_mass, 0.0))
         above = _resolved(np.minimum(log_normal_mass(scaled, b) - log_mass, 0.0))
-        score = np.where(below < above, ndtri_exp(below), -ndtri_exp(above))
-        return np.where(inside, score, np.nan)
+        return np.where(
+            inside, np.where(below < above, ndtri_exp(below), -ndtri_exp(above)), np.nan
+        )
 
-    def log_density(self, x: ArrayLike) -> FloatArray:
-        x = np.asarray(x, dtype=float)
-        inside = (x >= self.lower) & (x <= self.upper)
+    def _log_density_inside(self, x: FloatArray) -> FloatArray:
         log_density = log_normal_density((x - self.mean) / self.sd) - math.log(self.sd)
-        log_density = log_density - log_normal_mass(*self._ends())
-        return outside_is_impossible(np.where(inside, log_density, np.nan), x)
-
-    @property
-    def support(self) -> tuple[float, float]:
-        return self.lower, self.upper
+        return log_density - log_normal_mass(*self._ends())
 
 
 def _resolved(log_probability: FloatArray) -> FloatArray:

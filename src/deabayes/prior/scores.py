@@ -21,12 +21,6 @@ def log_or_nan(x: ArrayLike) -> FloatArray:
     return np.log(np.where(x > 0.0, x, np.nan))
 
 
-def outside_is_impossible(log_density: ArrayLike, x: ArrayLike) -> FloatArray:
-    """Replace NaN in the log density by -inf where x itself is a number."""
-    outside = np.isnan(log_density) & ~np.isnan(np.asarray(x, dtype=float))
-    return np.where(outside, -np.inf, log_density)
-
-
 def log_normal_density(z: FloatArray) -> FloatArray:
     """log of exp(-z^2 / 2) / sqrt(2 pi)."""
     return -0.5 * z * z - LOG_SQRT_2PI
