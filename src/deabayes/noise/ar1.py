@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from deabayes.experiment import FloatArray
-from deabayes.noise.base import Draws, correlated_amplitude, correlation_length, variance
 from deabayes.noise.ornstein_uhlenbeck import OrnsteinUhlenbeck
-from deabayes.prior.parameter import Parameter
 
 
 class AutoRegressive(OrnsteinUhlenbeck):
@@ -18,27 +13,6 @@ class AutoRegressive(OrnsteinUhlenbeck):
     """
 
     name = "ar1"
-    length = "tau_ar1"
+    adding = ()
+    amplitude, length, subscript = "sigma_ar1", "tau_ar1", "AR"
     has_white = False
-
-    def parameters(
-        self, unit: str, scale: float, span: float, coordinate_unit: str = "s"
-    ) -> tuple[Parameter, ...]:
-        return (
-            correlated_amplitude("sigma_ar1", r"\sigma_\mathrm{AR}", unit, scale),
-            correlation_length("tau_ar1", r"\tau_\mathrm{AR}", coordinate_unit, span),
-        )
-
-    def _laws(self, draws: Draws) -> tuple[FloatArray, FloatArray, FloatArray]:
-        sigma = np.asarray(draws["sigma_ar1"], dtype=float)
-        return super()._laws(
-            {
-                "sigma_white": np.zeros_like(sigma),
-                "sigma_ou": sigma,
-                "tau_ou": draws["tau_ar1"],
-            }
-        )
-
-    def variances(self, draws: Draws, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        correlated = variance(draws["sigma_ar1"])
-        return correlated, np.zeros_like(correlated)

@@ -103,21 +103,10 @@ class NoiseModel(ABC):
         """Distribution function (W, N) of a residual, or its correlated part, over its scale."""
 
 
-def contiguous(values: FloatArray) -> FloatArray:
-    """Return values as kernels need them, float64 in C order; copy only if necessary."""
-    return np.ascontiguousarray(values, dtype=np.float64)
-
-
 def variance(sigma: FloatArray) -> FloatArray:
     """sigma^2, contiguous (W,); NaN for a negative sigma."""
     sigma = np.asarray(sigma, dtype=float)
     return np.ascontiguousarray(np.where(sigma >= 0.0, sigma, np.nan) ** 2)
-
-
-def rate(length: FloatArray) -> FloatArray:
-    """1 / length, contiguous (W,); NaN unless the length is positive."""
-    length = np.asarray(length, dtype=float)
-    return np.ascontiguousarray(1.0 / np.where(length > 0.0, length, np.nan))
 
 
 @dataclass(frozen=True)
@@ -163,12 +152,12 @@ def noise_coordinates(
     free : columns to consider (see `prior_coordinates`).
     """
     pairs: list[NoisePair] = []
-    for group, each in weights.items():
+    for group, group_weights in weights.items():
         columns = [prior.names.index(f"{group}.{name}") for name in noise.adding]
         normals = log_normals(prior, columns, free)
         if len(normals) == 2:
             white, correlated = (float(np.log(p.median)) for p in normals)
-            white += 0.5 * float(np.log(np.mean(each)))
+            white += 0.5 * float(np.log(np.mean(group_weights)))
             places, slopes = (columns[0], columns[1]), (normals[0].sigma, normals[1].sigma)
             pairs.append(NoisePair(places, (white, correlated), slopes))
     return pairs
@@ -180,11 +169,11 @@ OFFSET_FRACTION = 0.001
 SHORTEST_LENGTH, LENGTH_FRACTION = 1e-4, 0.1
 
 
-def white_amplitude(unit: str, scale: float, name: str = "sigma_white") -> Parameter:
+def white_amplitude(unit: str, scale: float) -> Parameter:
     """Standard deviation of the white noise of one raw sample."""
     _check_positive("range of the response", scale)
     return Parameter(
-        name,
+        "sigma_white",
         r"\sigma_\mathrm{w}",
         unit,
         "standard deviation of white noise, one raw sample",

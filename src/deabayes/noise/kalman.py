@@ -61,15 +61,15 @@ def filter_exponential(
 def simulate_exponential(
     normal: FloatArray, distance: FloatArray, correlated: FloatArray, rates: FloatArray
 ) -> FloatArray:
-    """Exact samples (W, N) with covariance sigma^2 exp(-|d|/tau) from normals (W, N)."""
-    sample = np.empty_like(normal)
+    """Exact samples (W, N) with covariance sigma^2 exp(-|d|/tau) from normals (W, N, 1)."""
+    sample = np.empty(normal.shape[:2])
     for draw in range(normal.shape[0]):
         sigma = math.sqrt(correlated[draw])
-        state = normal[draw, 0]
+        state = normal[draw, 0, 0]
         sample[draw, 0] = sigma * state
         for k in range(1, normal.shape[1]):
             expm1 = math.expm1(-distance[k] * rates[draw])
-            state = (1.0 + expm1) * state + math.sqrt(-expm1 * (2.0 + expm1)) * normal[draw, k]
+            state = (1.0 + expm1) * state + math.sqrt(-expm1 * (2.0 + expm1)) * normal[draw, k, 0]
             sample[draw, k] = sigma * state
     return sample
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.noise.base import Draws, NoiseModel, variance, white_amplitude
+from deabayes.noise.gaussian import whole_rows
 from deabayes.prior.distributions import LogNormal
 from deabayes.prior.parameter import Parameter
 
@@ -43,9 +44,8 @@ class StudentT(NoiseModel):
         with np.errstate(all="ignore"):
             scale = np.sqrt(variance(draws["sigma_white"])[:, None] * weights)
             scaled = residuals / scale
-        scaled[~np.all(np.isfinite(residuals), axis=1)] = np.nan
         freedom = np.asarray(draws["degrees_of_freedom"], dtype=float)[:, None]
-        return scaled, scale, np.where(freedom > 0.0, freedom, np.nan)
+        return whole_rows(scaled, residuals), scale, np.where(freedom > 0.0, freedom, np.nan)
 
     def pointwise_log_prob(
         self, residuals: FloatArray, coordinate: FloatArray, weights: FloatArray, draws: Draws

@@ -22,7 +22,6 @@ from deabayes.prior.scores import (
     score_between,
 )
 
-
 LARGEST_EXPONENT = 700.0
 
 
