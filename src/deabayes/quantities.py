@@ -119,7 +119,7 @@ def with_unit(value: float, unit: str, name: str = "", digits: int = 6) -> str:
 
 
 def taken_in_si(value: object, unit: str, where: str) -> str:
-    """That a number without a unit is one in SI, for who meant another."""
+    """The caution that a number without a unit is taken in SI."""
     taken = f"{value} {unit}"
     return f"{where}: {value} without a unit is {taken}; write '{taken}' if that is meant"
 

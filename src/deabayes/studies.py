@@ -78,9 +78,11 @@ def load_study(path: Path, name: str | None = None) -> Study:
     if faults:
         raise Faults(faults)
     if content.get("split_by") is not None:
-        raise UserError(f"{path}, split_by: makes several studies, and this file holds one; put "
-                        f"it under `studies: {{{name}: ...}}` of a config, or give the part that "
-                        "is meant by `select: {COLUMN: VALUE}`")  # fmt: skip
+        raise UserError(
+            f"{path}, split_by: makes several studies, but this file holds one; put the study "
+            f"under `studies: {{{name}: ...}}` of a config, or choose one part with "
+            "`select: {COLUMN: VALUE}`"
+        )
     load_named({"studies": {name: content}}, [Path()], str(path))
     return from_settings({"name": name, **content})
 

@@ -90,15 +90,15 @@ def test_a_config_without_populations_has_none(folder: Path) -> None:
     ("changed", "said"),
     [
         ({"studies": ["strip_a", "strip_b", "stripc"]}, "did you mean 'strip_c'"),
-        ({"studies": ["strip_a", "strip_b"]}, "2 specimens do not tell how specimens scatter"),
-        ({"studies": ["strip_a", "strip_b", "again"]}, "strip_a and again are of one specimen"),
-        ({"candidate": "kv_gm_3"}, "strip_a, strip_b, strip_c: there is no 'kv_gm_3'"),
+        ({"studies": ["strip_a", "strip_b"]}, "2 specimens are too few to estimate"),
+        ({"studies": ["strip_a", "strip_b", "again"]}, "strip_a and again have the same specimen"),
+        ({"candidate": "kv_gm_3"}, "no 'kv_gm_3' in strip_a, strip_b, strip_c"),
         ({"parameters": ["mu_alfa"]}, "did you mean 'mu_alpha'"),
         ({"parameters": ["mu_alpha", "relaxation.sigma_ou"]}, "noise belongs to a record"),
         ({"parameters": ["mu_alpha", "tau_beta_1"]}, "tau_beta_2 shares one joint prior"),
         ({"parameters": []}, "parameters: must be a list of at least 1"),
         ({"candidates": ["kv_gm_2"]}, "unknown key 'candidates'; did you mean 'candidate'"),
-        ({"spread": {"mu": {"distribution": "halfnormal", "sd": 1}}}, "not among the parameters"),
+        ({"spread": {"mu": {"distribution": "halfnormal", "sd": 1}}}, "not under `parameters`"),
         (
             {"spread": {"mu_alpha": {"distribution": "normal", "mean": 0, "sd": 1}}},
             "a spread is not negative",
@@ -146,7 +146,7 @@ def test_a_spread_has_the_unit_that_the_fit_takes_it_in(folder: Path) -> None:
 
 
 def test_a_bare_number_is_no_spread_of_what_has_a_unit(folder: Path) -> None:
-    assert "spread.mu_1: mu_1 can be negative, so its spread is in Pa" in ogden(folder, 0.1)
+    assert "spread.mu_1: mu_1 can be negative, so its spread is absolute" in ogden(folder, 0.1)
 
 
 def test_a_parameter_has_one_sign_in_all_studies(folder: Path) -> None:

@@ -139,7 +139,7 @@ def test_another_programs_posterior_is_refused_when_opened(tmp_path):
 
 def test_the_file_of_another_version_names_both(tmp_path):
     path = tmp_path / "posterior.nc"
-    both = rf"this deabayes, {deabayes.__version__}, .* written by 9\.1: use that version, or fit"
+    both = rf"deabayes {deabayes.__version__} cannot read .* by deabayes 9\.1: use that version"
 
     def told(change):
         tree = file(None)

@@ -67,7 +67,7 @@ def test_the_fit_refuses_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     write_tree(tree, tmp_path / "posterior.nc")
     write_prepared(FITTED, tmp_path / "prepared" / "creep.nc")
     study = replace(STUDY, prior_from=str(tmp_path / "posterior.nc"))
-    with pytest.raises(UserError, match="record creep was calibrated on in study y"):
+    with pytest.raises(UserError, match="record creep was fitted in study y"):
         build_target(study, "voigt_kelvin_2", tmp_path / "prepared")
 
 
@@ -81,12 +81,10 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_before_the_first_job_by_the_studies_of_the_config(place: Path) -> None:
     found = faults({"b": None, "c": "results/b/kv_gm_2/posterior.nc"})
-    assert found.startswith("study c, prior_from: record relax was calibrated on in study b")
+    assert found.startswith("study c, prior_from: record relax was fitted in study b")
     a_from_b = {"a": "results/b/kv_gm_2/posterior.nc", "b": None}
     assert faults(a_from_b) == ""
     chain = faults(a_from_b | {"c": "results/a/kv_gm_2/posterior.nc"})
-    assert chain.startswith("study c, prior_from: record relax was calibrated on in study b")
+    assert chain.startswith("study c, prior_from: record relax was fitted in study b")
     replace_in(place / "experiments.csv", "relax,", "first,")
-    assert "record first was calibrated" in faults(
-        {"b": None, "c": "results/b/kv_gm_2/posterior.nc"}
-    )
+    assert "record first was fitted" in faults({"b": None, "c": "results/b/kv_gm_2/posterior.nc"})

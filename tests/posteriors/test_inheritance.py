@@ -64,7 +64,7 @@ def test_another_specimen_keeps_its_own_geometry(stored, other):
     found = inherit_from(stored(), other)
     assert found.prior.names == ("mu_alpha", "permittivity")
     assert not found.same_specimen
-    assert found.notes[0].startswith("prior_from: cross_section of a say nothing of")
+    assert found.notes[0].startswith("prior_from: cross_section of a do not apply to")
 
 
 def test_a_material_property_stated_otherwise_is_not_taken_over(stored):

@@ -159,10 +159,10 @@ class TestInherit:
     @pytest.mark.parametrize(
         ("names", "message"),
         [
-            (("elsewhere",), "none of its parameters"),
+            (("elsewhere",), "none of the posterior's parameters"),
             (("tau_1", "tau_2"), "lacks tau_3 of the ordered tau"),
             (("tau_1", "tau_2", "tau_3", "tau_4"), "has tau_4, which this candidate lacks"),
-            (("mu_1",), "not alpha_1"),
+            (("mu_1",), "without alpha_1"),
         ],
     )
     def test_mistakes(self, prior, names, message):

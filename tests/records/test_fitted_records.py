@@ -53,7 +53,7 @@ def said(*experiments: Experiment) -> str:
 def test_records_changed_since_the_fit_are_refused(stage: str, tmp_path: Path) -> None:
     write_tree(file(None, replace(STUDY, predict_with={})), tmp_path / "posterior.nc")
     write_prepared(CHANGED, tmp_path / "prepared" / "creep.nc")
-    with pytest.raises(UserError, match=r"record creep is not as it was at the fit; fit again"):
+    with pytest.raises(UserError, match=r"since the fit, record creep has changed; fit again"):
         STAGES[stage](tmp_path / "posterior.nc", tmp_path / "prepared", tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["posterior.nc", "prepared"]
 
@@ -62,7 +62,7 @@ def test_records_changed_since_the_fit_are_refused(stage: str, tmp_path: Path) -
 def test_results_are_not_shown_with_other_records(stage: str, tmp_path: Path) -> None:
     write_tree(file(None), tmp_path / "study" / "voigt_kelvin_2" / "posterior.nc")
     write_prepared(CHANGED, tmp_path / "study" / "prepared" / "creep.nc")
-    with pytest.raises(UserError, match=r"record creep is not as it was at the fit; fit again"):
+    with pytest.raises(UserError, match=r"since the fit, record creep has changed; fit again"):
         SHOWN[stage](tmp_path / "study", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -75,13 +75,13 @@ def test_a_report_of_nothing_fitted_writes_nothing(tmp_path: Path) -> None:
 
 
 def test_each_record_is_said_with_what_became_of_it() -> None:
-    assert "record creep is not as it was" in said(CHANGED)
-    assert "record creep is not as it was" in said(HIGHER)
+    assert "record creep has changed" in said(CHANGED)
+    assert "record creep has changed" in said(HIGHER)
     shorter = replace(FITTED, coordinate=FITTED.coordinate[1:], response=FITTED.response[1:])
-    assert "record creep is not as it was" in said(shorter)
-    assert "record creep was fitted, and is not at hand" in said(HELD_OUT)
+    assert "record creep has changed" in said(shorter)
+    assert "record creep is no calibration record any more" in said(HELD_OUT)
     added = said(FITTED, replace(HELD_OUT, role="calibrate"))
-    assert added.startswith("study creep, voigt_kelvin_2: record other is to be calibrated on")
+    assert added.startswith("study creep, voigt_kelvin_2: since the fit, record other was added")
     assert "`deabayes fit creep voigt_kelvin_2`" in added and added.count("\n") == 0
 
 

@@ -99,7 +99,7 @@ def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
     make_folder(tmp_path)
     there = "results/b/kv_gm_2/posterior.nc"
     (tmp_path / "config.yaml").write_text(SOUND.replace("  b:", f"    prior_from: ./{there}\n  b:"))
-    assert "study a, kv_gm_1, prior_from: it has" in said(tmp_path)
+    assert "study a, kv_gm_1, prior_from: the posterior has" in said(tmp_path)
     text = SOUND.replace("kv_gm_1", "kv_gm_2").replace("  b:", f"    prior_from: ./{there}\n  b:")
     (tmp_path / "config.yaml").write_text(text)
     assert "prior_from: b from b: " in said(tmp_path), "the merge key hands it on"
@@ -107,7 +107,7 @@ def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text(text.replace("/b/kv", "/bb/kv"))
     assert said(tmp_path).count("'bb' is no study; did you mean 'b'?") == 1
     (tmp_path / "config.yaml").write_text(text)
-    assert "record relax was calibrated on in study b" in said(tmp_path)
+    assert "record relax was fitted in study b" in said(tmp_path)
     other = text.replace("  b:\n", "  b:\n    calibrate: [pull]\n    validate: []\n")
     (tmp_path / "config.yaml").write_text(other)
     run = snakemake(tmp_path, "--cores", "1", "--dry-run")

@@ -29,7 +29,7 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
     faults = []
     if len(members) < FEWEST_SPECIMENS:
         faults.append(
-            f"{where}, studies: {len(members)} specimens do not tell how specimens scatter; "
+            f"{where}, studies: {len(members)} specimens are too few to estimate their spread; "
             f"name {FEWEST_SPECIMENS} or more"
         )
     seen: dict[object, str] = {}
@@ -37,20 +37,20 @@ def check_population(population: Population, studies: Mapping[str, Study]) -> li
         specimen = study.specimen, tuple(sorted(study.select.items()))
         if specimen in seen:
             faults.append(
-                f"{where}, studies: {seen[specimen]} and {study.name} are of one specimen "
+                f"{where}, studies: {seen[specimen]} and {study.name} have the same specimen "
                 f"({study.specimen}), which would count twice; remove one"
             )
         seen.setdefault(specimen, study.name)
         if (study.prior_from or "").endswith(f"populations/{population.name}/posterior.nc"):
             faults.append(
-                f"{where}, studies: {study.name} has this population for its prior, which would "
-                "count its records twice; take it out of one"
+                f"{where}, studies: {study.name} has this population as its prior, which would "
+                "count its records twice; remove the study here, or its `prior_from`"
             )
     without = [s for s in members if population.candidate not in s.candidates]
     if without:
         faults.append(
-            f"{where}, candidate: among those of {', '.join(study.name for study in without)}: "
-            f"there is no {population.candidate!r}"
+            f"{where}, candidate: no {population.candidate!r} in "
+            f"{', '.join(study.name for study in without)}"
             f"{nearest(population.candidate, without[0].candidates)}"
         )
     if members and not without:
@@ -122,7 +122,9 @@ def _spread_faults(population: Population, coordinate: Coordinate, where: str) -
     for name, settings in population.spread.items():
         place = f"{where}, spread.{name}"
         if name not in population.parameters:
-            faults.append(f"{place}: it is not among the parameters; add it there or remove it")
+            faults.append(
+                f"{place}: {name} is not under `parameters`; add it there, or remove it here"
+            )
             continue
         try:
             prior = from_settings(settings, units[name], place)
@@ -130,11 +132,14 @@ def _spread_faults(population: Population, coordinate: Coordinate, where: str) -
             faults += str(error).splitlines()
             continue
         if prior.support[0] < 0.0:
-            faults.append(f"{place}: a spread is not negative; give halfnormal, for example")
+            faults.append(
+                f"{place}: a spread is not negative, but this prior reaches below 0; "
+                "use halfnormal, for example"
+            )
         if units[name] != "1" and _bare_numbers(settings):
             faults.append(
-                f"{place}: {name} can be negative, so its spread is in {units[name]} and no "
-                f"relative one; give it with its unit, such as '2 {units[name]}'"
+                f"{place}: {name} can be negative, so its spread is absolute, in "
+                f"{units[name]}; write the unit, such as '2 {units[name]}'"
             )
     return faults
 
@@ -158,12 +163,15 @@ def check_whole_groups(parameters: Sequence[Parameter], names: Sequence[str]) ->
         missing = [name for name in members if name not in names]
         if missing and len(missing) < len(members):
             faults.append(
-                f"{', '.join(missing)} shares one joint prior ({group}) with the others of it "
-                "named; add it, or name none of them"
+                f"{', '.join(missing)} shares one joint prior ({group}) with parameters that are "
+                "named; name all of them, or none"
             )
     for p in parameters:
         if p.name in names and p.half_product_with not in (None, *names):
-            faults.append(f"{p.name} has its prior on a product; add {p.half_product_with}")
+            faults.append(
+                f"{p.name} has its prior on its product with {p.half_product_with}; "
+                f"add {p.half_product_with}"
+            )
     if faults:
         raise Faults(faults)
 

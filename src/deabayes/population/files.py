@@ -17,6 +17,7 @@ from deabayes.population.model import PopulationModel
 from deabayes.population.settings import Population, to_settings
 from deabayes.population.specimens import Shrunken
 from deabayes.posteriors.content import convergence_summary
+from deabayes.posteriors.file import label, summary_dataset
 from deabayes.posteriors.records import ATTRIBUTE, CountedRecord, to_json
 from deabayes.sampling.diagnostics import summarise
 from deabayes.sampling.engine import Sampled
@@ -52,13 +53,13 @@ class PopulationContent:
     @property
     def convergence(self) -> dict[str, object]:
         """Convergence as for a candidate; the population needs every member to have converged."""
-        found = convergence_summary(self.pooled)
+        summary = convergence_summary(self.pooled)
         lost = [member.study for member in self.model.members if not member.converged]
         reasons = [f"{name}: its own posterior has not converged" for name in lost]
         failed = [replace(f, of=f"population, {f.of}") for f in self.pooled.convergence.failed]
-        reasons += [str(each) for each in failed]
-        gates = [asdict(each) for each in failed]
-        return found | {"converged": not reasons, "reasons": reasons, "failed_gates": gates}
+        reasons += [str(gate) for gate in failed]
+        gates = [asdict(gate) for gate in failed]
+        return summary | {"converged": not reasons, "reasons": reasons, "failed_gates": gates}
 
 
 def population_tree(content: PopulationContent) -> xr.DataTree:
@@ -68,7 +69,6 @@ def population_tree(content: PopulationContent) -> xr.DataTree:
     (kind `population`), and the first member's other parameters, which predictions need (kind
     `reference`).
     """
-    summary = summary_table(content)
     model, chains = content.model, content.theta.shape[:2]
     dimensions = ("chain", "draw")
     group = content.first["posterior"]
@@ -78,9 +78,8 @@ def population_tree(content: PopulationContent) -> xr.DataTree:
         for k, name in enumerate(names)
     }
     for k, p in enumerate(model.prior.parameters):
-        label = {"symbol": p.symbol, "unit": p.unit, "description": p.description,
-                 "prior": model.prior.describe(p.name), "kind": "population"}  # fmt: skip
-        variables[p.name] = (dimensions, content.theta[..., k], label)
+        attributes = label(p, model.prior.describe(p.name), "population")
+        variables[p.name] = (dimensions, content.theta[..., k], attributes)
     for name, variable in group.data_vars.items():
         if name not in names and variable.attrs["kind"] != "derived":
             values = variable.values.reshape(-1)[content.rows].reshape(chains)
@@ -90,10 +89,7 @@ def population_tree(content: PopulationContent) -> xr.DataTree:
         {
             "posterior": xr.Dataset(variables, coords=coordinates),
             "sample_stats": xr.Dataset({"lp": (dimensions, content.log_posterior)}),
-            "summary": xr.Dataset(
-                {name: ("quantity", summary[name].to_numpy()) for name in summary.columns},
-                coords={"quantity": list(summary.index)},
-            ),
+            "summary": summary_dataset(summary_table(content)),
             "specimens": _specimens(content),
         }
     )
@@ -115,16 +111,14 @@ def _specimens(content: PopulationContent) -> xr.Dataset:
     model, rng = content.model, np.random.default_rng(content.population.sampling.seed)
     drawn = np.stack(
         [
-            model.coordinate.inverse(member.phi[rng.choice(len(member.phi), 1000, p=each.weights)])
-            for member, each in zip(model.members, content.shrunken, strict=True)
+            model.coordinate.inverse(member.phi[rng.choice(len(member.phi), 1000, p=own.weights)])
+            for member, own in zip(model.members, content.shrunken, strict=True)
         ]
     )
     return xr.Dataset(
         {
-            name: (("specimen", "sample"), drawn[..., k], {"unit": p.unit, "symbol": p.symbol})
-            for k, (name, p) in enumerate(
-                zip(model.coordinate.names, model.coordinate.parameters, strict=True)
-            )
+            p.name: (("specimen", "sample"), drawn[..., k], {"unit": p.unit, "symbol": p.symbol})
+            for k, p in enumerate(model.coordinate.parameters)
         },
         coords={"specimen": [member.study for member in model.members]},
     )

@@ -13,6 +13,7 @@ from deabayes.experiment import FloatArray
 from deabayes.faults import UserError
 from deabayes.population.checks import marginal
 from deabayes.population.coordinate import Coordinate
+from deabayes.posteriors.file import narrowing
 from deabayes.posteriors.storage import stacked
 from deabayes.prior.joint import Prior
 from deabayes.sampling.tempering import systematic
@@ -43,7 +44,7 @@ def telling(phi: FloatArray, prior_phi: FloatArray, independent: float) -> NDArr
     return np.array(
         [
             _normal(before)
-            or _contraction(after, before) >= SILENT
+            or narrowing(after, before) >= SILENT
             or _distance(after, before) > DISTANCE / np.sqrt(independent)
             for after, before in zip(phi.T, prior_phi.T, strict=True)
         ]
@@ -56,12 +57,6 @@ def _normal(draws: FloatArray) -> bool:
     ordered = np.sort((draws - draws.mean()) / draws.std())
     above = np.arange(1, len(draws) + 1) / len(draws)
     return bool(np.max(np.abs(above - ndtr(ordered))) < NORMAL)
-
-
-def _contraction(after: FloatArray, before: FloatArray) -> float:
-    """Contraction from the 16 and 84 % quantiles, so that tails do not count."""
-    new, old = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (after, before))
-    return float(1.0 - (new / old) ** 2)
 
 
 def _distance(after: FloatArray, before: FloatArray) -> float:
@@ -335,9 +330,9 @@ def _check(study: str, tree: xr.DataTree, prior: Prior, names: Sequence[str]) ->
     if missing:
         raise UserError(f"study {study}: its posterior has no {missing[0]}; fit it again")
     stored = stacked(tree["log_prior"], "log_prior")
-    found = prior.log_density(_draws(tree, prior.names))
-    if not np.allclose(found, stored, rtol=1e-6, atol=1e-4):
+    log_prior = prior.log_density(_draws(tree, prior.names))
+    if not np.allclose(log_prior, stored, rtol=1e-6, atol=1e-4):
         raise UserError(
-            f"study {study}: its posterior was sampled under another prior than its settings and "
-            "`prior_from` give now; fit it again"
+            f"study {study}: its prior (settings or `prior_from`) has changed since its posterior "
+            "was sampled; fit it again"
         )

@@ -168,19 +168,19 @@ def new_specimens(
 def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
     """Return warnings about the members and the new specimen, in sentences."""
     found = []
-    for member, each in zip(model.members, shrunken, strict=True):
-        if not each.reliable:
+    for member, estimate in zip(model.members, shrunken, strict=True):
+        if not estimate.reliable:
             found.append(
                 f"{member.study}: few of its own draws agree with the population "
-                f"({each.effective_draws:.0f} effective draws, k-hat {each.k_hat:.2f}), so its "
-                "shrunken estimate is not to be trusted"
+                f"({estimate.effective_draws:.0f} effective draws, k-hat {estimate.k_hat:.2f}); do "
+                "not use its shrunken estimate"
             )
-        pairs = zip(model.coordinate.names, each.tail_probability, strict=True)
+        pairs = zip(model.coordinate.names, estimate.tail_probability, strict=True)
         out = [f"{name} ({p:.1g})" for name, p in pairs if p < OUTLYING]
         if out:
             found.append(
-                f"{member.study}: it lies outside of what the other specimens lead to expect, in "
-                f"{', '.join(out)} (tail probability); does it belong to this population?"
+                f"{member.study}: it differs from the other specimens in {', '.join(out)} (tail "
+                "probability); check whether it belongs to this population"
             )
         if member.likelihood.misfit > LARGEST_MISFIT:
             found.append(
@@ -191,7 +191,7 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
     if outside > LARGEST_OUTSIDE:
         found.append(
             f"new specimen: {outside:.0%} of the draws lay outside of the members' priors (order "
-            "or bounds of parameters) and were drawn again; mean and spread do not know of that"
+            "or bounds of parameters) and were drawn again; mean and spread ignore this"
         )
     return found
 
@@ -203,14 +203,14 @@ def _little_told(member: Member, names: tuple[str, ...]) -> list[str]:
     found = []
     if silent:
         found.append(
-            f"{member.study}: its records say nothing of {', '.join(silent)}; there, mean and "
-            "spread are what the other specimens tell, and so is its own estimate"
+            f"{member.study}: its records do not inform {', '.join(silent)}; there, mean, spread "
+            "and its own estimate come from the other specimens"
         )
     if faint:
         found.append(
-            f"{member.study}: its records say little of {', '.join(faint)}; bounds and order of "
-            "its prior are divided out approximately, which may make mean and spread look better "
-            "known than they are"
+            f"{member.study}: its records hardly inform {', '.join(faint)}; bounds and order of "
+            "its prior are removed only approximately, so mean and spread may look better known "
+            "than they are"
         )
     return found
 

@@ -20,7 +20,9 @@ from deabayes.posteriors.sensitivity import sensitivities
 from deabayes.posteriors.storage import specimen_to_json
 from deabayes.prediction.calibrated import CalibratedRecord, records_to_json
 from deabayes.prior.joint import Prior
+from deabayes.prior.parameter import Parameter
 from deabayes.study import to_settings
+from deabayes.systems.base import Derived
 
 SUMMARY_COLUMNS = (
     "symbol unit mean sd median q05 q95 mcse_mean ess_bulk ess_tail r_hat contraction "
@@ -110,16 +112,16 @@ def contractions(
             gained[name] = 1.0 - float(variance)
         elif name in posterior and not (parameter.part_of or parameter.half_product_with):
             scores = (parameter.prior.to_normal(draws[name]) for draws in (posterior, before))
-            gained[name] = _narrower(*scores)
+            gained[name] = narrowing(*scores)
     return {name: gained[name] for name in posterior}
 
 
 def contraction(posterior: FloatArray, prior: FloatArray) -> float:
     """Return the contraction from prior to posterior draws, by their logarithm if positive."""
-    return _narrower(*_scaled(posterior, prior))
+    return narrowing(*_scaled(posterior, prior))
 
 
-def _narrower(after: FloatArray, before: FloatArray) -> float:
+def narrowing(after: FloatArray, before: FloatArray) -> float:
     """Return the contraction by the distance of the 16 and 84 % quantiles, which ignores tails."""
     new, old = (np.ptp(np.quantile(draws, [0.16, 0.84])) for draws in (after, before))
     return float(1.0 - (new / max(old, 1e-300)) ** 2)
@@ -133,31 +135,32 @@ def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, Float
     return posterior, prior
 
 
+def label(of: Parameter | Derived, prior: str, kind: str) -> dict[str, str]:
+    """Return the attributes of a quantity in a posterior file."""
+    described = {"symbol": of.symbol, "unit": of.unit, "description": of.description}
+    return {**described, "prior": prior, "kind": kind}
+
+
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:
-    """Return symbol, unit, description, prior and kind of every quantity."""
+    """Return the label of every quantity; theta (W, d) are any draws."""
     target = content.target
-    quantity_names = set(target.system.stated())
-    found = {
-        p.name: {
-            "symbol": p.symbol,
-            "unit": p.unit,
-            "description": p.description,
-            "prior": target.prior.describe(p.name),
-            "kind": "noise"
-            if "." in p.name
-            else ("specimen" if p.name in quantity_names else "material"),
-        }
-        for p in target.prior.parameters
-    }
-    for name, d in target.system.derived(target.draws(theta[:2])).items():
-        found[name] = {
-            "symbol": d.symbol,
-            "unit": d.unit,
-            "description": d.description,
-            "prior": "",
-            "kind": "derived",
-        }
-    return found
+    of_specimen = set(target.system.stated())
+    attributes = {}
+    for p in target.prior.parameters:
+        kind = "specimen" if p.name in of_specimen else "material"
+        kind = "noise" if "." in p.name else kind
+        attributes[p.name] = label(p, target.prior.describe(p.name), kind)
+    for name, derived in target.system.derived(target.draws(theta[:2])).items():
+        attributes[name] = label(derived, "", "derived")
+    return attributes
+
+
+def summary_dataset(summary: pd.DataFrame) -> xr.Dataset:
+    """Return a table indexed by quantity as the group `summary` of a posterior file."""
+    return xr.Dataset(
+        {str(name): ("quantity", summary[name].to_numpy()) for name in summary.columns},
+        coords={"quantity": list(summary.index)},
+    )
 
 
 STORED_PRIOR_DRAWS = 1000
@@ -173,26 +176,18 @@ def posterior_tree(content: PosteriorContent) -> xr.DataTree:
     prior_theta = content.target.prior.sample(rng, COMPARED_PRIOR_DRAWS)
     summary = summary_table(content, theta, prior_theta)
     prior_theta = prior_theta[:STORED_PRIOR_DRAWS]
+    shape = content.z.shape[:2]
+    log_prior = content.target.prior.log_density(theta).reshape(shape)
     groups = {
-        "posterior": _draws(content, theta, content.z.shape[:2]).merge(_further(content)),
+        "posterior": _draws(content, theta, shape).merge(_further(content)),
         "sample_stats": xr.Dataset({"lp": (("chain", "draw"), content.log_posterior)}),
         "unconstrained_posterior": xr.Dataset({"z": (("chain", "draw", "dimension"), content.z)}),
         "log_likelihood": _log_likelihood(content, theta),
-        "log_prior": xr.Dataset(
-            {
-                "log_prior": (
-                    ("chain", "draw"),
-                    content.target.prior.log_density(theta).reshape(content.z.shape[:2]),
-                )
-            }
-        ),
+        "log_prior": xr.Dataset({"log_prior": (("chain", "draw"), log_prior)}),
         "prior": _draws(content, prior_theta, (1, STORED_PRIOR_DRAWS)),
         "prior_predictive": _prior_predictive(content, prior_theta[:PRIOR_PREDICTIVE_DRAWS]),
         "observed_data": _observed(content),
-        "summary": xr.Dataset(
-            {name: ("quantity", summary[name].to_numpy()) for name in SUMMARY_COLUMNS},
-            coords={"quantity": list(summary.index)},
-        ),
+        "summary": summary_dataset(summary),
     }
     if content.study.prior_from is not None:
         groups[GROUP] = inherited_prior(content.target)
@@ -219,31 +214,20 @@ def _further(content: PosteriorContent) -> xr.Dataset:
     shape = content.z.shape[:2]
     seed = np.random.SeedSequence(content.seed.entropy, spawn_key=(*content.seed.spawn_key, 1))
     theta = content.further.sample(np.random.default_rng(seed), int(np.prod(shape)))
-    return xr.Dataset(
-        {
-            p.name: (
-                ("chain", "draw"),
-                column.reshape(shape),
-                {
-                    "symbol": p.symbol,
-                    "unit": p.unit,
-                    "description": f"{p.description}; not fitted, drawn from its prior",
-                    "prior": content.further.describe(p.name),
-                    "kind": "prior",
-                },
-            )
-            for p, column in zip(content.further.parameters, theta.T, strict=True)
-        }
-    )
+    variables = {}
+    for p, column in zip(content.further.parameters, theta.T, strict=True):
+        attributes = label(p, content.further.describe(p.name), "prior")
+        attributes["description"] += "; not fitted, drawn from its prior"
+        variables[p.name] = (("chain", "draw"), column.reshape(shape), attributes)
+    return xr.Dataset(variables)
 
 
 def _log_likelihood(content: PosteriorContent, theta: FloatArray) -> xr.Dataset:
-    shape = content.z.shape[:2]
-    terms = {
-        name: (("chain", "draw"), content.target.log_likelihood(theta, [name]).reshape(shape))
-        for name in (record.experiment.name for record in content.target.records)
-    }
-    return xr.Dataset(terms)
+    shape, target = content.z.shape[:2], content.target
+    names = [record.experiment.name for record in target.records]
+    return xr.Dataset(
+        {n: (("chain", "draw"), target.log_likelihood(theta, [n]).reshape(shape)) for n in names}
+    )
 
 
 def _observed(content: PosteriorContent) -> xr.Dataset:
@@ -261,15 +245,11 @@ def _observed(content: PosteriorContent) -> xr.Dataset:
 
 
 def _prior_predictive(content: PosteriorContent, theta: FloatArray) -> xr.Dataset:
-    responses = content.target.responses(theta)
-    observed = _observed(content)
-    return xr.Dataset(
-        {
-            name: (("chain", "draw", f"{name}_coordinate"), values[None])
-            for name, values in responses.items()
-        },
-        coords=observed.coords,
-    )
+    variables = {
+        name: (("chain", "draw", f"{name}_coordinate"), values[None])
+        for name, values in content.target.responses(theta).items()
+    }
+    return xr.Dataset(variables, coords=_observed(content).coords)
 
 
 def _attributes(content: PosteriorContent) -> dict[str, str]:

@@ -206,7 +206,7 @@ def _noise_of(attributes: Mapping[str, str]) -> NoiseModel:
     """Return the noise model that a posterior file names."""
     name = attributes["noise"]
     if name not in NOISE_MODELS:
-        raise UserError(_elsewhere(attributes, "the noise model", name))
+        raise UserError(_unreadable(attributes, "the noise model", name))
     model: NoiseModel = NOISE_MODELS[name]()
     return model
 
@@ -217,9 +217,9 @@ def _records_of(attributes: Mapping[str, str]) -> tuple[CalibratedRecord, ...]:
         return tuple(CalibratedRecord(**each) for each in json.loads(attributes["experiments"]))
     except TypeError as error:  # a key is unknown or missing
         words = str(error).partition("() ")[2]
-        raise UserError(_elsewhere(attributes, "what is known of a record", words)) from error
+        raise UserError(_unreadable(attributes, "the list of calibrated records", words)) from error
 
 
-def _elsewhere(attributes: Mapping[str, str], what: str, found: str) -> str:
+def _unreadable(attributes: Mapping[str, str], what: str, found: str) -> str:
     where = f"{attributes['study_name']}, {attributes['candidate']}"
     return f"{where}: {of_another_version(attributes, what, found)}"

@@ -66,13 +66,13 @@ def inherit_from(path: Path, specimen: Specimen) -> Inheritance:
     notes, doubts = [], []
     if foreign:
         notes.append(
-            f"prior_from: {', '.join(foreign)} of {theirs.name} say nothing of {specimen.name}; "
-            "their priors are what it states itself"
+            f"prior_from: {', '.join(foreign)} of {theirs.name} do not apply to {specimen.name}, "
+            "which uses the priors of its own specimen.yaml"
         )
     if theirs.system != specimen.system:
         notes.append(
-            f"prior_from: {path} is of another system ({theirs.system}, here {specimen.system}); "
-            "what is called alike is taken for the same: is it?"
+            f"prior_from: {path} is of another system ({theirs.system}, here {specimen.system}). "
+            "Parameters of the same name count as the same quantity; check that they are"
         )
     if not json.loads(tree.attrs["convergence"])["converged"]:
         doubts.append(f"its prior is the posterior {path}, which did not converge")
@@ -95,7 +95,7 @@ def handed_on(tree: xr.DataTree, without: tuple[str, ...] = ()) -> PriorFromPost
         if variable.attrs["kind"] in ("material", "specimen") and name not in without
     ]
     if not kept:
-        raise UserError("this posterior holds no parameter to hand on")
+        raise UserError("this posterior holds no parameter that could be used as a prior")
     draws = np.stack([stacked(group, name) for name in kept], axis=1)
     return PriorFromPosterior(tuple(kept), draws)
 

@@ -80,17 +80,17 @@ def counted_twice(
     study: str, own: Sequence[CountedRecord], known: Sequence[CountedRecord], source: str
 ) -> list[str]:
     """Return one sentence per own record of a study that the posterior `source` already uses."""
-    found = []
+    repeated = []
     for record in own:
-        before = next((each for each in known if each.is_same(record)), None)
+        before = next((other for other in known if other.is_same(record)), None)
         if before is not None:
             named = "" if before.name == record.name else f" (there {before.name})"
-            found.append(
-                f"study {study}, prior_from: record {record.name} was calibrated on in study "
-                f"{before.study}{named}, and {source} knows it: it would count twice; take it out "
-                "of `calibrate`, or leave out `prior_from`"
+            repeated.append(
+                f"study {study}, prior_from: record {record.name} was fitted in study "
+                f"{before.study}{named}, and {source} already uses it, so it would count twice; "
+                "remove it from `calibrate`, or remove `prior_from`"
             )
-    return found
+    return repeated
 
 
 def refuse_counted_twice(
@@ -103,8 +103,8 @@ def refuse_counted_twice(
     Faults : one for each such record.
     """
     own = [CountedRecord.of(study, each) for each in experiments if each.role == "calibrate"]
-    if found := counted_twice(study, own, known, source):
-        raise Faults(found)
+    if repeated := counted_twice(study, own, known, source):
+        raise Faults(repeated)
 
 
 def _sum(*arrays: FloatArray) -> str:
@@ -133,18 +133,18 @@ def check_fitted_records(tree: xr.DataTree, experiments: Sequence[Experiment]) -
     observed = tree["observed_data"].to_dataset()
     calibrated = {e.name: e for e in experiments if e.role == "calibrate"}
     remembered = {record["name"]: record for record in json.loads(tree.attrs["experiments"])}
-    found = [f"{n} is to be calibrated on, and was not" for n in calibrated if n not in observed]
-    found += [f"{n} was fitted, and is not at hand" for n in observed if n not in calibrated]
-    found += [
-        f"{name} is not as it was"
+    changes = [f"{n} was added to the calibration records" for n in calibrated if n not in observed]
+    changes += [f"{n} is no calibration record any more" for n in observed if n not in calibrated]
+    changes += [
+        f"{name} has changed"
         for name, experiment in calibrated.items()
         if name in observed and not _is_same(experiment, observed, remembered[name])
     ]
-    if found:
+    if changes:
         study, candidate = tree.attrs["study_name"], tree.attrs["candidate"]
         todo = f"fit again (`deabayes fit {study} {candidate}`, or `snakemake --cores 2`)"
-        raise Faults([f"study {study}, {candidate}: record {each} at the fit; {todo}"
-                      for each in found])  # fmt: skip
+        where = f"study {study}, {candidate}: since the fit, record"
+        raise Faults([f"{where} {change}; {todo}" for change in changes])
 
 
 def _is_same(experiment: Experiment, observed: xr.Dataset, record: dict[str, object]) -> bool:

@@ -152,8 +152,8 @@ def _of_parameter(parameter: Parameter, draws: FloatArray) -> Iterator[str]:
         bound = with_unit(getattr(law, end), parameter.unit, parameter.name, digits=3)
         yield (
             f"{parameter.name}: {100 * share:.0f} % of its draws lie at the {end} bound of its "
-            f"prior, {bound}: the records ask for values beyond, and other parameters make up for "
-            f"it. In config.yaml: {_line(parameter, law, end)}"
+            f"prior, {bound}. The records favour values beyond it, and other parameters "
+            f"compensate. Widen the prior in config.yaml: {_line(parameter, law, end)}"
         )
 
 

@@ -101,8 +101,8 @@ def _check_content(tree: xr.DataTree, path: Path) -> None:
     lacking = [f"group {name}" for name in GROUPS if name not in tree.children]
     lacking += [f"attribute {name}" for name in ATTRIBUTES if name not in tree.attrs]
     if lacking:
-        said = "posterior" if "posterior" not in tree.children else f"{', '.join(lacking[:3])}"
-        raise UserError(f"{path}: holds no {said}; give a posterior.nc written by deabayes")
+        missing = "posterior" if "posterior" not in tree.children else ", ".join(lacking[:3])
+        raise UserError(f"{path}: holds no {missing}; give a posterior.nc written by deabayes")
     try:
         specimen_from_json(tree.attrs["specimen"])
     except (TypeError, KeyError, ValueError) as error:
@@ -112,8 +112,8 @@ def _check_content(tree: xr.DataTree, path: Path) -> None:
 def of_another_version(attributes: Mapping[str, Any], what: str, found: object) -> str:
     """Return the message that another version stored something in a different way."""
     return (
-        f"{what} ({found}) is not as this deabayes, {deabayes.__version__}, keeps it; the file "
-        f"was written by {attributes['deabayes_version']}: use that version, or fit again"
+        f"deabayes {deabayes.__version__} cannot read {what} ({found}); the file was written by "
+        f"deabayes {attributes['deabayes_version']}: use that version, or fit again"
     )
 
 

@@ -121,8 +121,8 @@ class Parts:
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         total, n = theta.sum(axis=1), len(self.columns)
-        found = self.total.log_density(total) + math.lgamma(n) - (n - 1) * log_or_nan(total)
-        return np.where(np.all(theta > 0.0, axis=1), found, -np.inf)
+        density = self.total.log_density(total) + math.lgamma(n) - (n - 1) * log_or_nan(total)
+        return np.where(np.all(theta > 0.0, axis=1), density, -np.inf)
 
 
 def blocks_of(
@@ -237,7 +237,7 @@ class DefaultMap:
 def _half_products(parameters: Sequence[Parameter]) -> list[tuple[int, int]]:
     """Pairs of columns (parameter, its `half_product_with`) whose half product has the prior."""
     column = {parameter.name: k for k, parameter in enumerate(parameters)}
-    found = []
+    pairs = []
     for k, parameter in enumerate(parameters):
         other = parameter.half_product_with
         if other is None:
@@ -246,8 +246,9 @@ def _half_products(parameters: Sequence[Parameter]) -> list[tuple[int, int]]:
             raise ValueError(f"{parameter.name}: half_product_with {other} is no parameter")
         if parameter.prior.support[0] < 0.0:
             raise UserError(
-                f"prior of {parameter.name}: it is that of half of {parameter.name} {other}, "
-                f"which is positive, so it must not reach below 0: {parameter.prior.describe()}"
+                f"prior of {parameter.name}: it is on half of {parameter.name} {other}, which is "
+                f"positive, but it reaches below 0 ({parameter.prior.describe()}); use lognormal, "
+                "for example"
             )
-        found.append((k, column[other]))
-    return found
+        pairs.append((k, column[other]))
+    return pairs

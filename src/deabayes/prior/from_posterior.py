@@ -95,7 +95,7 @@ class PosteriorBlock:
         size, dimension = z.shape
         if size < FEWEST_DRAWS_PER_PARAMETER * dimension:
             raise UserError(
-                f"prior_from: {size} draws cannot carry the correlations of {dimension} "
+                f"prior_from: {size} draws are too few for the correlations of {dimension} "
                 f"parameters; give at least {FEWEST_DRAWS_PER_PARAMETER * dimension}"
             )
         normal = _normal(names, z)
@@ -129,7 +129,7 @@ class PosteriorBlock:
         size, rng = OTHERS * len(z), np.random.default_rng(0)
         theta, drawn = to_parameters(z), self.mixture.sample(rng, size)
         others = to_parameters(drawn)
-        log_own, log_others = (self.mixture.log_density(each) for each in (z, drawn))
+        log_own, log_others = self.mixture.log_density(z), self.mixture.log_density(drawn)
         learned = Learned.of(shown, (theta, z), (others, drawn), (log_own, log_others))
         block = replace(self, learned=learned)
         weights = np.exp(block.log_weights(others, drawn))
@@ -212,8 +212,8 @@ def _normal(names: tuple[str, ...], z: FloatArray) -> NormalMixture:
         factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise UserError(
-            "prior_from: the draws do not vary in every direction of "
-            f"{', '.join(names)}; is one of them fixed?"
+            f"prior_from: the draws of {', '.join(names)} do not vary in every direction; check "
+            "whether one of these parameters is constant, or determined by the others"
         ) from None
     return NormalMixture(np.ones(1), z.mean(axis=0)[None], factor[None])
 
@@ -235,11 +235,11 @@ def _mixture(z: FloatArray, components: int, normal: NormalMixture) -> NormalMix
 def _mean_of_mixtures(z: FloatArray, components: int, normal: NormalMixture) -> NormalMixture:
     """Mean of mixtures fitted to bootstrap samples, whose densities dip at different places."""
     again = np.random.default_rng(0).integers(len(z), size=(MIXTURES, len(z)))
-    found = [_mixture(z[drawn], components, normal) for drawn in again]
+    mixtures = [_mixture(z[drawn], components, normal) for drawn in again]
     return NormalMixture(
-        np.concatenate([each.weights for each in found]) / MIXTURES,
-        np.concatenate([each.means for each in found]),
-        np.concatenate([each.factors for each in found]),
+        np.concatenate([mixture.weights for mixture in mixtures]) / MIXTURES,
+        np.concatenate([mixture.means for mixture in mixtures]),
+        np.concatenate([mixture.factors for mixture in mixtures]),
     )
 
 
@@ -253,8 +253,8 @@ def _best_number(z: FloatArray, normal: NormalMixture) -> int:
     scores = {1: float(normal.log_density(left_out).mean())}
     for components in COMPONENTS:
         if size >= FEWEST_DRAWS_PER_PARAMETER * dimension * components:
-            found = _mixture(fitted, components, normal)
-            scores[components] = float(found.log_density(left_out).mean())
+            mixture = _mixture(fitted, components, normal)
+            scores[components] = float(mixture.log_density(left_out).mean())
     enough = max(scores.values()) - LEAST_GAIN
     return min(components for components, score in scores.items() if score >= enough)
 
@@ -282,5 +282,5 @@ def check_scores(name: str, scores: FloatArray, prior: str) -> None:
     place = "outside" if outside else f"more than {LARGEST_SCORE:.0f} standard deviations out in"
     raise UserError(
         f"prior_from: {outside or far} of {len(scores)} draws of {name} are {place} its "
-        f"prior here ({prior}); widen it under priors:"
+        f"prior here ({prior}); widen this prior under `priors:`"
     )

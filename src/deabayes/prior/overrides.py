@@ -80,7 +80,7 @@ def _check_keys(
             raise UserError(f"{where}: {name} has no setting {key!r}{nearest(key, known)}")
     missing = [k for k, f in known.items() if k not in values and f.default is MISSING]
     if missing:
-        raise UserError(f"{where}: {name} needs {' and '.join(missing)}; add {missing[0]}")
+        raise UserError(f"{where}: {name} needs {' and '.join(missing)}; add what is missing")
 
 
 def _number(value: object, unit: str, where: str) -> float:
@@ -154,27 +154,28 @@ def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) ->
     here = {p.name for p in parameters}
     if not here & set(names):
         raise UserError(
-            f"prior_from: none of its parameters ({', '.join(names)}) is a parameter here"
+            f"prior_from: this candidate has none of the posterior's parameters "
+            f"({', '.join(names)}); take the posterior of a similar candidate"
         )
     for name in names:
         if name not in here and _stem(name) in {_stem(n) for n in here} - {None}:
             raise UserError(
-                f"prior_from: it has {name}, which this candidate lacks; take the posterior of a "
-                "candidate of the same order"
+                f"prior_from: the posterior has {name}, which this candidate lacks; take the "
+                "posterior of a candidate of the same order"
             )
     for parameter in parameters:
         group = [p.name for p in parameters if parameter.ordered and p.ordered == parameter.ordered]
         missing = [n for n in group if n not in names]
         if missing and len(missing) < len(group):
             raise UserError(
-                f"prior_from: it lacks {', '.join(missing)} of the ordered {parameter.ordered}; "
-                "take the posterior of a candidate of the same order"
+                f"prior_from: the posterior lacks {', '.join(missing)} of the ordered "
+                f"{parameter.ordered}; take the posterior of a candidate of the same order"
             )
         other = parameter.half_product_with
         if parameter.name in names and other and other not in names:
             raise UserError(
-                f"prior_from: it has {parameter.name} but not {other}, with which it makes the "
-                "quantity that has the prior; keep both"
+                f"prior_from: the posterior has {parameter.name} without {other}, but the prior "
+                "is on their product; keep both"
             )
 
 
@@ -190,8 +191,8 @@ def targets_of(
         )
     if named and named[0].part_of is not None:
         raise UserError(
-            f"priors.{key}: it is a part of {named[0].part_of}, which has the prior; set "
-            f"priors.{named[0].part_of}"
+            f"priors.{key}: the prior is on the total {named[0].part_of}, of which {key} is a "
+            f"part; set priors.{named[0].part_of}"
         )
     group = [p for p in parameters if key in (p.ordered, p.part_of)]
     suffixed = [p for p in parameters if p.name.endswith(f".{key}")]
@@ -215,9 +216,8 @@ def _check_support(prior: Distribution, parameter: Parameter, where: str) -> Non
     below = 1.0 if prior.support[1] <= 0.0 else NormalDist().cdf(float(prior.to_normal(0.0)))
     if below > LARGEST_SHARE_BELOW_ZERO:
         raise UserError(
-            f"{where}: {parameter.name} is positive, but {100 * below:.3g} % of the prior lie "
-            "below 0; let it begin at 0 or above (lognormal, halfnormal, or truncated_normal "
-            "with lower: 0)"
+            f"{where}: {parameter.name} must be positive, but {100 * below:.3g} % of the prior "
+            "lies below 0; use lognormal, halfnormal, or truncated_normal with lower: 0"
         )
 
 
@@ -243,7 +243,6 @@ def _check_ratio(ratio: float, prior: Distribution, key: str) -> None:
     """Refuse a minimum ratio for priors other than log-uniform and log-normal."""
     if ratio > 1.0 and not isinstance(prior, LogUniform | LogNormal):
         raise UserError(
-            f"priors.{key}: values a factor {ratio:g} apart (minimum_ratio) need a loguniform or "
-            f"lognormal prior, but it is {prior.describe()}; change the distribution, or remove "
-            "minimum_ratio"
+            f"priors.{key}: minimum_ratio {ratio:g} needs a loguniform or lognormal prior, but "
+            f"the prior is {prior.describe()}; change the distribution, or remove minimum_ratio"
         )
