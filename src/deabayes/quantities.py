@@ -30,39 +30,12 @@ COMPOUND_HEADS = ("Pa", "N", "Ω", "F")
 DIMENSIONLESS = {"", "1", "-", "none", "dimensionless"}
 PERCENT_QUANTITIES = ("strain",)
 ROLES = {"calibrate": "calibration", "validate": "held out"}
-GREEK = dict(
-    zip(
-        [
-            "alpha",
-            "beta",
-            "gamma",
-            "delta",
-            "epsilon",
-            "varepsilon",
-            "zeta",
-            "eta",
-            "theta",
-            "kappa",
-            "lambda",
-            "mu",
-            "nu",
-            "xi",
-            "rho",
-            "sigma",
-            "tau",
-            "phi",
-            "varphi",
-            "chi",
-            "psi",
-            "omega",
-            "Delta",
-            "Sigma",
-            "Omega",
-        ],
-        "αβγδεεζηθκλμνξρστφφχψωΔΣΩ",
-        strict=True,
-    )
-) | {"infty": "∞", "cdot": "·", "times": "×", "sum": "Σ", "ell": "ℓ", "prime": "′", "dot": ""}
+GREEK_NAMES = (
+    "alpha beta gamma delta epsilon varepsilon zeta eta theta kappa lambda mu nu xi rho sigma tau "
+    "phi varphi chi psi omega Delta Sigma Omega"
+).split()
+GREEK = dict(zip(GREEK_NAMES, "αβγδεεζηθκλμνξρστφφχψωΔΣΩ", strict=True))
+SIGNS = {"infty": "∞", "cdot": "·", "times": "×", "sum": "Σ", "ell": "ℓ", "prime": "′", "dot": ""}
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -209,7 +182,7 @@ def symbol_html(symbol: str) -> str:
     """A mathtext symbol as HTML: ``\\mu_\\alpha`` -> ``μ<sub>α</sub>``."""
     text = html.escape(symbol.strip("$"))
     text = re.sub(r"\\(?:mathrm|text|mathit|rm|mathregular)\s*(?=\{)", "", text)
-    text = re.sub(r"\\([A-Za-z]+)\s?", lambda m: GREEK.get(m[1], m[1]), text)
+    text = re.sub(r"\\([A-Za-z]+)\s?", lambda m: (GREEK | SIGNS).get(m[1], m[1]), text)
     text = re.sub(r"\\[,;!: ]", " ", text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{mark}\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}", rf"<{tag}>\1</{tag}>", text)

@@ -104,8 +104,8 @@ def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> d
 
 def _with_files(study: Study, bases: Sequence[Path], own: Mapping[str, Path]) -> Study:
     """Resolve a study's folders and model file from the working directory."""
-    found = [base for base in bases if (base / study.specimen).is_dir()]
-    base = found[0] if found else bases[0]
+    existing = [base for base in bases if (base / study.specimen).is_dir()]
+    base = existing[0] if existing else bases[0]
     specimen, root = Path(os.path.normpath(base / study.specimen)), study.data_root
     return replace(
         study,

@@ -30,9 +30,9 @@ class Sampling:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        for each in fields(self):  # YAML and its schema take 4.0 for a whole number
-            if each.type == "int":
-                object.__setattr__(self, each.name, int(getattr(self, each.name)))
+        for setting in fields(self):  # YAML and its schema take 4.0 for a whole number
+            if setting.type == "int":
+                object.__setattr__(self, setting.name, int(getattr(self, setting.name)))
 
 
 @dataclass(frozen=True)

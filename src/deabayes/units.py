@@ -134,11 +134,11 @@ def same_dimension(unit: str, other: str) -> bool:
 def _check_dimension(unit: str, expected_unit: str, where: str) -> None:
     if unit == expected_unit and unit in PREFERRED_UNITS:  # pint takes most of a second to load
         return
-    found, expected = _base(unit, where), _base(expected_unit, where)
-    if found == expected:
+    given, expected = _base(unit, where), _base(expected_unit, where)
+    if given == expected:
         return
     angles_matter = expected in (_base("1", ""), _base("rad", ""), _base("Hz", ""))
-    if found.dimensionality == expected.dimensionality and not angles_matter:
+    if given.dimensionality == expected.dimensionality and not angles_matter:
         return
     raise UserError(
         f"{where}: unit {unit or '1'!r} is {_meaning(unit)}, expected {_meaning(expected_unit)} "

@@ -159,11 +159,11 @@ def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
     """
     rows = []
     coordinate = content.model.coordinate
-    for member, each in zip(content.model.members, content.shrunken, strict=True):
+    for member, estimate in zip(content.model.members, content.shrunken, strict=True):
         theta = coordinate.inverse(member.phi)
         for k, p in enumerate(coordinate.parameters):
             own = np.quantile(theta[:, k], list(QUANTILES.values()))
-            pulled = weighted_quantiles(theta[:, k], each.weights, list(QUANTILES.values()))
+            pulled = weighted_quantiles(theta[:, k], estimate.weights, list(QUANTILES.values()))
             rows.append(
                 {
                     "study": member.study,
@@ -172,12 +172,12 @@ def shrinkage_table(content: PopulationContent) -> pd.DataFrame:
                     "unit": p.unit,
                     **dict(zip(QUANTILES, own, strict=True)),
                     **{f"shrunken_{q}": v for q, v in zip(QUANTILES, pulled, strict=True)},
-                    "shrinkage": each.shrinkage[k],
-                    "tail_probability": each.tail_probability[k],
-                    "effective_draws": each.effective_draws,
-                    "k_hat": each.k_hat,
+                    "shrinkage": estimate.shrinkage[k],
+                    "tail_probability": estimate.tail_probability[k],
+                    "effective_draws": estimate.effective_draws,
+                    "k_hat": estimate.k_hat,
                     "misfit": member.likelihood.misfit,
-                    "reliable": each.reliable,
+                    "reliable": estimate.reliable,
                     "converged": member.converged,
                     "provenance": member.provenance,
                 }

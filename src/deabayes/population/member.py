@@ -178,9 +178,9 @@ def _divided(
     values = np.minimum(values, LARGEST_SHARE)
     wide = values / (1.0 - values)
     turned = np.einsum("jkl,jk->jl", vectors, means)
-    found = turned / (1.0 - values)
-    log_v = np.log(shares) + 0.5 * np.sum(found * turned - np.log1p(-values), axis=1)
-    back = np.einsum("jkl,jl->jk", vectors, found)
+    means_without_prior = turned / (1.0 - values)
+    log_v = np.log(shares) + 0.5 * np.sum(means_without_prior * turned - np.log1p(-values), axis=1)
+    back = np.einsum("jkl,jl->jk", vectors, means_without_prior)
     return log_v, back, np.einsum("jkl,jl,jml->jkm", vectors, wide, vectors)
 
 

@@ -157,13 +157,13 @@ class PopulationModel:
 
     @cached_property
     def _components(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        each = [member.likelihood for member in self.members]
-        counts = [len(likelihood.log_weights) for likelihood in each]
+        likelihoods = [member.likelihood for member in self.members]
+        counts = [len(likelihood.log_weights) for likelihood in likelihoods]
         return (
-            np.concatenate([likelihood.log_weights for likelihood in each]),
-            np.concatenate([likelihood.means for likelihood in each]),
-            np.concatenate([likelihood.covariances for likelihood in each]),
-            np.repeat(np.arange(len(each)), counts),
+            np.concatenate([likelihood.log_weights for likelihood in likelihoods]),
+            np.concatenate([likelihood.means for likelihood in likelihoods]),
+            np.concatenate([likelihood.covariances for likelihood in likelihoods]),
+            np.repeat(np.arange(len(likelihoods)), counts),
         )
 
 

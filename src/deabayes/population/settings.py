@@ -60,7 +60,7 @@ def load_populations(
     faults = []
     if entries and any(study.name.lower() == FOLDER for study in studies):
         faults.append(f"{place}: the results of populations are in {FOLDER}/; rename the study")
-    found = []
+    populations = []
     for name, settings in entries.items():
         try:
             members = _members(settings["studies"], content["studies"], studies)
@@ -69,10 +69,10 @@ def load_populations(
             continue
         sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
         given = {**settings, "name": name, "studies": members, "sampling": sampling}
-        found.append(from_settings(given))
+        populations.append(from_settings(given))
     if faults:
         raise Faults(faults)
-    return tuple(found)
+    return tuple(populations)
 
 
 def load_population(path: Path) -> Population:
@@ -125,20 +125,20 @@ def _members(
 ) -> list[str]:
     """Names of the members' studies; a study with `split_by` is replaced by its parts."""
     known = {study.name: study for study in studies}
-    found: list[str] = []
+    members: list[str] = []
     unknown = []
     for name in names:
         column = (entries.get(name) or {}).get("split_by")
         if column is not None:
-            found += [
+            members += [
                 study.name
                 for study in studies
                 if column in study.select and study.name.startswith(f"{name}_")
             ]
         elif name in known:
-            found.append(name)
+            members.append(name)
         else:
             unknown.append(f"studies: there is no study {name!r}{nearest(name, known)}")
     if unknown:
         raise Faults(unknown)
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(members))

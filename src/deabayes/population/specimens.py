@@ -107,13 +107,13 @@ def without(
     def split(z: FloatArray) -> tuple[FloatArray, FloatArray]:
         return model.split(model.prior.to_parameters(z))
 
-    found = temper(
+    tempered = temper(
         z[None],
         lambda z: log_standard_normal(z) + model.log_likelihood_of_normal(z),
         lambda z: -model.log_likelihood(*split(z))[:, index],
         np.random.SeedSequence(int(rng.integers(2**63))),
     )
-    return split(found.particles[0])
+    return split(tempered.particles[0])
 
 
 def tail_probability(phi: FloatArray, centres: FloatArray, spreads: FloatArray) -> FloatArray:
@@ -167,10 +167,10 @@ def new_specimens(
 
 def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float) -> list[str]:
     """Return warnings about the members and the new specimen, in sentences."""
-    found = []
+    warnings = []
     for member, estimate in zip(model.members, shrunken, strict=True):
         if not estimate.reliable:
-            found.append(
+            warnings.append(
                 f"{member.study}: few of its own draws agree with the population "
                 f"({estimate.effective_draws:.0f} effective draws, k-hat {estimate.k_hat:.2f}); do "
                 "not use its shrunken estimate"
@@ -178,41 +178,41 @@ def warnings_of(model: PopulationModel, shrunken: list[Shrunken], outside: float
         pairs = zip(model.coordinate.names, estimate.tail_probability, strict=True)
         out = [f"{name} ({p:.1g})" for name, p in pairs if p < OUTLYING]
         if out:
-            found.append(
+            warnings.append(
                 f"{member.study}: it differs from the other specimens in {', '.join(out)} (tail "
                 "probability); check whether it belongs to this population"
             )
         if member.likelihood.misfit > LARGEST_MISFIT:
-            found.append(
+            warnings.append(
                 f"{member.study}: its posterior is not well described by normals (largest "
                 f"distance {member.likelihood.misfit:.2f}); mean and spread are approximate"
             )
-        found += _little_told(member, model.coordinate.names)
+        warnings += _little_told(member, model.coordinate.names)
     if outside > LARGEST_OUTSIDE:
-        found.append(
+        warnings.append(
             f"new specimen: {outside:.0%} of the draws lay outside of the members' priors (order "
             "or bounds of parameters) and were drawn again; mean and spread ignore this"
         )
-    return found
+    return warnings
 
 
 def _little_told(member: Member, names: tuple[str, ...]) -> list[str]:
     """Return warnings about parameters on which a member's records give little information."""
     silent = [name for name, told in zip(names, member.told, strict=True) if not told]
     faint = [n for n, c in member.contraction.items() if c < SILENT and n not in silent]
-    found = []
+    warnings = []
     if silent:
-        found.append(
+        warnings.append(
             f"{member.study}: its records do not inform {', '.join(silent)}; there, mean, spread "
             "and its own estimate come from the other specimens"
         )
     if faint:
-        found.append(
+        warnings.append(
             f"{member.study}: its records hardly inform {', '.join(faint)}; bounds and order of "
             "its prior are removed only approximately, so mean and spread may look better known "
             "than they are"
         )
-    return found
+    return warnings
 
 
 def _allowed(members: tuple[Member, ...], theta: FloatArray) -> NDArray[np.bool_]:

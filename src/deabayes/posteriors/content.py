@@ -101,20 +101,20 @@ def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
     parameters are not checked, because longer records of another study may have determined them.
     """
     experiments = [record.experiment for record in target.records]
-    durations = [each.elapsed for each in experiments if each.coordinate_unit == "s"]
+    durations = [e.elapsed for e in experiments if e.coordinate_unit == "s"]
     inherited = {name for block in target.prior.inherited for name in block.names}
-    found = []
+    warnings = []
     for parameter, draws in zip(target.prior.parameters, theta.T, strict=True):
         if not durations or not parameter.is_time_constant or parameter.name in inherited:
             continue
         if (longest := float(np.quantile(draws, SLOW))) > max(durations):
-            found.append(
+            warnings.append(
                 f"{parameter.name}: {100 * (1 - SLOW):.0f} % of its draws are above {longest:.3g} "
                 f"s, but the longest calibrated record lasts {max(durations):.3g} s. Stiffness and "
                 "time constant of so slow a unit cannot be separated. Record longer, or let the "
                 "preparation crop less; more sampling steps do not help"
             )
-    return found
+    return warnings
 
 
 def _with_doubts(
@@ -149,7 +149,7 @@ def at_the_rim(prior: Prior, theta: FloatArray) -> list[str]:
     if not prior.inherited:
         return []
     drawn = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
-    before, after = (prior.log_density_of_inherited(each) for each in (drawn, theta))
+    before, after = (prior.log_density_of_inherited(draws) for draws in (drawn, theta))
     share = float(np.mean(before <= np.median(after)))
     if share >= RIM:
         return []

@@ -214,7 +214,7 @@ def _noise_of(attributes: Mapping[str, str]) -> NoiseModel:
 def _records_of(attributes: Mapping[str, str]) -> tuple[CalibratedRecord, ...]:
     """Return the calibrated records that a posterior file stores."""
     try:
-        return tuple(CalibratedRecord(**each) for each in json.loads(attributes["experiments"]))
+        return tuple(CalibratedRecord(**record) for record in json.loads(attributes["experiments"]))
     except TypeError as error:  # a key is unknown or missing
         words = str(error).partition("() ")[2]
         raise UserError(_unreadable(attributes, "the list of calibrated records", words)) from error

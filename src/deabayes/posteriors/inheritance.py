@@ -140,41 +140,41 @@ def inherited_prior(target: LogPosterior) -> xr.Dataset:
 
     With a learned likelihood, the dataset also holds its arrays (see `learned.Learned`).
     """
-    found = xr.Dataset(attrs={"quantities_counted": int(target.quantities_counted)})
+    dataset = xr.Dataset(attrs={"quantities_counted": int(target.quantities_counted)})
     for block in target.prior.inherited:
         mixture = block.mixture
-        found = found.assign(
+        dataset = dataset.assign(
             weights=("component", mixture.weights),
             means=(("component", "parameter"), mixture.means),
             factors=(("component", "parameter", "score"), mixture.factors),
         ).assign_coords(parameter=list(block.names))
-        found.attrs["misfit"] = block.misfit
+        dataset.attrs["misfit"] = block.misfit
         if block.learned is not None:
-            found = found.assign(
+            dataset = dataset.assign(
                 learned_centre=("feature", block.learned.centre),
                 learned_directions=(("feature", "direction"), block.learned.directions),
                 learned_coefficients=("monomial", block.learned.coefficients),
             )
-    return found
+    return dataset
 
 
 def with_inherited_prior(target: LogPosterior, tree: xr.DataTree) -> LogPosterior:
     """Return a candidate's log-posterior with the prior that its posterior file holds."""
     if GROUP not in tree.children:
         return target
-    found, prior = tree[GROUP].to_dataset(), target.prior
-    if "weights" in found:
-        arrays = (np.asarray(found[name].values) for name in ("weights", "means", "factors"))
-        names = tuple(str(name) for name in found["parameter"].values)
-        misfit, learned = float(found.attrs["misfit"]), _learned(prior, names, found)
+    stored, prior = tree[GROUP].to_dataset(), target.prior
+    if "weights" in stored:
+        arrays = (np.asarray(stored[name].values) for name in ("weights", "means", "factors"))
+        names = tuple(str(name) for name in stored["parameter"].values)
+        misfit, learned = float(stored.attrs["misfit"]), _learned(prior, names, stored)
         block = PosteriorBlock(names, NormalMixture(*arrays), misfit, learned)
         prior = Prior(prior.parameters, prior.minimum_ratios, (block,))
-    return replace(target, prior=prior, quantities_counted=bool(found.attrs["quantities_counted"]))
+    return replace(target, prior=prior, quantities_counted=bool(stored.attrs["quantities_counted"]))
 
 
-def _learned(prior: Prior, names: tuple[str, ...], found: xr.Dataset) -> Learned | None:
-    if "learned_centre" not in found:
+def _learned(prior: Prior, names: tuple[str, ...], stored: xr.Dataset) -> Learned | None:
+    if "learned_centre" not in stored:
         return None
     parameters = {p.name: p for p in prior.parameters}
-    arrays = (found[f"learned_{name}"].values for name in ("centre", "directions", "coefficients"))
+    arrays = (stored[f"learned_{name}"].values for name in ("centre", "directions", "coefficients"))
     return Learned(Shown.by([parameters[name] for name in names]), *map(np.asarray, arrays))

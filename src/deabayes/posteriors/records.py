@@ -54,20 +54,20 @@ def counted_records(tree: xr.DataTree) -> tuple[CountedRecord, ...]:
     An older file without this attribute gives only its own records, identified by their points.
     """
     if ATTRIBUTE in tree.attrs:
-        return tuple(CountedRecord(**each) for each in json.loads(tree.attrs[ATTRIBUTE]))
+        return tuple(CountedRecord(**record) for record in json.loads(tree.attrs[ATTRIBUTE]))
     if "observed_data" not in tree.children:
         return ()
     observed, study = tree["observed_data"].to_dataset(), tree.attrs["study_name"]
     return tuple(
         CountedRecord(
             study,
-            each["name"],
-            each["response_name"],
+            record["name"],
+            record["response_name"],
             points_sha256=_sum(
-                observed[f"{each['name']}_coordinate"].values, observed[each["name"]].values
+                observed[f"{record['name']}_coordinate"].values, observed[record["name"]].values
             ),
         )
-        for each in json.loads(tree.attrs["experiments"])
+        for record in json.loads(tree.attrs["experiments"])
     )
 
 
@@ -102,7 +102,7 @@ def refuse_counted_twice(
     ------
     Faults : one for each such record.
     """
-    own = [CountedRecord.of(study, each) for each in experiments if each.role == "calibrate"]
+    own = [CountedRecord.of(study, e) for e in experiments if e.role == "calibrate"]
     if repeated := counted_twice(study, own, known, source):
         raise Faults(repeated)
 

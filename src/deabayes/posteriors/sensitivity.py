@@ -81,12 +81,12 @@ def sensitivities(
         reach `SENSITIVE`, and the value is not above chance.
     """
     weights = [_weights((alpha - 1.0) * log_component) for alpha in ALPHAS]
-    found = {}
+    by_name = {}
     for name, draws in quantities.items():
         chance = BY_CHANCE * np.std(log_component) / np.sqrt(effective_draws[name])
         moved = _slope(draws, weights)
-        found[name] = moved if moved > chance or chance < SENSITIVE else float("nan")
-    return found
+        by_name[name] = moved if moved > chance or chance < SENSITIVE else float("nan")
+    return by_name
 
 
 def _weights(log_weights: FloatArray) -> FloatArray | None:

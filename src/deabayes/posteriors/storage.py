@@ -85,12 +85,12 @@ def read_tree(path: str | Path, groups: Collection[str] | None = None) -> xr.Dat
 
 def _read(path: Path, groups: Collection[str] | None) -> xr.DataTree:
     with h5py.File(path) as file:
-        found = [str(name) for name in file if isinstance(file[name], h5py.Group)]
+        names = [str(name) for name in file if isinstance(file[name], h5py.Group)]
     datasets = {
         name: xr.load_dataset(path, engine="h5netcdf", group=name)
         if groups is None or name in groups
         else xr.Dataset()
-        for name in found
+        for name in names
     }
     root = xr.load_dataset(path, engine="h5netcdf")
     return xr.DataTree.from_dict({"/": root, **datasets})
@@ -119,10 +119,12 @@ def of_another_version(attributes: Mapping[str, Any], what: str, found: object) 
 
 def _posteriors_in(folder: Path) -> str:
     """Say which posterior files to give instead of a folder of a candidate, study or results."""
-    found = sorted(
+    posteriors = sorted(
         file for depth in ("", "*/", "*/*/") for file in folder.glob(f"{depth}posterior.nc")
     )
-    return f"; give {' or '.join(map(str, found[:9]))}" if found else " without a posterior.nc"
+    if not posteriors:
+        return " without a posterior.nc"
+    return f"; give {' or '.join(map(str, posteriors[:9]))}"
 
 
 def picked(total: int, size: int | None, seed: int) -> NDArray[np.intp]:
@@ -198,7 +200,7 @@ def fitted_posteriors(results: Path) -> list[Path]:
     its folder, but is ignored. Stages that run one by one may not have written study.yaml. Then
     every folder counts.
     """
-    found = sorted(results.glob("*/posterior.nc"))
+    posteriors = sorted(results.glob("*/posterior.nc"))
     settings = results / "study.yaml"
     listed = read_yaml(settings).get("candidates") if settings.is_file() else None
-    return [path for path in found if listed is None or path.parent.name in listed]
+    return [path for path in posteriors if listed is None or path.parent.name in listed]

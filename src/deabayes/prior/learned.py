@@ -85,7 +85,7 @@ class Shown:
             stretches = parameters[terms[0]].reference_stretches
             assert stretches is not None
             series.append(Series(tuple(terms), exponents, stretches))
-        in_series = {k for each in series for k in (*each.coefficients, *each.exponents)}
+        in_series = {k for film in series for k in (*film.coefficients, *film.exponents)}
         return cls(tuple(series), tuple(k for k in column.values() if k not in in_series))
 
     def __call__(self, theta: FloatArray, z: FloatArray) -> FloatArray:
@@ -131,8 +131,8 @@ class Learned:
         variances, vectors = np.linalg.eigh(correlations)
         varies = variances > LEAST_SPREAD**2
         directions = vectors[:, varies] / np.sqrt(variances[varies]) / sd[:, None]
-        found = cls(shown, centre, directions, np.zeros(0))
-        terms = [found._monomials(*each) for each in (draws, others)]
+        unweighted = cls(shown, centre, directions, np.zeros(0))
+        terms = [unweighted._monomials(*drawn) for drawn in (draws, others)]
         known = [
             np.sum(log_normal_density(z), axis=1) - log_q
             for (_, z), log_q in zip((draws, others), log_others, strict=True)
@@ -189,7 +189,7 @@ def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: flo
     every = np.concatenate(terms)
     offsets = np.concatenate(known) + log_ratio
     usable = np.isfinite(every).all(axis=1) & np.isfinite(offsets)
-    sign = np.repeat([1.0, -1.0], [len(each) for each in terms])[usable]
+    sign = np.repeat([1.0, -1.0], [len(rows) for rows in terms])[usable]
     every, offsets = every[usable], offsets[usable]
 
     def loss(b: FloatArray) -> float:
@@ -205,10 +205,10 @@ def _told_apart(terms: list[FloatArray], known: list[FloatArray], log_ratio: flo
 
     start = np.linalg.lstsq(every[sign > 0], -offsets[sign > 0] + log_ratio, rcond=None)[0]
     options = {"maxiter": STEPS}
-    found = minimize(
+    minimum = minimize(
         loss, start, jac=gradient, hess=curvature, method="trust-exact", options=options
     )
-    return np.asarray(found.x)
+    return np.asarray(minimum.x)
 
 
 def distance_from_normal(z: FloatArray) -> float:

@@ -136,12 +136,12 @@ def bare_numbers(
     parameters: tuple[Parameter, ...], overrides: Mapping[str, object], also_known: Iterable[str]
 ) -> list[str]:
     """Cautions for numbers without a unit, for parameters with a unit, in valid overrides."""
-    found = []
+    cautions = []
     for key, settings in overrides.items():
         targets = targets_of(parameters, key, set(also_known))
         if targets and isinstance(settings, Mapping):
-            found += without_units(settings, targets[0].unit, f"priors.{key}")
-    return found
+            cautions += without_units(settings, targets[0].unit, f"priors.{key}")
+    return cautions
 
 
 def check_same_order(parameters: tuple[Parameter, ...], names: Sequence[str]) -> None:
@@ -196,8 +196,8 @@ def targets_of(
         )
     group = [p for p in parameters if key in (p.ordered, p.part_of)]
     suffixed = [p for p in parameters if p.name.endswith(f".{key}")]
-    if found := named or group or suffixed:
-        return found
+    if targets := named or group or suffixed:
+        return targets
     if key in passed_over:
         return []
     known = [p.ordered or p.part_of or p.name for p in parameters]
