@@ -1,4 +1,4 @@
-"""What was tested and what was recorded, in SI units, ready for inference."""
+"""Specimens and prepared records, in SI units, ready for inference."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ PROTOCOLS = (
 FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
 """Channels of a frequency response, its excitation first -> SI unit."""
 PHASE = "_phase"
-"""What the name of a gain's phase has behind that of the gain."""
+"""The name of a phase record is that of the gain record plus this ending."""
 ONSET_SHARE = 0.02
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A property of the specimen in SI units; `sd` None means it is taken as exact."""
+    """A property of the specimen in SI units; without `sd` it counts as exact."""
 
     value: float
     unit: str
@@ -66,10 +66,10 @@ class Excitation:
     coordinate : (K,) knots, seconds for a history in time; for a quasi-static
         record, which has no time, the knots are the excitation itself.
     values : (K,) the channel at the knots, SI.
-    conditions : what was held during the record (`load_g`, `deformation`, ...).
+    conditions : conditions that are constant during the record (`load_g`, `deformation`, ...).
     in_time : whether the knots are times; without them they are the excitation itself.
-    noisy : whether the values are a monitor's readings: a little scatter about a smooth curve is
-        the monitor's then, and not driven.
+    noisy : whether the values are a monitor's readings. A small scatter about a smooth curve then
+        is noise of the monitor.
     """
 
     name: str
@@ -91,9 +91,9 @@ class Excitation:
 
     @property
     def onset(self) -> float:
-        """The last knot before it leaves its first value by 2 % of its largest departure.
+        """The last knot before the signal leaves its first value; the first knot if it never does.
 
-        Its first knot if it never does.
+        It has left its first value at 2 % of its largest departure from it.
         """
         departure = np.abs(self.values - self.values[0])
         left = np.flatnonzero(departure > ONSET_SHARE * departure.max())
@@ -102,13 +102,13 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Where the model is evaluated for each point, whose samples were averaged.
+    """Where the model is evaluated for each point of a record of averaged samples.
 
     Attributes
     ----------
-    point : (M,) the point that a node is of, ascending; every point has one.
-    offsets : (M,) from the point's coordinate on.
-    shares : (M,) of the model's value there in what is compared with the point.
+    point : (M,) index of the point to which a node belongs, ascending; every point has nodes.
+    offsets : (M,) distance of the node behind the point's coordinate.
+    shares : (M,) weights of the model's values at the nodes in the value compared with the point.
     """
 
     point: NDArray[np.intp]
@@ -116,7 +116,7 @@ class Nodes:
     shares: FloatArray
 
     def at(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Nodes:
-        """Those of some points, in ascending order."""
+        """Return the nodes of some points, which are renumbered in ascending order."""
         count = int(self.point[-1]) + 1
         kept = np.zeros(count, dtype=bool)
         kept[which] = True
@@ -126,7 +126,7 @@ class Nodes:
 
     @property
     def starts(self) -> NDArray[np.intp]:
-        """The first node of every point, (N,)."""
+        """Index of the first node of every point, (N,)."""
         return np.searchsorted(self.point, np.arange(int(self.point[-1]) + 1))
 
 
@@ -136,16 +136,16 @@ class Experiment:
 
     Attributes
     ----------
-    coordinate : (N,) where the response was taken: time [s], or the excitation
-        itself for a quasi-static record, the frequency for a frequency response.
+    coordinate : (N,) coordinate of the readings: time [s], the excitation of a quasi-static
+        record, or the frequency of a frequency response.
     response : (N,) measured response, SI, each the mean of `samples_averaged` raw samples.
     metadata : further columns of experiments.csv.
     steps : the preparation steps with their settings, in order.
-    warnings : what a user must know before trusting the record.
-    nodes : where the model is averaged as the samples were; None where it is taken at
-        `coordinate` itself.
+    warnings : sentences a user must know before trusting the record.
+    nodes : where the model is evaluated, to be averaged like the samples; None if the model is
+        evaluated at `coordinate`.
 
-    Its excitation is in time where its coordinate is.
+    The excitation is a history in time if the coordinate is time.
     """
 
     name: str
@@ -172,14 +172,14 @@ class Experiment:
 
     @property
     def row(self) -> str:
-        """The row of experiments.csv that it is of; a gain and its phase are of one."""
+        """Name of its row in experiments.csv; a gain and its phase share a row."""
         return self.name.removesuffix(PHASE) if self.response_name == "phase" else self.name
 
     @property
     def elapsed(self) -> float:
-        """From the onset of the excitation to the last reading [s]; NaN without a time axis.
+        """Time from the onset of the excitation to the last reading [s]; NaN without a time axis.
 
-        A voltage is zero before its first knot, so that one which is not zero there begins there.
+        A voltage is zero before its first knot. If it is not zero at this knot, it begins there.
         """
         if self.coordinate_name != "time":
             return float("nan")

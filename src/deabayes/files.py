@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a write, which name no file."""
+"""Errors of a full disk; they name no file."""
 
 
 def write_atomically(write: Callable[[Path], object], path: Path) -> None:
@@ -38,7 +38,7 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
     try:
         write(temporary)
         with temporary.open("rb") as file:
-            os.fsync(file.fileno())  # a name that survives a power cut names what was written
+            os.fsync(file.fileno())  # after a power cut the name must not point to an empty file
         temporary.replace(path)
     except OSError as error:
         unnamed = error.filename is None and error.errno in NO_ROOM
@@ -46,12 +46,12 @@ def write_atomically(write: Callable[[Path], object], path: Path) -> None:
             raise
         raise OSError(error.errno, _reason(error), str(path)) from error
     finally:
-        with suppress(OSError):  # of a read-only file system, in place of what is wrong
+        with suppress(OSError):  # an error here must not hide the first one
             temporary.unlink(missing_ok=True)
 
 
 def _reason(error: OSError) -> str:
-    """What the system says; HDF5 gives the number of its error, and no text of it alone."""
+    """The system's reason and a remedy; errors of HDF5 have a number but no short text."""
     told = os.strerror(error.errno) if error.errno else str(error)
     remedy = "make room" if error.errno in NO_ROOM else "name another place"
     return f"cannot be written ({told}); {remedy}"

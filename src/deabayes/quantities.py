@@ -1,4 +1,4 @@
-"""How a value in SI is shown to a reader: its display unit, its symbol, its digits."""
+"""Display of SI values: units with prefixes, symbols and digits."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
     ----------
     unit : SI unit in pint's notation.
     values : any shape; their largest finite magnitude decides.
-    name : quantity, for those customarily given in percent.
+    name : name of the quantity, since some are usually given in percent.
     """
     magnitudes = np.abs(np.asarray(values, dtype=float))
     finite = magnitudes[np.isfinite(magnitudes)]
@@ -86,7 +86,7 @@ def display_unit(unit: str, values: ArrayLike, name: str = "") -> DisplayUnit:
 
 
 def with_unit(value: float, unit: str, name: str = "", digits: int = 6) -> str:
-    """A value in SI as a sentence gives it: ``80 µm`` for 8e-05 m."""
+    """A value in SI with its display unit, for sentences: ``80 µm`` for 8e-05 m."""
     shown = display_unit(unit, value, name)
     return f"{value / shown.factor:.{digits}g}{shown.behind}"
 
@@ -110,7 +110,7 @@ def pretty_unit(unit: str) -> str:
 
 
 SKEWED = 0.3
-"""Of an interval's half width: numbers below it lose their digits by rounding to that width."""
+"""Share of an interval's half width below which a number would lose its digits by rounding."""
 
 
 def round_to(value: float, step: float) -> str:
@@ -161,8 +161,8 @@ def scientific(value: float, digits: int = 3) -> str:
 def interval(median: float, low: float, high: float) -> str:
     """``35.2 [33.9, 36.6]``, rounded to what the interval's width supports.
 
-    Where that would take the digits off the smallest and all have one sign, each has two of its
-    own: ``570 [150, 7200]``.
+    If this would remove all digits of the smallest number, and all numbers have one sign, each
+    number gets two significant digits: ``570 [150, 7200]``.
     """
     step = (high - low) / 2
     numbers = (median, low, high)
@@ -191,5 +191,5 @@ def symbol_html(symbol: str) -> str:
 
 
 def plain(name: str) -> str:
-    """A name as it is read: ``nominal_stress`` -> ``nominal stress``."""
+    """A name without underscores: ``nominal_stress`` -> ``nominal stress``."""
     return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Read studies: all of a config, or one from its own file."""
+"""Read and write studies: all studies of a config, or one from its own file."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def load_studies(config: Path | Mapping[str, Any], where: str | None = None) -> 
 
     Parameters
     ----------
-    config : path of config.yaml, or what it holds.
-    where : for a mapping, the file or files (``a.yaml, b.yaml``) it was read from.
-        Folders are relative to the config's own folder (the working directory
-        where there is no file).
+    config : path of config.yaml, or its content.
+    where : for a mapping, the file or files (``a.yaml, b.yaml``) from which it was read.
+        Folders are relative to the config's own folder, or to the working directory if there is
+        no file.
 
     Raises
     ------
-    Faults : every violation of the schema (schemas/config.schema.yaml), and of what it names.
+    Faults : all violations of the schema (schemas/config.schema.yaml), and all other mistakes.
     """
     content = dict(config) if isinstance(config, Mapping) else read_yaml(Path(config))
     place = where or ("config" if isinstance(config, Mapping) else str(config))
@@ -88,16 +88,20 @@ def load_study(path: Path, name: str | None = None) -> Study:
 
 
 def write_study(study: Study, path: Path) -> None:
-    """Write study.yaml, unless the file says the same already."""
-    text = yaml.safe_dump(to_settings(study), sort_keys=False, allow_unicode=True)
+    """Write study.yaml, unless the file already has this content (keeps its time stamp)."""
+    write_settings(to_settings(study), path)
+
+
+def write_settings(settings: Mapping[str, Any], path: Path) -> None:
+    """Write settings as YAML, unless the file already has this content."""
+    text = yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
     path = Path(path)
-    if path.is_file() and path.read_text(encoding="utf-8") == text:
-        return
-    write_text_atomically(text, path)
+    if not (path.is_file() and path.read_text(encoding="utf-8") == text):
+        write_text_atomically(text, path)
 
 
 def _with_defaults(settings: Mapping[str, Any], content: Mapping[str, Any]) -> dict[str, Any]:
-    """Add the config's `sampling` and `data_root` where a study does not set them."""
+    """Add the config's `sampling` and `data_root` if a study does not set them."""
     sampling = {**(content.get("sampling") or {}), **(settings.get("sampling") or {})}
     return {"data_root": content.get("data_root"), **settings, "sampling": sampling}
 
@@ -123,13 +127,13 @@ def _from_here(path: str) -> str:
 
 
 def _split(study: Study, column: str | None) -> list[Study]:
-    """One study per value of `column` of experiments.csv, or the study itself without one."""
+    """Return one study per value of `column` of experiments.csv, or the study itself if None."""
     if column is None:
         return [study]
     rows = read_table(study.specimen)
     parts = []
     for value in values_of(study.specimen, column):
-        # A name that no part knows stays in all, to be said.
+        # A name that no part has stays in every part, so that a check reports it.
         others = {row.name for row in rows if str(told_apart_by(row).get(column)) != value}
         parts.append(
             replace(
@@ -154,8 +158,8 @@ def _without(others: Set[str], listed: tuple[str, ...] | None) -> tuple[str, ...
 
 def _check_names(studies: Sequence[Study], where: str) -> None:
     """Refuse studies that share a results folder, also on disks that ignore case."""
-    seen: set[str] = set()
+    names: set[str] = set()
     for study in studies:
-        if study.name.lower() in seen:
+        if study.name.lower() in names:
             raise UserError(f"{where}: two studies are called {study.name!r}; rename one")
-        seen.add(study.name.lower())
+        names.add(study.name.lower())

@@ -1,4 +1,4 @@
-"""What is to be studied: a specimen, its candidates, and how they are judged."""
+"""The settings of one study: specimen, candidates, records, noise, priors and sampling."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from deabayes.faults import UserError
 
 Settings = Mapping[str, object]
 AFTER_THE_FIT = ("further_experiments", "evidence_check")
-"""Settings that study.yaml does without: what depends on one is told it otherwise."""
+"""Settings that the workflow's study.yaml leaves out; later stages get them from the config."""
 OF_OTHER_FITS = ("candidates", "validate")
-"""Settings that no fit of one candidate depends on: editing one samples nothing again."""
+"""Settings on which the fit of a candidate does not depend; editing them repeats no fit."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How hard to sample, and what counts as converged (inference.md, Sampling)."""
+    """Size and length of the sampling, and the limits for convergence."""
 
     ensembles: int = 4
     walkers: int = 32
@@ -37,7 +37,7 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Study:
-    """One entry of `studies:` in config.yaml, with the sampling settings it is run under."""
+    """One entry of `studies:` in config.yaml, with its sampling settings."""
 
     name: str
     specimen: Path
@@ -52,38 +52,38 @@ class Study:
     priors: Mapping[str, Settings] = field(default_factory=dict)
     prior_from: str | None = None
     predict_with: Mapping[str, str] = field(default_factory=dict)
-    """Protocol -> ending of the candidate that predicts its held-out records (`_inertia`)."""
+    """Protocol -> ending of the candidate that predicts held-out records of it (`_inertia`)."""
     select: Mapping[str, str] = field(default_factory=dict)
     """Keep only the experiments whose column equals the value (from `split_by`)."""
     further_experiments: Mapping[str, Settings] = field(default_factory=dict)
-    """Experiments that could be done next, each like a record with some factors."""
+    """Possible next experiments, each like a record of the study except for some factors."""
     evidence_check: Literal["nested"] | None = None
     """A second estimate of the evidence, by nested sampling."""
     model: Path | None = None
-    """File that defines the specimen's system, where that is the user's own."""
+    """The user's file that defines the specimen's system, if it is no built-in system."""
     data_root: Path | None = None
-    """Local copy of the public data sets; else the environment variable DEABAYES_DATA."""
+    """Local copy of the public data sets; by default the environment variable DEABAYES_DATA."""
     sampling: Sampling = field(default_factory=Sampling)
 
 
 def to_settings(study: Study) -> dict[str, Any]:
-    """The study as plain lists, mappings, texts and numbers, ready for YAML or JSON."""
+    """Return the study as lists, mappings, texts and numbers for YAML or JSON."""
     settings: dict[str, Any] = _plain(asdict(study))
     return settings
 
 
 def settings_on_file(study: Study) -> dict[str, Any]:
-    """The settings as the workflow's study.yaml has them."""
+    """Return the settings of the workflow's study.yaml."""
     return {key: v for key, v in to_settings(study).items() if key not in AFTER_THE_FIT}
 
 
 def fit_settings(study: Study) -> dict[str, Any]:
-    """The settings that the fit of a candidate depends on."""
+    """Return the settings on which the fit of a candidate depends."""
     return {key: v for key, v in settings_on_file(study).items() if key not in OF_OTHER_FITS}
 
 
 def from_settings(settings: Mapping[str, Any]) -> Study:
-    """The study that `to_settings` gave, or a config entry with its `name` put in."""
+    """Create a study from the output of `to_settings`, or from a config entry plus its `name`."""
     given = {k: v for k, v in settings.items() if v is not None and k != "split_by"}
     for key in ("candidates", "calibrate", "validate"):
         if key in given:
@@ -98,8 +98,8 @@ def from_settings(settings: Mapping[str, Any]) -> Study:
     both = set(study.calibrate or ()) & set(study.validate or ())
     if both:
         raise UserError(
-            f"{', '.join(sorted(both))} is listed under calibrate and under validate; "
-            "a held-out record must not be fitted, remove it from one"
+            f"{', '.join(sorted(both))} is listed under calibrate and under validate, but a "
+            "held-out record must not be fitted; remove it from one of them"
         )
     return study
 

@@ -1,4 +1,4 @@
-"""Units: anything pint knows on the outside, SI inside.
+"""Convert units: users may write any unit that pint knows; the package works in SI.
 
 SI here means m, s, N, Pa, V, A, F, ohm, kg, K, Hz, rad and 1 (strain, stretch, ratio).
 An angle is not a plain number and an angular frequency is not a frequency: `deg`
@@ -54,7 +54,7 @@ POWER = re.compile(r"(?<=[A-Za-zµ])([23])(?![A-Za-z0-9])")
 WITH_FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*(?:[eE][+-]?\d+)?)?)\s*\*?\s*([A-Za-zµμΩ°%].*?)\s*")
 """A number, or a sign, before a unit: a monitor's `2 kV`, a position `-mm` counted downwards."""
 DECIMAL_COMMA = re.compile(r",\d")
-"""How what follows a whole number begins, if it was to be a fraction."""
+"""Begin of the text behind a whole number that was meant as a decimal fraction."""
 
 
 @cache
@@ -160,8 +160,8 @@ def _base(unit: str, where: str) -> Any:
 def _parse(unit: str, where: str) -> Any:
     """The pint Unit written in `unit`.
 
-    Every failure of pint's parser means the same to a user, and it has many types. Its `px` is
-    that of web pages, 1/96 inch.
+    Pint's parser raises errors of many types, which all mean an unknown unit. Its pixel is that of
+    web pages, 1/96 inch, and is refused.
     """
     match = WITH_FACTOR.fullmatch(unit)
     text = match[2] if match else unit.strip()
@@ -191,7 +191,7 @@ def _parsed(text: str) -> Any:
 
 
 def _nearest_unit(text: str) -> str:
-    """The same unit in other letters, `kpa`, `Newton`: what is alike only may be another one."""
+    """Suggest the same unit in other letters (`kpa`, `Newton`), but no merely similar unit."""
     meant = [usual for usual in USUAL_UNITS if usual.lower() == text.lower()]
     small = _parsed(text.lower())
     meant += [] if small is None else [f"{small:~C}"]

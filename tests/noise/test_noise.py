@@ -68,19 +68,6 @@ def test_student_t_against_scipy():
     np.testing.assert_allclose(scores[near], stats.norm.ppf(probability[near]), atol=1e-9)
 
 
-def test_white_is_the_independent_normal():
-    rng = np.random.default_rng(4)
-    coordinate, weights = record(rng)
-    sigma = np.array([0.3, 2.0])
-    residuals = rng.normal(size=(2, coordinate.size))
-    expected = stats.norm.logpdf(residuals, scale=sigma[:, None] * np.sqrt(weights))
-    model = REGISTRY["white"]()
-    draws = {"sigma_white": sigma}
-    np.testing.assert_allclose(
-        model.pointwise_log_prob(residuals, coordinate, weights, draws), expected, rtol=RELATIVE
-    )
-
-
 @pytest.mark.parametrize("scale", [1e-15, 1e12])
 @pytest.mark.parametrize("name", GAUSSIAN)
 def test_any_unit(name, scale):

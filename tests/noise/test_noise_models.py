@@ -1,6 +1,7 @@
 """What every noise model keeps: rows apart, failures silent, priors, shapes and variances."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from tests.shared.noise_records import make_draws, record
 
 from deabayes.faults import UserError
 from deabayes.noise import REGISTRY
+from deabayes.noise.base import noise_coordinates
 from deabayes.noise.kalman import LANES
+from deabayes.prior.joint import Prior
 
 
 @pytest.mark.parametrize("name", REGISTRY)
@@ -85,6 +88,15 @@ class TestEveryModel:
         if any(p.name.startswith("tau") for p in usual):
             with pytest.raises(UserError, match="extent of the coordinate is 0"):
                 REGISTRY[name]().parameters("V", 1.0, 0.0)
+
+    def test_two_amplitudes_have_coordinates_of_total_and_ratio(self, name):
+        """A model of one amplitude has none; ar1 once named those of the model it is made of."""
+        model = REGISTRY[name]()
+        usual = model.parameters("V", 5.0, 200.0)
+        prior = Prior([replace(p, name=f"step.{p.name}") for p in usual])
+        columns = frozenset(range(len(usual)))
+        pairs = noise_coordinates(model, prior, {"step": np.ones(9)}, columns)
+        assert len(pairs) == sum(p.name.startswith("sigma") for p in usual[:2]) - 1
 
     def test_shapes_and_seeds(self, name):
         rng = np.random.default_rng(8)

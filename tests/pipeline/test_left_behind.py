@@ -16,7 +16,7 @@ from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study
 from deabayes.posteriors.storage import write_tree
 from deabayes.records.preparation.prepared import write_prepared
-from deabayes.report import build
+from deabayes.report.tables import write_csv
 from deabayes.studies import write_study
 from deabayes.study import Study
 
@@ -50,7 +50,7 @@ def test_a_fault_in_one_record_leaves_the_prepared_ones(strip: Study, tmp_path: 
     assert {path.name: path.read_bytes() for path in prepared.iterdir()} == before
 
 
-def test_nor_are_they_predicted(tmp_path: Path) -> None:
+def test_records_that_a_study_no_longer_has_are_not_predicted(tmp_path: Path) -> None:
     posterior, prepared = tmp_path / "posterior.nc", tmp_path / "prepared"
     write_tree(file(None, replace(STUDY, predict_with={})), posterior)
     write_prepared(creep(), prepared / "creep.nc")
@@ -65,16 +65,16 @@ def test_nor_are_they_predicted(tmp_path: Path) -> None:
 
 def test_a_candidate_that_a_study_no_longer_has_is_not_shown(tmp_path: Path) -> None:
     results = write_results(tmp_path)
-    fitted = [each.name for each in StudyResults(results).candidates]
+    fitted = [c.name for c in StudyResults(results).candidates]
     assert len(fitted) > 1
     write_study(Study(results.name, Path("strip"), tuple(fitted[1:])), results / "study.yaml")
-    assert [each.name for each in StudyResults(results).candidates] == fitted[1:]
-    build([results], tmp_path / "page" / "index.html", tmp_path / "tables")
+    assert [c.name for c in StudyResults(results).candidates] == fitted[1:]
+    write_csv([StudyResults(results)], tmp_path / "tables")
     table = (tmp_path / "tables" / f"{results.name}_summary.csv").read_text()
     assert fitted[1] in table and f"{fitted[0]}," not in table
 
 
-def test_nor_is_it_predicted_with(tmp_path: Path) -> None:
+def test_a_candidate_that_a_study_no_longer_has_is_not_predicted_with(tmp_path: Path) -> None:
     study = replace(STUDY, name="creep", predict_with={}, candidates=("voigt_kelvin_2", "other"))
     results = tmp_path / "creep"
     for name in study.candidates:

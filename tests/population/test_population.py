@@ -27,6 +27,8 @@ from deabayes.prior.distributions import LogUniform
 from deabayes.prior.joint import Prior
 
 MEAN, SPREAD = np.log([2e4, 3.0]), np.array([0.1, 0.3])
+FINE = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.full(2, 0.5), np.full(2, 0.5))
+"""An estimate without a cause for a warning."""
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +45,9 @@ def test_likelihood_of_mean_and_spread_is_the_conjugate_one(known: World) -> Non
     spreads = np.abs(rng.standard_normal((200, 2))) * [[0.3, 0.3]]
     spreads[:50] = 1e-9
     found, exact = (
-        known.model.log_likelihood(centres, spreads),
-        known.log_likelihood(centres, spreads),
+        values - values[0]
+        for values in (w.log_likelihood(centres, spreads) for w in (known.model, known))
     )
-    found, exact = found - found[0], exact - exact[0]
     assert np.max(np.abs(found - exact)) < 0.03 * np.ptp(exact)
     near = exact > exact.max(axis=0) - 3.0
     assert np.max(np.abs(found - exact)[near]) < 0.2
@@ -88,9 +89,10 @@ def test_a_specimen_far_from_the_population_is_named(known: World) -> None:
     far = [shrink(known.model, index, centres, spreads, (centres, spreads)) for index in range(6)]
     assert not any(each.reliable for each in far)
     words = warnings_of(known.model, far, 0.0)
-    assert all(any(f"strip_{k}" in w and "not to be trusted" in w for w in words) for k in range(6))
-    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
-    assert warnings_of(known.model, [fine] * 6, 0.0) == []
+    assert all(
+        any(f"strip_{k}" in w and "do not use its shrunken" in w for w in words) for k in range(6)
+    )
+    assert warnings_of(known.model, [FINE] * 6, 0.0) == []
 
 
 def test_how_far_out_a_specimen_lies(known: World) -> None:
@@ -103,7 +105,7 @@ def test_how_far_out_a_specimen_lies(known: World) -> None:
     assert found == pytest.approx(2 * np.minimum(below, 1 - below), abs=0.08)
 
 
-def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
+def test_a_specimen_that_does_not_belong_is_warned_of(known: World) -> None:
     """Judged by the others, though it has widened the population of all of them."""
     rng = np.random.default_rng(12)
     members = list(known.model.members)
@@ -124,19 +126,17 @@ def test_one_that_does_not_belong_is_asked_about(known: World) -> None:
     exact = tail_probability(phi, *model.split(others))
     assert found[0] < 0.005 < found[1]
     assert found == pytest.approx(exact, rel=0.3, abs=0.003)
-    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), found)
-    words = warnings_of(known.model, [fine] * 6, 0.0)
-    assert all("does it belong to this population" in w and "a (" in w for w in words)
+    words = warnings_of(known.model, [replace(FINE, tail_probability=found)] * 6, 0.0)
+    assert all("whether it belongs to this population" in w and "a (" in w for w in words)
     assert len(words) == 6
 
 
-def test_silent_records_and_skewed_posteriors_are_named(known: World) -> None:
+def test_uninformative_records_and_skewed_posteriors_are_warned_of(known: World) -> None:
     members = [replace(m, contraction={"a": 0.02, "b": 0.9}) for m in known.model.members]
     members[5] = replace(members[5], told=np.array([False, True]))
     likelihood = replace(members[0].likelihood, misfit=0.2)
     members[0] = replace(members[0], likelihood=likelihood)
-    fine = Shrunken(np.full(10, 0.1), 1000.0, 0.1, np.array([0.5, 0.5]), np.array([0.5, 0.5]))
-    words = warnings_of(replace(known.model, members=tuple(members)), [fine] * 6, 0.2)
+    words = warnings_of(replace(known.model, members=tuple(members)), [FINE] * 6, 0.2)
     assert sum("hardly inform a; bounds and order" in word for word in words) == 5
     assert sum("strip_5: its records do not inform a; there" in word for word in words) == 1
     assert any("not well described" in word and "strip_0" in word for word in words)

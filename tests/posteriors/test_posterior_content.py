@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.special import ndtri
+from tests.validation.calibration import tubular
 
 from deabayes.posteriors.content import convergence_summary, slower_than_records
 from deabayes.posteriors.file import contraction, contractions
@@ -152,3 +154,15 @@ def test_of_two_that_another_posterior_ties_each_is_told_by_itself():
     # Only the ratio that a and b leave open is found: neither is known better for it.
     ratio = np.exp(np.stack([z[:, 0], 0.95 * z[:, 0] + 0.01 * tie[1, 1] * z[:, 1]], axis=1))
     assert told(prior, ratio) == pytest.approx([0.0, 1.0 - 0.95**2], abs=0.05)
+
+
+def test_a_proposal_far_outside_the_prior_fails_in_silence_and_is_counted():
+    target = tubular("voigt_kelvin_2")
+    z = np.zeros((3, target.dimension))
+    z[1] = 900.0
+    z[2] = -900.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        values = target.log_likelihood_of_normal(z)
+    assert np.isfinite(values).tolist() == [True, False, False]
+    assert (target.failures.evaluations, target.failures.failed) == (3, 2)

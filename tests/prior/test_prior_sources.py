@@ -63,8 +63,14 @@ def test_a_study_of_the_same_config_however_spelt(place: Path, spelt: str) -> No
         ("strip", "strip: is a folder without a posterior.nc"),
         ("fitted", "fitted: is a folder; give fitted/kv_gm_2/posterior.nc"),
         ("results/populations/strips/posterior.nc", "'strips' is no population"),
-        ("results/less/kv_gm_1/posterior.nc", "kv_gm_2, prior_from: it lacks tau_beta_2"),
-        ("results/tube/voigt_kelvin_1/posterior.nc", "none of its parameters (E_0, E_1"),
+        (
+            "results/less/kv_gm_1/posterior.nc",
+            "kv_gm_2, prior_from: the posterior lacks tau_beta_2",
+        ),
+        (
+            "results/tube/voigt_kelvin_1/posterior.nc",
+            "none of the posterior's parameters (E_0, E_1",
+        ),
         ("results/away/kv_gm_2/posterior.nc", "study 'away' is left out"),
         ("config.yaml", "prior_from: config.yaml: not a readable netCDF file"),
     ],
@@ -96,7 +102,7 @@ def test_other_results_folders(place: Path) -> None:
     assert "there is no such file" in faults({"a": source, "b": None})
 
 
-def test_check_says_what_to_know_of_a_posterior(
+def test_check_reports_notes_and_doubts_of_a_posterior(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = Inheritance(PriorFromPosterior((), np.empty((0, 0))), True, ("prior_from: n",), ("d",))
@@ -110,7 +116,7 @@ def test_check_says_what_to_know_of_a_posterior(
     assert "  - study a, prior_from: d\n  - study a, prior_from: n\n" in said
 
 
-def test_check_says_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_reports_a_missing_study(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     faults({"a": "results/bb/kv_gm_2/posterior.nc", "b": None})
     with pytest.raises(SystemExit):
         main(("check", "a"))

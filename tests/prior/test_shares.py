@@ -15,7 +15,14 @@ from deabayes.prior.coordinates import Natural
 from deabayes.prior.distributions import LogUniform
 from deabayes.prior.ordered import Ordered
 from deabayes.sampling.problem import Coordinates
-from deabayes.systems.ridges.units import Shares, TooSlow, shown_for, unit_shares
+from deabayes.systems.ridges.units import (
+    NestedShares,
+    Parts,
+    Shares,
+    TooSlow,
+    shown_for,
+    unit_shares,
+)
 
 RECORD = 100.0
 TIMES = LogUniform(1e-2, 1e6)
@@ -47,12 +54,41 @@ def at(moduli: list[float], times: list[float], sign: float = 1.0) -> FloatArray
     return there.straighten(z)[0][0]
 
 
+COUNT, TOO_SLOW = 4, TooSlow(float(np.log(20.0)))
+NESTED_TIMES = LogUniform(1e-4, 1e4)
+NESTED_MEDIANS = np.array([60.0, 8.0, 3.0, 1.0])
+NESTED_SIGMAS = np.array([0.5, 0.7, 0.9, 1.1])
+PLACES, SIZES = tuple(range(COUNT)), tuple(range(COUNT, 2 * COUNT))
+
+
+def nested_units(sign: float = 1.0) -> Coordinates:
+    """Four units, each against all slower ones: times in the first columns of z, then moduli."""
+    shares = NestedShares(
+        PLACES, SIZES, sign * np.log(NESTED_MEDIANS), sign * NESTED_SIGMAS, TOO_SLOW
+    )
+    return Coordinates((Natural(Ordered.of("tau", PLACES, NESTED_TIMES, 1.0)), shares))
+
+
+def nested_at(moduli: list[float], times: list[float]) -> FloatArray:
+    there = nested_units()
+    z = np.empty((1, 2 * COUNT))
+    z[:, :COUNT] = there.parts[0].block.to_normal(np.array(times)[None])
+    z[:, COUNT:] = (np.log(moduli) - np.log(NESTED_MEDIANS)) / NESTED_SIGMAS
+    return there.straighten(z)[0][0]
+
+
 @pytest.mark.parametrize("spread", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("count", [2, 3])
 def test_there_and_back_with_the_jacobian(count: int, sign: float, spread: bool) -> None:
     z = np.random.default_rng(1).standard_normal((300, 2 * count))
     check_there_and_back(units(count, sign, spread), z)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_nested_units_there_and_back_with_the_jacobian(sign: float) -> None:
+    z = np.random.default_rng(1).standard_normal((300, 2 * COUNT))
+    check_there_and_back(nested_units(sign), z)
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -79,6 +115,10 @@ def test_the_spread_of_parts_is_the_standard_deviation_of_their_places(count: in
 def test_shares_of_any_size_have_a_way_back() -> None:
     u = np.array([[0.0, 1.0, 1.0, 2.0, 900.0, -900.0], [0.0, 1.0, 1.0, 2.0, -900.0, 900.0]])
     assert np.isfinite(units(3).bend(u)).all()
+    u = np.tile([0.0, 1.0, 1.0, 1.0, 2.0, 900.0, -900.0, 900.0], (2, 1))
+    u[1, 5:] *= -1.0
+    nested_units().parts[1].bend(u)
+    assert np.isfinite(u).all()
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -105,7 +145,7 @@ def test_a_unit_too_slow_for_the_record_keeps_its_share() -> None:
     assert slope == pytest.approx(slope.mean(), rel=0.01)
 
 
-def test_those_of_real_posteriors() -> None:
+def test_shares_of_real_candidates() -> None:
     chain, parallel = tubular_full().target(2), membrane().target(3)
     for target, sign in ((chain, -1.0), (parallel, 1.0)):
         (found,) = parts_of(target, Shares)
@@ -146,3 +186,34 @@ def test_units_that_cannot_be_added_stay_as_they_are() -> None:
     stiffness = two.names.index("E_2")
     two.prior = two.prior.inherit(["E_2"], drawn[:, [stiffness]])
     assert parts_of(two, Shares) == []
+
+
+def test_the_slow_two_trade_and_all_but_their_ratio_stays() -> None:
+    """Sum, mean and standard deviation of ln tau of units 3 and 4 kept, and the first two."""
+    u = []
+    for share in (0.6, 0.75, 0.9):
+        root = np.sqrt(share * (1.0 - share))
+        times = np.exp(np.log(7.0) + 0.4 / root * np.array([share - 1.0, share]))
+        moduli = 5.0 * np.array([share, 1.0 - share]) * (1.0 + times / 20.0)
+        u.append(nested_at([66.0, 8.0, *moduli], [8.3e-3, 0.5, *times]))
+    ratio = SIZES[3]
+    kept = np.delete(np.array(u), ratio, axis=1)
+    np.testing.assert_allclose(kept, np.tile(kept[0], (3, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.array(u)[:, ratio], np.log([0.6 / 0.4, 0.75 / 0.25, 9.0]))
+    np.testing.assert_allclose(u[0][PLACES[3]], 0.4)
+
+
+def test_two_nested_units_are_shares_with_their_spread() -> None:
+    z = np.random.default_rng(2).standard_normal((50, 4))
+    given = (0, 1), (2, 3), np.log(NESTED_MEDIANS[:2]), NESTED_SIGMAS[:2], TOO_SLOW
+    u, expected = np.sort(z, axis=1), np.sort(z, axis=1)
+    log_jacobian = NestedShares(*given).straighten(u)
+    np.testing.assert_allclose(log_jacobian, Shares(*given, spread=True).straighten(expected))
+    expected[:, 3] *= -1.0
+    np.testing.assert_allclose(u, expected)
+
+
+@pytest.mark.parametrize(("count", "kind"), [(3, Shares), (4, NestedShares)])
+def test_from_four_units_on_they_are_nested(count: int, kind: type) -> None:
+    (found,) = parts_of(membrane().target(count), Parts)
+    assert type(found) is kind

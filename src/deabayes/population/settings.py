@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Faults, UserError, nearest
-from deabayes.studies import load_studies
+from deabayes.studies import load_studies, write_settings
 from deabayes.study import Sampling, Settings, Study
 
 FOLDER = "populations"
@@ -111,13 +111,7 @@ def to_settings(population: Population) -> dict[str, Any]:
 
 def write_population(population: Population, path: Path) -> None:
     """Write population.yaml, unless the file already has this content (keeps its time stamp)."""
-    import yaml
-
-    from deabayes.files import write_text_atomically
-
-    text = yaml.safe_dump(to_settings(population), sort_keys=False, allow_unicode=True)
-    if not (path.is_file() and path.read_text(encoding="utf-8") == text):
-        write_text_atomically(text, path)
+    write_settings(to_settings(population), path)
 
 
 def _members(
