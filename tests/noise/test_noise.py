@@ -70,7 +70,7 @@ def test_student_t_against_scipy():
 
 @pytest.mark.parametrize("scale", [1e-15, 1e12])
 @pytest.mark.parametrize("name", GAUSSIAN)
-def test_any_unit(name, scale):
+def test_densities_do_not_depend_on_the_unit(name, scale):
     """Residuals and sigmas in other units: the density changes by N log(scale) only."""
     rng = np.random.default_rng(10)
     coordinate, weights = record(rng, 100)
@@ -103,7 +103,7 @@ def test_extreme_ratio_of_the_two_parts():
     )
 
 
-def test_a_zero_that_is_known_is_no_offset():
+def test_without_a_zero_offset_the_density_is_the_usual_one():
     """Also its limit: where it is as good as free, the level of a record tells nothing."""
     rng = np.random.default_rng(14)
     coordinate, weights = record(rng, 80)
@@ -121,7 +121,7 @@ def test_a_zero_that_is_known_is_no_offset():
 
 
 @pytest.mark.parametrize("far", [1.0, 1e3, 1e6])
-def test_a_zero_far_off_costs_no_digits(far):
+def test_a_large_zero_offset_costs_no_digits(far):
     """In units of the noise: the level, of which nothing is known, must not swamp what is."""
     rng = np.random.default_rng(15)
     coordinate, weights = record(rng, 80)

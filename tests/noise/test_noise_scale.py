@@ -25,7 +25,7 @@ def at_the_end(found, what):
     return np.std(samples.predictive[:, -1] - samples.parameter[:, -1]), samples.noise_note
 
 
-def test_the_band_at_a_time_is_the_same_whatever_else_is_asked():
+def test_the_band_at_a_time_does_not_depend_on_other_times():
     found = fitted(relative=True)
     whole, note = at_the_end(found, asked(TIME, 4e3))
     assert note == ""

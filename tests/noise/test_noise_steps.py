@@ -32,7 +32,7 @@ def test_short_and_long_correlation(name, length):
     assert found[0] == pytest.approx(expected, rel=RELATIVE)
 
 
-def test_a_coordinate_that_turns_back_is_walked_along():
+def test_distances_add_up_along_a_coordinate_that_turns_back():
     rng = np.random.default_rng(12)
     there = np.linspace(1.0, 3.0, 30)
     path = np.concatenate([there, there[::-1][1:]])

@@ -64,7 +64,7 @@ def test_the_file_is_not_there_before_it_is_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == "λ\n".encode()
 
 
-def test_what_is_wrong_is_said_also_where_nothing_can_be_removed(
+def test_the_first_error_is_reported_if_the_temporary_file_cannot_be_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def read_only(place: Path, missing_ok: bool = False) -> None:
@@ -99,7 +99,7 @@ main(["fill"])
 """
 
 
-def test_a_full_disk_is_said_with_the_file(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_with_the_file(tmp_path: Path) -> None:
     """HDF5 ended Python with a segmentation fault."""
     pytest.importorskip("resource")
     ended = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True)

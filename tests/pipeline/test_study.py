@@ -49,7 +49,7 @@ def test_settings_go_round_through_json_and_yaml(config: Path, tmp_path: Path) -
     assert load_study(path) == study
 
 
-def test_what_no_fit_depends_on_is_not_among_its_settings(config: Path) -> None:
+def test_fit_settings_leave_out_what_no_fit_depends_on(config: Path) -> None:
     (study,) = load_studies(config)
     assert study.further_experiments == {"longer": {"like": "relax", "duration": 2}}
     assert study.evidence_check == "nested"

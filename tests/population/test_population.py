@@ -69,7 +69,7 @@ def test_shrinkage_of_a_normal_specimen(known: World) -> None:
         assert np.sqrt(variance) == pytest.approx(after, rel=0.2)
 
 
-def test_draws_of_the_population_count_alike_in_shrinkage(known: World) -> None:
+def test_draws_of_the_population_have_equal_weight_in_shrinkage(known: World) -> None:
     """Each (m, s) counts by its place in the population's posterior, not by the specimen again."""
     centres = MEAN + np.array([[-0.4, 0.0], [0.4, 0.0]])
     spreads = np.full((2, 2), 0.2)
@@ -82,7 +82,7 @@ def test_draws_of_the_population_count_alike_in_shrinkage(known: World) -> None:
     assert after == pytest.approx(expected, abs=0.06)
 
 
-def test_a_specimen_far_from_the_population_is_named(known: World) -> None:
+def test_a_specimen_far_from_the_population_is_warned_of(known: World) -> None:
     centres = np.tile(MEAN, (3, 1))
     centres[:, 0] += 3.0
     spreads = np.full((3, 2), 0.02)

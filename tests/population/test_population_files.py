@@ -89,7 +89,7 @@ def made():
     return content([member("a"), member("b"), member("c", converged=False, provenance="simulated")])
 
 
-def test_every_specimen_stands_by_itself_and_with_the_population(made):
+def test_shrinkage_table_has_estimates_without_and_with_the_population(made):
     table = shrinkage_table(made).set_index(["study", "parameter"])
     row = table.loc[("b", "mu")]
     assert row[["q05", "median", "q95"]].tolist() == pytest.approx(
@@ -119,7 +119,7 @@ def test_the_summary_has_the_new_specimen_then_means_and_spreads(made):
     assert not table["converged"].any()
 
 
-def test_a_member_that_did_not_converge_makes_the_population_one_too(made):
+def test_a_population_does_not_converge_if_a_member_did_not(made):
     assert made.convergence["reasons"] == ["c: its own posterior has not converged"]
     assert not made.convergence["converged"]
     whole = content([member("a"), member("b")])
@@ -129,7 +129,7 @@ def test_a_member_that_did_not_converge_makes_the_population_one_too(made):
     assert whole.convergence["failed_gates"][0]["of"] == "population, run 1"
 
 
-def test_the_file_is_a_new_specimens_completed_by_the_first_member(made):
+def test_the_file_describes_a_new_specimen_with_the_first_members_rest(made):
     tree = population_tree(made)
     posterior = tree["posterior"]
     np.testing.assert_array_equal(posterior["shift"], made.new[..., 1])

@@ -94,7 +94,7 @@ def test_one_silent_parameter_leaves_the_others_as_they_are() -> None:
     assert found.likelihood.variances[1] > 500.0 * found.prior_sd[1] ** 2
 
 
-def test_what_a_normal_prior_hardly_lets_be_seen_still_counts() -> None:
+def test_parameters_with_normal_priors_always_count_as_informed() -> None:
     """Readings as wide as three priors: their posterior is the prior to within its noise."""
     rng = np.random.default_rng(15)
     members = world(np.array([9.0, 1.0]), np.zeros(2), np.full((30, 2), 3.0), rng).model.members
@@ -102,7 +102,7 @@ def test_what_a_normal_prior_hardly_lets_be_seen_still_counts() -> None:
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.0])
-def test_a_little_that_is_told_under_bounds_is_kept(shift: float) -> None:
+def test_weak_information_under_a_bounded_prior_is_kept(shift: float) -> None:
     """A likelihood three quarters as wide as the uniform prior, off its middle or not."""
     rng = np.random.default_rng(16)
     grid = np.linspace(-2.0, 2.0, 8001)

@@ -145,7 +145,7 @@ def test_a_spread_has_the_unit_that_the_fit_takes_it_in(folder: Path) -> None:
     assert ogden(folder, 0.1, POSITIVE, POSITIVE) == ""
 
 
-def test_a_bare_number_is_no_spread_of_what_has_a_unit(folder: Path) -> None:
+def test_a_spread_with_a_unit_needs_its_unit(folder: Path) -> None:
     assert "spread.mu_1: mu_1 can be negative, so its spread is absolute" in ogden(folder, 0.1)
 
 
@@ -177,7 +177,9 @@ def test_settings_by_hand_are_checked(tmp_path: Path) -> None:
     assert Population("x", ("a",), "kv_gm_1", ("mu_alpha",)).spread == {}
 
 
-def test_the_command_says_a_misspelt_name(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_suggests_the_nearest_name(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["population", "stripes", "--config", str(config(folder))])
     assert ended.value.code == 1

@@ -55,7 +55,7 @@ def test_one_value_is_held_over_the_time(post, held):
     np.testing.assert_array_equal(median(post, time=TIME, voltage=held), expected)
 
 
-def test_a_function_is_answered_with_what_to_give(post):
+def test_a_function_as_excitation_is_refused_with_a_remedy(post):
     with pytest.raises(UserError, match=r"voltage: .* found a function; give its values"):
         post.predict(time=TIME, voltage=lambda time: 1800.0 * time)
 
@@ -74,25 +74,25 @@ def test_another_seed_picks_other_draws(post):
 
 
 @pytest.mark.parametrize("size", [0, -1, 2.5, "many"])
-def test_a_number_of_draws_that_cannot_be_is_named(post, size):
+def test_an_impossible_number_of_draws_is_refused(post, size):
     for ask in (post.draws, lambda size: post.predict(time=TIME, voltage=VOLTS, size=size)):
         with pytest.raises(UserError, match=f"size must be a whole number above 0, found {size!r}"):
             ask(size)
 
 
 @pytest.mark.parametrize("seed", [-1, "one", 1.5])
-def test_a_seed_that_cannot_be_is_named(post, seed):
+def test_an_impossible_seed_is_refused(post, seed):
     for ask in (post.draws, lambda size, seed: post.predict(time=TIME, voltage=VOLTS, seed=seed)):
         with pytest.raises(UserError, match=f"seed must be a whole number, 0 or more; .*{seed}"):
             ask(5, seed=seed)
 
 
-def test_a_frequency_that_is_not_positive_is_named(post):
+def test_a_frequency_that_is_not_positive_is_refused(post):
     with pytest.raises(UserError, match="frequency must be positive, found -1 Hz"):
         post.predict(frequency=[-1.0, 1.0], response="gain", conditions={"bias_kV": 2})
 
 
-def test_what_did_not_converge_says_so_when_printed(post):
+def test_a_posterior_that_did_not_converge_says_so_when_printed(post):
     tree = file(None)
     tree["summary"] = xr.DataTree(tree["summary"].to_dataset().assign(converged=("quantity", [
         False, *[True] * (tree["summary"].sizes["quantity"] - 1)
@@ -106,7 +106,7 @@ def test_a_prior_is_printed_in_one_line(post):
     assert repr(post.as_prior()) == "<Prior from 600 draws of E_0, E_1, E_2, tau_1, tau_2>"
 
 
-def test_a_folder_is_answered_with_the_files_in_it(tmp_path):
+def test_a_folder_is_refused_with_the_posteriors_in_it(tmp_path):
     (tmp_path / "study" / "kv_gm_1").mkdir(parents=True)
     with pytest.raises(UserError, match=r"study: is a folder without a posterior\.nc"):
         open_posterior(tmp_path / "study")

@@ -49,7 +49,7 @@ def test_a_record_is_known_by_its_file_or_its_points(record, same: bool) -> None
     assert ("(there creep)" in str(e.value)) == (record.name != "creep")
 
 
-def test_files_remember_theirs_and_older_ones_know_their_points() -> None:
+def test_files_list_their_records_and_older_files_have_their_points() -> None:
     tree = file(None)
     (own,) = counted_records(tree)
     assert own.is_same(CountedRecord.of("a", creep()))
@@ -59,7 +59,9 @@ def test_files_remember_theirs_and_older_ones_know_their_points() -> None:
     assert (own.study, own.name) == ("creep", "creep")
 
 
-def test_the_fit_refuses_a_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_refuses_records_behind_its_prior(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`creep` is known by the posterior's own prior."""
     monkeypatch.setattr("deabayes.records.specimen.read_specimen", lambda _: UNCERTAIN)
     tree = file(None)
@@ -79,7 +81,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_before_the_first_job_by_the_studies_of_the_config(place: Path) -> None:
+def test_check_refuses_records_behind_a_prior_of_the_config(place: Path) -> None:
     found = faults({"b": None, "c": "results/b/kv_gm_2/posterior.nc"})
     assert found.startswith("study c, prior_from: record relax was fitted in study b")
     a_from_b = {"a": "results/b/kv_gm_2/posterior.nc", "b": None}

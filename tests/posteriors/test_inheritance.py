@@ -72,26 +72,26 @@ def test_a_material_property_stated_otherwise_is_not_taken_over(stored):
     assert found.prior.names == ("mu_alpha",)
 
 
-def test_a_population_speaks_of_a_new_specimen(stored):
+def test_a_populations_posterior_describes_a_new_specimen(stored):
     found = inherit_from(stored(population="{}"), strip("c", area=2e-5))
     assert found.prior.names == ("mu_alpha", "cross_section", "permittivity")
     assert not found.same_specimen and not found.notes
 
 
-def test_what_did_not_converge_is_doubted(stored):
+def test_a_prior_that_did_not_converge_is_a_doubt(stored):
     path = stored(converged=False)
     (doubt,) = inherit_from(path, strip()).doubts
     assert str(path) in doubt and "did not converge" in doubt
 
 
-def test_another_system_is_said(stored):
+def test_a_prior_of_another_system_is_noted(stored):
     assert not inherit_from(stored(), strip("a")).notes
     tube = dataclasses.replace(strip("b"), system="tubular")
     (note,) = (n for n in inherit_from(stored(), tube).notes if "another system" in n)
     assert "(tensile_strip, here tubular)" in note
 
 
-def test_nothing_converges_that_builds_on_what_did_not(stored):
+def test_a_posterior_does_not_converge_if_its_prior_did_not(stored):
     doubted = inherit_from(stored(converged=False), strip())
     passed = {"converged": True, "reasons": []}
     assert _with_doubts(passed, None) == passed
@@ -114,7 +114,7 @@ def test_a_prior_that_does_not_describe_the_draws_is_said_to_be_approximate(stor
 
 
 @pytest.mark.parametrize(("shift", "said"), [(0.0, False), (1.5, False), (4.0, True)])
-def test_records_that_contradict_what_was_handed_on_are_said_to(shift, said):
+def test_records_that_contradict_the_inherited_prior_are_warned_of(shift, said):
     rng = np.random.default_rng(2)
     own = [Parameter(n, n, "1", "", Normal(0.0, 1.0), "") for n in "abc"]
     prior = Prior(own).inherit(("a", "b"), 0.3 * rng.normal(size=(4000, 2)))
@@ -126,13 +126,13 @@ def test_records_that_contradict_what_was_handed_on_are_said_to(shift, said):
     assert not at_the_rim(Prior(own), theta)
 
 
-def test_nothing_to_hand_on(stored):
+def test_a_posterior_without_material_parameters_is_no_prior(stored):
     path = stored(kinds={"cross_section": "specimen"})
     with pytest.raises(UserError, match="holds no parameter"):
         inherit_from(path, strip("b"))
 
 
-def test_a_source_of_a_quantity_makes_no_other_specimen(stored):
+def test_specimens_with_other_sources_of_quantities_are_the_same(stored):
     own = strip()
     renamed = {n: dataclasses.replace(q, source="calliper") for n, q in own.quantities.items()}
     assert inherit_from(stored(), dataclasses.replace(own, quantities=renamed)).same_specimen

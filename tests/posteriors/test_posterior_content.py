@@ -76,7 +76,7 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     ("slow", "said"), [(0.06, ["tau_2"]), (0.04, [])]
 )  # of a hundred draws, beyond the longest record
 @pytest.mark.parametrize("inherited", [True, False])
-def test_units_that_may_outlast_every_record_are_told(slow, said, inherited):
+def test_relaxation_times_beyond_every_record_are_warned_of(slow, said, inherited):
     names = ("tau_1", "tau_2", "k_2")
     parameters = [
         Parameter(name, "", "s", "", LogUniform(0.01, 500.0), "", ordered=group)
@@ -111,11 +111,11 @@ NORMAL = np.random.default_rng(1).standard_normal(20000)
         (np.append(0.5 * NORMAL, 1e9), NORMAL),  # one draw far out
     ],
 )
-def test_half_the_spread_is_three_quarters_of_the_variance_gone(posterior, prior):
+def test_half_the_spread_is_a_contraction_of_three_quarters(posterior, prior):
     assert contraction(posterior, prior) == pytest.approx(0.75, abs=0.005)
 
 
-def test_what_has_become_wider_has_a_negative_contraction():
+def test_a_wider_posterior_has_a_negative_contraction():
     assert contraction(2.0 * NORMAL, NORMAL) == pytest.approx(-3.0)
 
 
@@ -126,7 +126,7 @@ def told(prior: Prior, theta: np.ndarray) -> list[float]:
     return list(contractions(prior, prior.to_normal(theta), after, given).values())
 
 
-def test_one_of_two_ordered_times_is_known_whatever_the_other_is():
+def test_contraction_of_an_ordered_time_does_not_depend_on_the_other():
     """Either is log-uniform from 1 ms to 1000 s; one is found at 1 s, the other's bound is that."""
     times = [
         Parameter(f"tau_{i}", "", "s", "", LogUniform(1e-3, 1e3), "", ordered="tau") for i in (1, 2)
@@ -143,7 +143,7 @@ def test_one_of_two_ordered_times_is_known_whatever_the_other_is():
     assert told(prior, smaller) == pytest.approx([1.0, left], abs=0.03)
 
 
-def test_of_two_that_another_posterior_ties_each_is_told_by_itself():
+def test_contractions_of_correlated_inherited_parameters_are_their_own():
     pair = [Parameter(name, "", "1", "", LogNormal(1.0, 1.0), "") for name in "ab"]
     rng = np.random.default_rng(4)
     tie = np.array([[1.0, 0.0], [0.95, np.sqrt(1.0 - 0.95**2)]])

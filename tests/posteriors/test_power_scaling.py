@@ -75,7 +75,7 @@ def test_conjugate_normal_moves_as_its_distribution_functions_do(y: float, noise
     assert likelihood == pytest.approx(exact_likelihood, rel=0.06, abs=0.005)
 
 
-def test_what_the_data_say_nothing_of_moves_with_the_prior_only() -> None:
+def test_an_uninformed_parameter_moves_with_the_prior_only() -> None:
     rng = np.random.default_rng(2)
     z = rng.standard_normal(DRAWS)
     told = 0.1 * rng.standard_normal(DRAWS)
@@ -86,7 +86,7 @@ def test_what_the_data_say_nothing_of_moves_with_the_prior_only() -> None:
     assert sensitivities(-0.5 * z**2, {"z": z})["z"] > SENSITIVE
 
 
-def test_what_the_data_determine_moves_with_the_data_only() -> None:
+def test_a_determined_parameter_moves_with_the_data_only() -> None:
     prior, likelihood, _ = Conjugate(0.8, 0.05).estimated()
     assert prior < SENSITIVE / 2
     assert likelihood > SENSITIVE
@@ -107,7 +107,7 @@ def test_shift_unit_and_sign_of_a_quantity_do_not_matter() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_not_known_where_weights_or_draws_do_not_serve() -> None:
+def test_sensitivity_is_unknown_for_unreliable_weights_or_draws() -> None:
     rng = np.random.default_rng(4)
     z = rng.standard_normal(4000)
     broken, held = np.where(np.arange(4000) == 7, np.nan, z), np.full(4000, 2.0)
@@ -120,7 +120,7 @@ def test_not_known_where_weights_or_draws_do_not_serve() -> None:
     assert np.isnan(sensitivities(-0.5 * z[:12] ** 2, {"z": z[:12]})["z"])
 
 
-def test_few_effective_draws_tell_only_what_moves_far() -> None:
+def test_few_effective_draws_show_only_large_sensitivities() -> None:
     """15 parameters that all have their prior; one of two more moves with it, by 1 sd."""
     z = np.random.default_rng(5).standard_normal((4000, 17))
     z[:, 16] += z[:, 15] ** 2
@@ -135,7 +135,7 @@ def test_few_effective_draws_tell_only_what_moves_far() -> None:
     assert np.isnan(sensitivity.sensitivities(log_prior, draws, {"still": 4e3, "far": 9.0})["far"])
 
 
-def test_independent_draws_of_what_does_not_move_are_rarely_taken_for_moved() -> None:
+def test_an_insensitive_quantity_rarely_counts_as_moved() -> None:
     """Of 100 sets of 1000 draws a tenth at most are called moved, and some are known."""
     rng = np.random.default_rng(7)
     found = []

@@ -72,7 +72,7 @@ def prior_of_the_rest(study=STUDY, inherited=None):
     return further_prior(study, fitted.system, fitted.names, inherited)
 
 
-def test_what_the_fit_left_out_is_drawn_from_its_prior():
+def test_parameters_left_out_of_the_fit_are_drawn_from_their_prior():
     further = prior_of_the_rest()
     assert further.names == ("moving_mass", "series_resistance")
     group = file(further)["posterior"]
@@ -84,7 +84,7 @@ def test_what_the_fit_left_out_is_drawn_from_its_prior():
     assert values.std() == pytest.approx(200.0, rel=0.12)
 
 
-def test_or_from_another_posterior_correlations_kept():
+def test_parameters_left_out_of_the_fit_are_drawn_from_another_posterior():
     rng = np.random.default_rng(1)
     mass = 83.4e-3 + 1e-4 * rng.standard_normal(2000)
     resistance = 900.0 + 3e5 * (mass - 83.4e-3) + 5.0 * rng.standard_normal(2000)
@@ -159,7 +159,7 @@ def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
         assert gain.note == phase.note == ""
 
 
-def test_an_ending_that_no_candidate_has():
+def test_an_ending_that_no_candidate_has_is_refused():
     wrong = replace(STUDY, predict_with={"sine": "_inertai"})
     faults = check_names(wrong)
     assert any("predict_with" in f and "voigt_kelvin_2_inertai" in f for f in faults)
@@ -209,7 +209,7 @@ def test_without_a_protocol_it_says_that_there_is_a_wider_one():
     assert alone.predict(frequency=FREQUENCY, **ASKED).attrs["model_note"] == ""
 
 
-def test_a_protocol_that_is_none():
+def test_an_unknown_protocol_is_refused():
     post = Posterior(file(prior_of_the_rest()))
     with pytest.raises(UserError, match="did you mean 'frequency_response'"):
         post.predict(frequency=FREQUENCY, protocol="frequency_respons", **ASKED)

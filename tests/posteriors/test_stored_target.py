@@ -31,7 +31,7 @@ def z_of(target: LogPosterior) -> np.ndarray:
     return 0.1 * np.random.default_rng(1).standard_normal((5, target.dimension))
 
 
-def test_the_specimen_is_the_posterior_files_not_the_folders(
+def test_the_specimen_comes_from_the_posterior_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The folder is elsewhere, or edited since."""
@@ -44,7 +44,7 @@ def test_the_specimen_is_the_posterior_files_not_the_folders(
 
 
 @pytest.mark.parametrize("counted", [True, False])
-def test_a_prior_from_another_posterior_is_the_files_own(tmp_path: Path, counted: bool) -> None:
+def test_an_inherited_prior_comes_from_the_posterior_file(tmp_path: Path, counted: bool) -> None:
     """The folder was moved, and the posterior that became the prior stayed behind."""
     fitted = build(GONE, "voigt_kelvin_2", UNCERTAIN, [creep()], bent(), counted)
     assert fitted.prior.inherited[0].mixture.components > 1
@@ -57,7 +57,7 @@ def test_a_prior_from_another_posterior_is_the_files_own(tmp_path: Path, counted
     assert found.prior.describe("E_0") == fitted.prior.describe("E_0")
 
 
-def test_one_that_only_predictions_have_is_none_of_the_fits(tmp_path: Path) -> None:
+def test_a_prior_only_for_predictions_is_no_prior_of_the_fit(tmp_path: Path) -> None:
     write_prepared(creep(), tmp_path / "prepared" / "creep.nc")
     write_tree(file(None, GONE), tmp_path / "posterior.nc")
     _, found = stored_target(read_tree(tmp_path / "posterior.nc"), tmp_path / "prepared")

@@ -47,7 +47,7 @@ def test_what_the_prior_does_not_expect_is_among_the_warnings_of_the_fit(
 @pytest.mark.parametrize(
     ("offset", "said"), [(0.9, False), (-0.9, False), (1.6, True), (-1.6, True), (8.0, True)]
 )
-def test_a_zero_that_was_never_set_is_said(offset: float, said: bool) -> None:
+def test_a_record_that_does_not_begin_at_zero_is_warned_of(offset: float, said: bool) -> None:
     """By more than the record's range at the first reading, where the tube is at rest."""
     step, strain = creep(), np.r_[0.0, 0.0, creep().response]
     driven = replace(

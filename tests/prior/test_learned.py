@@ -77,15 +77,7 @@ def test_a_films_likelihood_is_found_to_the_rim() -> None:
     assert errors_of(without_learning(prior)).std() > 2.0 * errors.std()
 
 
-def test_the_density_integrates_to_one() -> None:
-    _, prior, _, _ = handed_on()
-    z = np.random.default_rng(2).standard_normal((20_000, len(prior.names)))
-    weights = np.exp(prior.log_correction(prior.to_parameters(z), z))
-    assert weights.mean() == pytest.approx(1.0, abs=0.05)
-    assert weights.std() > 0.3
-
-
-def test_draws_of_the_prior_are_the_draws_handed_on() -> None:
+def test_draws_of_the_inherited_prior_are_like_the_posteriors_draws() -> None:
     _, prior, theta, _ = handed_on()
     drawn = prior.sample(np.random.default_rng(3), len(theta))
     for name in FILM:
@@ -135,7 +127,7 @@ def test_the_density_in_z_is_that_of_the_parameters() -> None:
     np.testing.assert_allclose(replace(posterior, prior=prior)(z), expected, atol=1e-3)
 
 
-def test_hops_keep_it() -> None:
+def test_hops_between_units_keep_the_learned_prior() -> None:
     """Where the target is the prior alone: L is p/q."""
     _, prior, theta, _ = handed_on()
     hop, rng = UnitHop.of(prior), np.random.default_rng(5)
@@ -158,7 +150,7 @@ def test_hops_keep_it() -> None:
         assert stats.ks_2samp(after[:, column], theta[:, column]).statistic < 0.05
 
 
-def test_two_places_are_left_to_mixtures() -> None:
+def test_two_modes_are_described_by_a_mixture() -> None:
     """No quadratic has two maxima."""
     prior = Prior([Parameter(n, n, "1", "", Normal(0.0, 1.0), "") for n in "ab"])
     draws = 0.2 * np.random.default_rng(6).standard_normal((4000, 2))
@@ -173,7 +165,7 @@ def test_two_places_are_left_to_mixtures() -> None:
     np.testing.assert_allclose(ratio, ratio[0], atol=1e-9)
 
 
-def test_between_two_places_there_are_coordinates_too() -> None:
+def test_parameters_between_two_modes_have_coordinates() -> None:
     """A mixture's quantiles jump from one to the other: no z led to where records pulled."""
     prior = Prior([Parameter("a", "a", "1", "", Normal(0.0, 1.0), "")])
     draws = 0.1 * np.random.default_rng(6).standard_normal((4000, 1))
@@ -187,14 +179,14 @@ def test_between_two_places_there_are_coordinates_too() -> None:
     assert np.abs(np.abs(found) - 1.0).max() < 0.6
 
 
-def test_a_part_of_it_is_the_mixtures() -> None:
+def test_some_of_the_parameters_have_the_mixtures_marginal() -> None:
     _, prior, _, _ = handed_on()
     (block,) = prior.inherited
     assert block.of(FILM).learned is block.learned
     assert block.of(FILM[:3]).learned is None
 
 
-def test_what_is_shown_of_terms_that_are_not_all_there() -> None:
+def test_a_film_without_all_of_its_terms_has_other_features() -> None:
     parameters = {p.name: p for p in film("ogden_2").prior.parameters}
     shown = Shown.by([parameters[n] for n in ("mu_2", "alpha_2", "relative_permittivity")])
     assert shown.scores == (2,)
@@ -202,7 +194,7 @@ def test_what_is_shown_of_terms_that_are_not_all_there() -> None:
     assert Shown.by([parameters["mu_1"], parameters["alpha_2"]]) == Shown((), (0, 1))
 
 
-def test_a_normal_is_found_from_a_wider_one() -> None:
+def test_a_normal_likelihood_is_learned_from_a_wider_normal() -> None:
     rng = np.random.default_rng(7)
     mean, sd = np.array([0.5, -1.0]), np.array([0.3, 0.6])
     draws = mean + sd * rng.standard_normal((6000, 2))
@@ -218,7 +210,7 @@ def test_a_normal_is_found_from_a_wider_one() -> None:
     assert np.abs(log_density - exact).mean() < 0.03
 
 
-def test_nothing_rises_without_end() -> None:
+def test_a_learned_likelihood_does_not_rise_without_end() -> None:
     """Draws of a direction that nothing was learned of: its curvature would be chance's."""
     rng = np.random.default_rng(9)
     draws, others = rng.standard_normal((2000, 2)), rng.standard_normal((8000, 2))
@@ -242,7 +234,7 @@ def test_distance_of_weighted_draws() -> None:
     assert distance(rng.standard_normal((4000, 1)) + 0.3, others, weights) > 0.1
 
 
-def test_a_posterior_file_holds_it() -> None:
+def test_a_posterior_file_stores_the_learned_prior() -> None:
     posterior, prior, theta, _ = handed_on()
     held = xr.DataTree.from_dict({GROUP: inherited_prior(replace(posterior, prior=prior))})
     found = with_inherited_prior(posterior, held).prior
@@ -253,7 +245,7 @@ def test_a_posterior_file_holds_it() -> None:
     assert "learned from its draws" in found.describe("mu_1")
 
 
-def test_far_out_it_is_the_density_of_z_not_of_rounded_parameters() -> None:
+def test_far_out_the_density_is_that_of_z_not_of_rounded_parameters() -> None:
     """An exponent at its bound is that number from a score of 9 on; N(0, 1) falls further."""
     _, prior, theta, _ = handed_on()
     (block,) = prior.inherited

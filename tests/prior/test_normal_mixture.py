@@ -47,7 +47,7 @@ def test_far_tails(side):
 
 
 @pytest.mark.parametrize("components", [1, 3])
-def test_a_draw_that_is_nowhere_spoils_no_other(components):
+def test_an_infinite_draw_does_not_change_other_draws(components):
     one = mixture(components, 4)
     x = np.random.default_rng(3).normal(size=(5, 4))
     white, density = one.whiten(x), one.log_density(x)
@@ -140,7 +140,7 @@ def bent():
 class TestFit:
     NAMES = ("a", "b", "c", "d")
 
-    def test_one_normal_where_it_will_do(self):
+    def test_normal_draws_are_described_by_one_normal(self):
         x = mixture(1, 4).sample(np.random.default_rng(9), 4000)
         block = PosteriorBlock.fit(self.NAMES, x)
         assert block.mixture.components == 1
@@ -169,7 +169,7 @@ class TestFit:
         counts, expected = np.histogram(drawn[:, 0] / 0.3, ends)[0], 40000 * 0.04
         assert np.sqrt(np.mean((counts / expected - 1.0) ** 2)) < 0.1
 
-    def test_no_more_components_than_draws_left_out_ask_for(self):
+    def test_the_number_of_components_is_that_of_the_draws(self):
         two = mixture(2, 4)
         x = two.sample(np.random.default_rng(17), 8000)
         block = PosteriorBlock.fit(self.NAMES, x)

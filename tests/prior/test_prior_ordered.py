@@ -58,6 +58,6 @@ def test_ordered_density_has_the_volume_of_the_gap():
     assert prior.log_density(theta)[0] == pytest.approx(np.log(6.0) - 3.0 * np.log(width))
 
 
-def test_no_room_for_the_ratio_is_said():
+def test_bounds_too_narrow_for_the_ratio_are_refused():
     with pytest.raises(UserError, match=r"tau: 3 values at least a factor 1000 apart do not fit"):
         Prior(TAU, minimum_ratio=1000.0)

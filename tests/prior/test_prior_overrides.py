@@ -43,7 +43,7 @@ class TestOverrides:
         prior = Prior.from_parameters(noise, {"sigma_ou": settings})
         assert [p.prior.sd for p in prior.parameters] == [0.002, 0.002]
 
-    def test_other_orders_and_candidates_are_passed_over(self):
+    def test_priors_of_other_candidates_are_ignored(self):
         settings = {"distribution": "lognormal", "median": 1, "sigma": 1}
         names = {"mu_9": settings, "J_alpha": settings}
         others = ["J_alpha", "mu_9"]

@@ -81,7 +81,7 @@ def test_what_cannot_be_a_prior_is_one_sentence(place: Path, source: str, said: 
     assert found.count("\n") == 0
 
 
-def test_circles(place: Path) -> None:
+def test_studies_that_are_priors_of_one_another_are_refused(place: Path) -> None:
     found = faults({n: f"results/{m}/kv_gm_2/posterior.nc" for n, m in ("ab", "bc", "ca", "da")})
     assert found.count("its own prior") == 1
     assert found.startswith("prior_from: a from b, b from c, c from a: ")
