@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from deabayes.faults import Faults, UserError, nearest
 from deabayes.population.coordinate import Coordinate
 from deabayes.population.settings import Population
-from deabayes.prior.distributions import REGISTRY
 from deabayes.prior.joint import Prior
-from deabayes.prior.overrides import from_settings
+from deabayes.prior.overrides import from_settings, settings_without_unit
 from deabayes.prior.parameter import Parameter
-from deabayes.study import Settings, Study
+from deabayes.study import Study
 
 FEWEST_SPECIMENS = 3
 """With two specimens, the prior alone would determine the spread."""
@@ -136,18 +135,12 @@ def _spread_faults(population: Population, coordinate: Coordinate, where: str) -
                 f"{place}: a spread is not negative, but this prior reaches below 0; "
                 "use halfnormal, for example"
             )
-        if units[name] != "1" and _bare_numbers(settings):
+        if units[name] != "1" and settings_without_unit(settings):
             faults.append(
                 f"{place}: {name} can be negative, so its spread is absolute, in "
                 f"{units[name]}; write the unit, such as '2 {units[name]}'"
             )
     return faults
-
-
-def _bare_numbers(settings: Settings) -> bool:
-    """Whether a setting that needs a unit was given as a plain number."""
-    plain = {"distribution", *REGISTRY[str(settings["distribution"])].dimensionless}
-    return any(not isinstance(value, str) for key, value in settings.items() if key not in plain)
 
 
 def check_whole_groups(parameters: Sequence[Parameter], names: Sequence[str]) -> None:

@@ -118,22 +118,17 @@ class PopulationModel:
         """
         mean = np.mean([member.prior_mean for member in members], axis=0)
         sd = np.sqrt(np.mean([member.prior_sd**2 for member in members], axis=0))
-        centres = [
-            _mean_parameter(p, logarithmic, float(m), float(s))
-            for p, logarithmic, m, s in zip(
-                coordinate.parameters, coordinate.logarithmic, mean, sd, strict=True
-            )
-        ]
-        spreads = [
-            _spread_parameter(p, unit, logarithmic, float(s), (spread or {}).get(p.name))
-            for p, unit, logarithmic, s in zip(
-                coordinate.parameters,
-                coordinate.spread_units,
-                coordinate.logarithmic,
-                sd,
-                strict=True,
-            )
-        ]
+        centres, spreads = [], []
+        for p, logarithmic, unit, m, s in zip(
+            coordinate.parameters,
+            coordinate.logarithmic,
+            coordinate.spread_units,
+            mean.tolist(),
+            sd.tolist(),
+            strict=True,
+        ):
+            centres.append(_mean_parameter(p, logarithmic, m, s))
+            spreads.append(_spread_parameter(p, unit, logarithmic, s, (spread or {}).get(p.name)))
         return cls(coordinate, tuple(members), Prior([*centres, *spreads]))
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Mapping
+from dataclasses import asdict
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -166,19 +167,7 @@ def sum_of_draws(tree: xr.DataTree) -> str:
 
 def specimen_to_json(specimen: Specimen) -> str:
     """Return the specimen as JSON, with quantities in SI units."""
-
-    def quantity(q: Quantity) -> dict[str, object]:
-        return {"value": q.value, "unit": q.unit, "sd": q.sd, "source": q.source}
-
-    return json.dumps(
-        {
-            "name": specimen.name,
-            "system": specimen.system,
-            "provenance": dict(specimen.provenance),
-            "quantities": {k: quantity(q) for k, q in specimen.quantities.items()},
-            "instruments": {k: quantity(q) for k, q in specimen.instruments.items()},
-        }
-    )
+    return json.dumps(asdict(specimen))
 
 
 def specimen_from_json(text: str) -> Specimen:

@@ -52,16 +52,11 @@ def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Dist
         raise UserError(f"{where}: {error}") from None
 
 
-def without_units(settings: Mapping[str, object], unit: str, where: str) -> list[str]:
-    """Cautions for numbers that `from_settings` takes in SI units; none if `unit` is 1."""
+def settings_without_unit(settings: Mapping[str, object]) -> list[str]:
+    """Names of settings that need a unit but are plain numbers; a zero needs no unit."""
     kind = REGISTRY.get(str(settings.get("distribution")))
-    if kind is None or unit == "1":
-        return []
-    return [
-        taken_in_si(value, unit, f"{where}.{key}")
-        for key, value in settings.items()
-        if key != "distribution" and key not in kind.dimensionless and _is_plain(value)
-    ]
+    plain = {"distribution", *(kind.dimensionless if kind else settings)}
+    return [key for key, value in settings.items() if key not in plain and _is_plain(value)]
 
 
 def _is_plain(value: object) -> bool:
@@ -139,8 +134,12 @@ def bare_numbers(
     cautions = []
     for key, settings in overrides.items():
         targets = targets_of(parameters, key, set(also_known))
-        if targets and isinstance(settings, Mapping):
-            cautions += without_units(settings, targets[0].unit, f"priors.{key}")
+        if not targets or targets[0].unit == "1" or not isinstance(settings, Mapping):
+            continue
+        cautions += [
+            taken_in_si(settings[name], targets[0].unit, f"priors.{key}.{name}")
+            for name in settings_without_unit(settings)
+        ]
     return cautions
 
 
