@@ -252,12 +252,12 @@ def test_far_out_the_density_is_that_of_z_not_of_rounded_parameters() -> None:
     film = [prior.names.index(name) for name in block.names]
     exponents = [k for k, name in enumerate(block.names) if name.startswith("alpha")]
     start = np.median(prior.to_normal(theta), axis=0)
-    scores = np.repeat(block.colour(start[None, film]), 3, axis=0)
+    scores = np.repeat(block.base.colour(start[None, film]), 3, axis=0)
     for column in exponents:
         far = scores.copy()
         far[:, column] = -9.0, -12.0, -15.0
         z = np.repeat(start[None], 3, axis=0)
-        z[:, film] = block.whiten(far)
+        z[:, film] = block.base.whiten(far)
         found = prior.to_parameters(z)
         np.testing.assert_allclose(found, np.repeat(found[:1], 3, axis=0), rtol=1e-6)
         log_density = stats.norm.logpdf(z).sum(axis=1) + prior.log_correction(found, z)

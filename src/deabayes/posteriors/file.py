@@ -135,10 +135,15 @@ def _scaled(posterior: FloatArray, prior: FloatArray) -> tuple[FloatArray, Float
     return posterior, prior
 
 
-def label(of: Parameter | Derived, prior: str, kind: str) -> dict[str, str]:
+def label(quantity: Parameter | Derived, prior: str, kind: str) -> dict[str, str]:
     """Return the attributes of a quantity in a posterior file."""
-    described = {"symbol": of.symbol, "unit": of.unit, "description": of.description}
-    return {**described, "prior": prior, "kind": kind}
+    return {
+        "symbol": quantity.symbol,
+        "unit": quantity.unit,
+        "description": quantity.description,
+        "prior": prior,
+        "kind": kind,
+    }
 
 
 def labels(content: PosteriorContent, theta: FloatArray) -> dict[str, dict[str, str]]:

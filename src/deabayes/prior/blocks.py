@@ -58,14 +58,6 @@ class LogNormals:
     log_medians: FloatArray
     sigmas: FloatArray
 
-    @classmethod
-    def of(cls, columns: tuple[int, ...], distributions: tuple[LogNormal, ...]) -> LogNormals:
-        return cls(
-            columns,
-            np.log([d.median for d in distributions]),
-            np.array([d.sigma for d in distributions]),
-        )
-
     def to_parameters(self, z: FloatArray) -> FloatArray:
         return np.exp(np.clip(self.log_medians + self.sigmas * z, -700.0, 700.0))
 
@@ -157,8 +149,9 @@ def blocks_of(
     ]
     normals = [(k, d) for k, d in free if isinstance(d, LogNormal)]
     if normals:
-        columns, medians = zip(*normals, strict=True)
-        blocks.append(LogNormals.of(columns, medians))
+        columns, laws = zip(*normals, strict=True)
+        medians, sigmas = np.array([(law.median, law.sigma) for law in laws]).T
+        blocks.append(LogNormals(columns, np.log(medians), sigmas))
     others = [(k, d) for k, d in free if not isinstance(d, LogNormal)]
     if others:
         blocks.append(Independent(*zip(*others, strict=True)))

@@ -125,13 +125,13 @@ class Inherited:
         """Transform the block's columns of u (W, d); return the log of the Jacobian, (W,)."""
         own = list(self.columns)
         z = u[:, own]
-        u[:, own] = self.block.colour(z)
+        u[:, own] = self.block.base.colour(z)
         return log_normal_density(z).sum(axis=1) - self.block.base.log_density(u[:, own])
 
     def bend(self, u: FloatArray) -> None:
         """Undo `straighten`."""
         own = list(self.columns)
-        u[:, own] = self.block.whiten(u[:, own])
+        u[:, own] = self.block.base.whiten(u[:, own])
 
 
 def prior_coordinates(prior: Prior) -> tuple[list[Natural | Inherited], frozenset[int]]:

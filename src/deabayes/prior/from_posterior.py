@@ -154,7 +154,7 @@ class PosteriorBlock:
 
     @cached_property
     def base(self) -> NormalMixture:
-        """The single normal to which `colour` maps N(0, I), with the mixture's mean and covariance.
+        """The single normal to which N(0, I) is mapped, with the mixture's mean and covariance.
 
         The map of a single normal is linear, also where records pull parameters far out. Far out
         the quantiles of a mixture are those of one component, and between two components they
@@ -166,14 +166,6 @@ class PosteriorBlock:
     def is_base(self) -> bool:
         """Whether the density is exactly `base`, so that no correction is needed."""
         return self.learned is None and self.mixture.components == 1
-
-    def colour(self, z: FloatArray) -> FloatArray:
-        """Map standard normal z (W, k) to the default coordinate (W, k)."""
-        return self.base.colour(z)
-
-    def whiten(self, z_default: FloatArray) -> FloatArray:
-        """Inverse of `colour`."""
-        return self.base.whiten(z_default)
 
     def log_density_ratio(self, theta: FloatArray, z_default: FloatArray) -> FloatArray:
         """log p(z_default) - log N(z_default; 0, I), (W,)."""

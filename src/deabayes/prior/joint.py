@@ -243,5 +243,5 @@ class Prior:
             return np.asarray(z, dtype=float)
         z = np.array(z, dtype=float)
         for block, columns in zip(self.inherited, self._inherited_columns, strict=True):
-            z[:, columns] = getattr(block, method)(z[:, columns])
+            z[:, columns] = getattr(block.base, method)(z[:, columns])
         return z
