@@ -32,7 +32,7 @@ import pandas as pd
 from tests.validation import membrane_worlds, structure_worlds, tubular_worlds
 from tests.validation.worlds import World, simulate
 
-from deabayes.comparison.scoring import bridge_evidence
+from deabayes.comparison.evidence import bridge_evidence
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.pipeline import build_target
 from deabayes.posteriors.problem import problem_of

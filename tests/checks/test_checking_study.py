@@ -79,7 +79,7 @@ def test_further_experiments_of_a_study_are_checked_before_a_job(tmp_path):
     study = Study("s", make_folder(tmp_path), ("kv_gm_1",), further_experiments=asked)
     slow, other = check_names(study)
     assert "study s, further_experiments: slow: pull (load_unload) does not end with a" in slow
-    assert "other: like 'puls' is no record of it; did you mean 'pull'" in other
+    assert "other: like 'puls' is not a record of the study; did you mean 'pull'" in other
     assert set(check_study(study)[0]) >= {slow, other}
 
 

@@ -196,8 +196,8 @@ def test_a_gain_and_its_phase_are_one_experiment():
     ("entry", "words"),
     [
         ({"like": "sinne"}, ("new: like 'sinne' is no record", "did you mean 'sine'")),
-        ({"like": "sine", "duration": 2}, ("does not end with a held", "or give speed")),
-        ({"like": "pull", "speed": 2}, ("pull has no time (quasi_static)",)),
+        ({"like": "sine", "duration": 2}, ("does not end with a constant", "or give speed")),
+        ({"like": "pull", "speed": 2}, ("pull (quasi_static) has no time",)),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(entry, words):

@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison.left_out import (
-    ON_THE_WAY,
-    leave_blocks_out,
-    leave_one_block_out,
-    left_out_log_densities,
-)
-from deabayes.comparison.scoring import leave_one_experiment_out
+from deabayes.comparison.blocks import block_edges, block_terms, leave_one_block_out
+from deabayes.comparison.evidence import leave_one_experiment_out
+from deabayes.comparison.left_out import ON_THE_WAY, leave_blocks_out, left_out_log_densities
 from deabayes.sampling.problem import Problem, log_standard_normal
 from deabayes.sampling.tempering import temper
 
@@ -219,7 +215,7 @@ def three_records():
 def test_every_record_is_left_out_as_a_whole(monkeypatch):
     target, z = three_records()
     monkeypatch.setattr(
-        "deabayes.posteriors.problem.problem_of", lambda t: Problem(t.log_likelihood, 2)
+        "deabayes.comparison.evidence.problem_of", lambda t: Problem(t.log_likelihood, 2)
     )
     mean, cov = np.zeros(24), SIGMA**2 * np.eye(24) + line()[0] @ line()[0].T
     whole = multivariate_normal(mean, cov).logpdf(line()[1])
@@ -234,9 +230,9 @@ def test_every_record_is_left_out_as_a_whole(monkeypatch):
 def test_an_evidence_that_populations_do_not_agree_on_gives_no_score(monkeypatch):
     target, z = three_records()
     monkeypatch.setattr(
-        "deabayes.posteriors.problem.problem_of", lambda t: Problem(t.log_likelihood, 2)
+        "deabayes.comparison.evidence.problem_of", lambda t: Problem(t.log_likelihood, 2)
     )
-    monkeypatch.setattr("deabayes.comparison.scoring.LARGEST_ERROR", 1e-6)
+    monkeypatch.setattr("deabayes.comparison.evidence.LARGEST_ERROR", 1e-6)
     found = leave_one_experiment_out(target, 0.0, z, np.random.SeedSequence(1))
     assert list(found) == ["a", "b"] and np.isnan(list(found.values())).all()
 
@@ -254,7 +250,7 @@ def test_what_a_rough_solution_costs_is_taken_off(monkeypatch):
 
         return Problem(target.log_likelihood, 2, rough=Problem(rough, 2))
 
-    monkeypatch.setattr("deabayes.posteriors.problem.problem_of", problem)
+    monkeypatch.setattr("deabayes.comparison.evidence.problem_of", problem)
     streams = np.random.SeedSequence(1).spawn(8)
     found = np.mean([leave_one_experiment_out(target, 0.0, z, each)["a"] for each in streams])
     rest = multivariate_normal(
@@ -297,3 +293,19 @@ def test_a_block_that_alone_tells_some_parameters_is_left_out_without_bias():
         for seed in (1, 2)
     ]  # fmt: skip
     assert np.mean(found) == pytest.approx(exact(design, data, slice(0, 3)), abs=0.3)
+
+
+def test_blocks_are_long_enough_and_cover_every_point():
+    coordinate = np.concatenate([np.linspace(0, 1, 50), np.linspace(1.1, 100, 40)])
+    edges = block_edges(coordinate, 10.0)
+    starts = coordinate[edges]
+    assert edges[0] == 0 and np.all(np.diff(starts) >= 10.0)
+    pointwise = np.random.default_rng(1).normal(size=(3, coordinate.size))
+    terms = block_terms(pointwise, edges)
+    np.testing.assert_allclose(terms.sum(1), pointwise.sum(1))
+
+
+def test_the_last_block_takes_a_rest_shorter_than_half_a_block():
+    assert block_edges(np.arange(25.0), 10.0).tolist() == [0, 10]
+    assert block_edges(np.arange(26.0), 10.0).tolist() == [0, 10, 20]
+    assert block_edges(np.arange(12.0), 10.0).tolist() == [0, 10]

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from deabayes.comparison import ranking
-from deabayes.comparison.left_out import BlockLoo
+from deabayes.comparison.blocks import BlockLoo, block_names
 from deabayes.comparison.ranking import Ranked, common_blocks, comparison_table
 
 TIME = np.arange(200.0)
@@ -59,7 +59,7 @@ def test_a_long_correlation_leaves_ten_blocks_and_none_three_points():
     assert starts(ranked("k_1"))[:4] == [0, 3, 6, 9]
 
 
-def test_places_read_twice_are_no_blocks_of_one_point():
+def test_points_with_equal_coordinates_do_not_shorten_the_blocks():
     turned = record()
     turned.noise_coordinate = turned.experiment.coordinate = np.repeat(np.arange(100.0), 2)
     assert starts(ranked("k_1", records=[turned]))[:3] == [0, 6, 12]
@@ -110,12 +110,12 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
         ({}, {}, []),
     ],
 )
-def test_who_is_far_behind_is_not_sampled(elpd, evidence, sampled):
+def test_a_candidate_far_behind_is_not_sampled(elpd, evidence, sampled):
     loos = {name: BlockLoo(np.full(10, value / 10), np.zeros(10)) for name, value in elpd.items()}
     assert ranking._close_calls(evidence, loos) == sampled
 
 
-def test_a_place_without_a_unit_is_a_number() -> None:
+def test_the_largest_difference_of_curves_over_a_stretch_has_no_unit() -> None:
     """Of a curve over a stretch no "1.39 1" is said."""
     curve = SimpleNamespace(
         name="pull", response_range=1.0, coordinate=np.linspace(1, 3, 21),
@@ -136,7 +136,7 @@ def test_a_block_is_named_by_record_and_place():
         coordinate=np.linspace(1, 3, 21), coordinate_name="stretch", coordinate_unit="1"
     )
     places = [("pull", slice(0, 5)), ("pull", slice(5, 18)), ("pull", slice(18, 21))]
-    assert ranking.block_names({"pull": strip}, places) == (
+    assert block_names({"pull": strip}, places) == (
         "the beginning of pull, stretch 1 to 1.4",
         "pull, stretch 1.5 to 2.7",
         "the end of pull, stretch 2.8 to 3",
@@ -193,7 +193,7 @@ def test_differences_are_to_the_chosen_one(table):
     assert table["verdict"].str.contains("not resolved").tolist() == [False, True, True, False]
 
 
-def test_one_that_did_not_converge_has_no_score_to_rank_by(table):
+def test_a_candidate_that_did_not_converge_has_no_elpd(table):
     lost = table.loc["k_4"]
     assert not lost["converged"] and lost["verdict"] == "not ranked: not converged"
     assert (
@@ -201,7 +201,7 @@ def test_one_that_did_not_converge_has_no_score_to_rank_by(table):
     )
 
 
-def test_a_verdict_says_that_the_evidence_is_not_to_be_relied_on(table):
+def test_a_verdict_says_that_the_two_evidences_disagree(table):
     assert table["verdict"].str.contains("rely on neither").tolist() == [False, False, True, False]
 
 

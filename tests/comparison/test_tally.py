@@ -13,8 +13,8 @@ from tests.validation.tally import (
     verdict,
 )
 
+from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide
-from deabayes.comparison.left_out import BlockLoo
 
 
 def score(order, evidence, terms, converged=True):
@@ -25,7 +25,7 @@ def score(order, evidence, terms, converged=True):
 
 
 def decision(chosen, *unresolved):
-    return Decision(chosen, unresolved, {})
+    return Decision(chosen, unresolved)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from tests.shared.golden import golden_table, load_golden
 from tests.shared.tubes import QUANTITIES, STAND_INS
 
-from deabayes.comparison.scoring import leave_one_experiment_out
+from deabayes.comparison.evidence import leave_one_experiment_out
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.inference.log_posterior import build

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from deabayes.comparison import scoring
+from deabayes.comparison.evidence import bridge_evidence
 from deabayes.comparison.nested import LIVE, nested
 from deabayes.experiment import FloatArray
 from deabayes.study import Sampling
@@ -35,7 +35,7 @@ def evidence_row(sampled: Sampled, results: Any, seed: np.random.SeedSequence) -
     """Both estimates of the evidence, and how the two runs went."""
     z = sampled.z
     effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
-    bridge = scoring.bridge_evidence(sampled.target, z, effective, seed)
+    bridge = bridge_evidence(sampled.target, z, effective, seed)
     return {
         "bridge": f"{bridge.log_evidence:.3f}",
         "bridge_mcse": f"{bridge.mcse:.3f}",

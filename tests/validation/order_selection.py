@@ -36,8 +36,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from deabayes.comparison import scoring
 from deabayes.comparison.decision import Score
+from deabayes.comparison.evidence import bridge_evidence, maximum_log_likelihood
 from deabayes.comparison.ranking import Ranked, score_all
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import split_log_likelihood
@@ -117,9 +117,9 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
     target, z = sampled.target, sampled.z
     z = z[:, np.linspace(0, z.shape[1] - 1, min(STORED_DRAWS, z.shape[1])).astype(int)]
     effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
-    evidence = scoring.bridge_evidence(target, z, effective, seed)
+    evidence = bridge_evidence(target, z, effective, seed)
     flat = z.reshape(-1, z.shape[2])
-    maximum = scoring.maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
+    maximum = maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
     points = sum(record.experiment.coordinate.size for record in target.records)
     return {
         "log_evidence": evidence.log_evidence,

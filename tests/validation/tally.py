@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from deabayes.comparison.decision import Decision, Score, decide, judge
-from deabayes.comparison.left_out import BlockLoo
+from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.decision import Decision, Score, decide, is_favoured
 from tests.validation.order_signal import SHOWN
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
@@ -28,21 +28,16 @@ def outcome(decision: Decision, right: str) -> str:
 
 
 def unflagged_conflict(scores: Sequence[Score], decision: Decision) -> bool:
-    """Whether a candidate was picked without a flag against the rule's own verdict on a pair.
+    """Whether a candidate was chosen without a flag, although another one is not worse.
 
-    The pick must win against every smaller candidate and no larger one may win, or even
+    The chosen one must win against every smaller candidate, and no larger one may win, or even
     conflict, against it.
     """
     if decision.chosen is None or decision.unresolved:
         return False
     ranked = {s.candidate: s for s in scores if s.loo is not None}
     chosen = ranked.pop(decision.chosen)
-    return any(
-        judge(chosen, other) != "larger"
-        if chosen.n_parameters > other.n_parameters
-        else judge(other, chosen) != "smaller"
-        for other in ranked.values()
-    )
+    return not all(is_favoured(chosen, other) for other in ranked.values())
 
 
 def single_picks(scores: Sequence[Score]) -> Mapping[str, str]:

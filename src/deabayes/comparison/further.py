@@ -7,19 +7,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.special import entr, logsumexp
 
-from deabayes.comparison.decision import SHOWN
+from deabayes.comparison.verdicts import CHOSEN
 from deabayes.experiment import PHASE, Experiment, FloatArray
 from deabayes.faults import Faults, nearest
 from deabayes.posteriors.fitted import Fitted
 from deabayes.prediction.outcomes import Predictive, Readings
 from deabayes.study import Settings
 
-HELD = ("creep", "step", "relaxation")
-"""Protocols that end with a constant excitation, which can be held longer."""
+CONSTANT_AT_END = ("creep", "step", "relaxation")
+"""Protocols that end with a constant excitation, which can last longer."""
 SHOWN_CONDITIONS = ("deformation", "load_g", "voltage", "bias_kV")
 """Conditions that describe an experiment in words, in their column's unit (voltage: V)."""
 TIMELESS = ("quasi_static", "frequency_response")
+IN_THE_RUNNING = 3.0
+"""Nats below the best log evidence within which a candidate may be right (odds of 20 to 1)."""
+FIRST = f"{CHOSEN}|^nothing to compare"
+"""Pattern in the verdict of the candidate that comes first."""
+SHARE_FOR_DENSITY = 2.0 / 3.0
+COLUMNS = (
+    "experiment", "what", "held_out", "candidates",
+    "information_candidate_nats", "information_candidate_error_nats",
+    "probability_right", "probability_right_error",
+    "failed_share", "failure", "extrapolation",
+)  # fmt: skip
+Seed = Callable[[str], np.random.SeedSequence]
+"""Function from an experiment's name to its random seed."""
 
 
 @dataclass(frozen=True)
@@ -42,43 +56,41 @@ def plan(experiments: Sequence[Experiment], asked: Mapping[str, Settings]) -> li
     ------
     Faults : entries that name no record, or ask for a change that the record does not allow.
     """
-    protocols = {each.row: each.protocol for each in experiments}
-    found = faults(asked, protocols)
-    if found:
-        raise Faults([f"further_experiments: {fault}" for fault in found])
-    rows: dict[str, tuple[Experiment, ...]] = dict.fromkeys(protocols, ())
-    for each in experiments:
-        rows[each.row] = (*rows[each.row], each)
+    protocols = {record.row: record.protocol for record in experiments}
+    if wrong := faults(asked, protocols):
+        raise Faults([f"further_experiments: {fault}" for fault in wrong])
+    rows = {row: tuple(r for r in experiments if r.row == row) for row in protocols}
     held_out = [
         Planned(name, records, described(records[0]), True)
         for name, records in rows.items()
         if records[0].role == "validate"
     ]
     return held_out + [
-        _altered_row(name, rows[str(settings["like"])], settings)
-        for name, settings in asked.items()
+        _planned(name, rows[str(settings["like"])], settings) for name, settings in asked.items()
     ]
 
 
 def faults(asked: Mapping[str, Settings], protocols: Mapping[str, str]) -> list[str]:
     """List the faults of entries of `further_experiments`, given the records' protocols."""
-    found = []
+    faults = []
     for name, settings in asked.items():
         like = str(settings["like"])
         protocol = protocols.get(like, "")
         if name in protocols:
-            found.append(f"{name} is a record already; give the experiment another name")
+            faults.append(f"{name} is a record already; give the experiment another name")
         if not protocol:
-            found.append(f"{name}: like {like!r} is no record of it{nearest(like, protocols)}")
+            faults.append(
+                f"{name}: like {like!r} is not a record of the study{nearest(like, protocols)}"
+            )
         elif "speed" in settings and protocol in TIMELESS:
-            found.append(f"{name}: {like} has no time ({protocol}), leave out speed")
-        elif "duration" in settings and protocol not in HELD:
-            found.append(
-                f"{name}: {like} ({protocol}) does not end with a held excitation to hold longer, "
-                f"as {', '.join(HELD)} do; leave out duration"
+            faults.append(f"{name}: {like} ({protocol}) has no time; leave out speed")
+        elif "duration" in settings and protocol not in CONSTANT_AT_END:
+            faults.append(
+                f"{name}: {like} ({protocol}) does not end with a constant excitation that could "
+                f"last longer, as {', '.join(CONSTANT_AT_END)} do; leave out duration"
                 + ("" if protocol in TIMELESS else ", or give speed")
             )
-    return found
+    return faults
 
 
 def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment:
@@ -91,9 +103,9 @@ def altered(experiment: Experiment, name: str, settings: Settings) -> Experiment
     factors = {key: float(str(value)) for key, value in settings.items() if key != "like"}
     result = replace(experiment, name=name, role="validate", nodes=None, steps=(), warnings=(),
                      metadata={}, record_sha256="")  # fmt: skip
-    result = _driven(result, factors.get("excitation", 1.0))
-    result = _run(result, factors.get("speed", 1.0))
-    result = _held(result, factors.get("duration", 1.0))
+    result = _scaled(result, factors.get("excitation", 1.0))
+    result = _accelerated(result, factors.get("speed", 1.0))
+    result = _prolonged(result, factors.get("duration", 1.0))
     return replace(result, response=np.full(result.coordinate.size, np.nan))
 
 
@@ -103,32 +115,33 @@ def described(experiment: Experiment) -> str:
     unit = "" if driven.unit == "1" else f" {driven.unit}"
     low, high = driven.values.min(), driven.values.max()
     low, high = (0.0 if abs(end) < 1e-3 * (high - low) else end for end in (low, high))
-    held = "".join(
+    conditions = "".join(
         f", {n} {driven.conditions[n]}" for n in SHOWN_CONDITIONS if driven.conditions.get(n)
     )
-    text = f"{experiment.protocol}, {driven.name} {low:.4g} to {high:.4g}{unit}{held}"
+    text = f"{experiment.protocol}, {driven.name} {low:.4g} to {high:.4g}{unit}{conditions}"
     if experiment.coordinate_name != "time":
         return text
     return f"{text}, {np.ptp(experiment.coordinate):.4g} s"
 
 
-def _altered_row(name: str, records: Sequence[Experiment], settings: Settings) -> Planned:
-    endings = [PHASE if each.name.endswith(PHASE) and len(records) > 1 else "" for each in records]
-    made = tuple(
-        altered(each, name + ending, settings)
-        for each, ending in zip(records, endings, strict=True)
+def _planned(name: str, records: Sequence[Experiment], settings: Settings) -> Planned:
+    """Return an experiment like that of `records`, altered by its settings."""
+    endings = [PHASE if r.name.endswith(PHASE) and len(records) > 1 else "" for r in records]
+    new = tuple(
+        altered(record, name + ending, settings)
+        for record, ending in zip(records, endings, strict=True)
     )
-    return Planned(name, made, f"{described(made[0])}; {_said(settings)}", False)
+    return Planned(name, new, f"{described(new[0])}; {_changes(settings)}", False)
 
 
-def _said(settings: Settings) -> str:
+def _changes(settings: Settings) -> str:
     """Describe an entry of `further_experiments` in words."""
     words = {"excitation": "excitation × {}", "speed": "{} × as fast", "duration": "{} × as long"}
     parts = [words[key].format(value) for key, value in settings.items() if key in words]
     return f"like {settings['like']}" + (f", {', '.join(parts)}" if parts else " once more")
 
 
-def _driven(experiment: Experiment, factor: float) -> Experiment:
+def _scaled(experiment: Experiment, factor: float) -> Experiment:
     driven = experiment.excitation
     rest = 1.0 if driven.unit == "1" else 0.0
 
@@ -143,7 +156,7 @@ def _driven(experiment: Experiment, factor: float) -> Experiment:
     return replace(experiment, excitation=replace(driven, values=scaled(driven.values)))
 
 
-def _run(experiment: Experiment, speed: float) -> Experiment:
+def _accelerated(experiment: Experiment, speed: float) -> Experiment:
     if speed == 1.0:
         return experiment
     driven = experiment.excitation
@@ -155,7 +168,7 @@ def _run(experiment: Experiment, speed: float) -> Experiment:
     )
 
 
-def _held(experiment: Experiment, factor: float) -> Experiment:
+def _prolonged(experiment: Experiment, factor: float) -> Experiment:
     """Hold the last excitation longer; the number of points at most doubles."""
     if factor == 1.0:
         return experiment
@@ -222,11 +235,11 @@ def _of_truth(
 ) -> tuple[float, float, tuple[float, float]]:
     """Mean log q(M | y) and share of right choices if candidate `truth` is right, with errors."""
     share = predictives[truth].failed_share
-    nats, right = _judged(np.array([[each.log_failed[0]] for each in predictives]), truth)
+    nats, right = _judged(np.array([[p.log_failed[0]] for p in predictives]), truth)
     if share == 1.0:
         return float(nats[0]), float(right[0]), (0.0, 0.0)
     y = predictives[truth].sample(rng)
-    log_q = [_log_response(each, y) for each in predictives]
+    log_q = [_log_response(p, y) for p in predictives]
     seen_nats, seen_right = _judged(np.stack(log_q), truth)
     kept = (1.0 - share) / np.sqrt(len(seen_nats))
     return (
@@ -248,8 +261,6 @@ def _judged(log_q: FloatArray, truth: int) -> tuple[FloatArray, FloatArray]:
 
     If several candidates share the largest density, one of them is chosen at random.
     """
-    from scipy.special import logsumexp
-
     best = log_q >= log_q.max(axis=0) - 1e-12
     right = np.where(best[truth], 1.0 / best.sum(axis=0), 0.0)
     return np.asarray(log_q[truth] - logsumexp(log_q, axis=0)), right
@@ -267,26 +278,10 @@ def parameter_information(predictive: Predictive) -> tuple[float, float]:
     linear in the parameters, and otherwise the largest value that their covariance allows.
     Information about the noise is left out.
     """
-    from scipy.special import entr
-
     failed = predictive.failed_share
-    values = (1.0 - failed) * np.array([each.information for each in predictive.normals])
+    values = (1.0 - failed) * np.array([normal.information for normal in predictive.normals])
     failing = float(entr(failed) + entr(1.0 - failed))
     return float(values.mean()) + failing, float(values.std() / np.sqrt(values.size))
-
-
-IN_THE_RUNNING = 3.0
-"""Nats below the best log evidence within which a candidate may be right (odds of 20 to 1)."""
-FIRST = f"{SHOWN}|^nothing to compare"
-SHARE_FOR_DENSITY = 2.0 / 3.0
-COLUMNS = (
-    "experiment", "what", "held_out", "candidates",
-    "information_candidate_nats", "information_candidate_error_nats",
-    "probability_right", "probability_right_error",
-    "failed_share", "failure", "extrapolation",
-)  # fmt: skip
-Seed = Callable[[str], np.random.SeedSequence]
-"""Function from an experiment's name to its random seed."""
 
 
 @dataclass(frozen=True)
@@ -325,7 +320,7 @@ def further_table(
         order.
     """
     names = [f"information_{c}{end}" for c in candidates for end in ("_nats", "_error_nats")]
-    rows = [_row(each, candidates, np.random.default_rng(seed(each.name))) for each in planned]
+    rows = [_row(p, candidates, np.random.default_rng(seed(p.name))) for p in planned]
     table = pd.DataFrame(rows, columns=[*COLUMNS, *names])
     key = "information_candidate_nats" if len(candidates) > 1 else (names or [COLUMNS[0]])[0]
     return table.sort_values(key, ascending=False, kind="stable", ignore_index=True)
@@ -333,8 +328,8 @@ def further_table(
 
 def outlook(planned: Planned, fitted: Fitted) -> Outlook:
     """Predict an experiment with a candidate; a draw that fails on one record counts as failed."""
-    found = [fitted.reading(record) for record in planned.records]
-    kept = np.logical_and.reduce([ok for _, ok in found])
+    readings = [fitted.reading(record) for record in planned.records]
+    kept = np.logical_and.reduce([ok for _, ok in readings])
     failed = int(np.sum(~kept))
     failure = ""
     if failed:
@@ -347,7 +342,7 @@ def outlook(planned: Planned, fitted: Fitted) -> Outlook:
     picked = np.flatnonzero(kept)
     cut = max(int(SHARE_FOR_DENSITY * picked.size), 1)
     known, others = (
-        tuple(reading.of_draws(part) for reading, _ in found)
+        tuple(reading.of_draws(part) for reading, _ in readings)
         for part in (picked[:cut], picked[cut:])
     )
     return Outlook(Predictive(known, others, (failed, kept.size)), failure)
@@ -362,22 +357,20 @@ def _row(
         "what": planned.what,
         "held_out": planned.held_out,
         "candidates": ", ".join(candidates),
-        "failed_share": np.mean([each.predictive.failed_share for each in outlooks.values()]),
-        "failure": "; ".join(
-            f"{n}: {each.failure}" for n, each in outlooks.items() if each.failure
-        ),
+        "failed_share": np.mean([o.predictive.failed_share for o in outlooks.values()]),
+        "failure": "; ".join(f"{n}: {o.failure}" for n, o in outlooks.items() if o.failure),
         "extrapolation": next(iter(candidates.values())).extrapolation(planned.records[0]),
     }
     if len(candidates) > 1:
-        found = candidate_information([each.predictive for each in outlooks.values()], rng)
+        information = candidate_information([o.predictive for o in outlooks.values()], rng)
         row |= {
-            "information_candidate_nats": max(found.nats, 0.0),
-            "information_candidate_error_nats": found.nats_error,
-            "probability_right": found.probability_right,
-            "probability_right_error": found.probability_right_error,
+            "information_candidate_nats": max(information.nats, 0.0),
+            "information_candidate_error_nats": information.nats_error,
+            "probability_right": information.probability_right,
+            "probability_right_error": information.probability_right_error,
         }
-    for name, each in outlooks.items():
-        if each.predictive.known:
-            nats, error = parameter_information(each.predictive)
+    for name, expected in outlooks.items():
+        if expected.predictive.known:
+            nats, error = parameter_information(expected.predictive)
             row |= {f"information_{name}_nats": nats, f"information_{name}_error_nats": error}
     return row

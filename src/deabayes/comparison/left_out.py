@@ -1,16 +1,14 @@
-"""How well a candidate predicts blocks of the records that are left out of the fit."""
+"""Log predictive density of data that are left out of a posterior, by tempering."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior, log_standard_normal
-from deabayes.posteriors.sensitivity import smoothed
 from deabayes.sampling.problem import Coordinates, Hop, Problem
 from deabayes.sampling.tempering import Populations, Schedule, temper
 
@@ -141,117 +139,3 @@ def _terms(target: LogPosterior, z: FloatArray) -> tuple[dict[str, FloatArray], 
         by_record = target.pointwise_log_likelihood(theta)
         rest = target.log_density_beside_records(theta, z) + log_standard_normal(z)
     return by_record, rest
-
-
-SMALLEST_GAIN = 4.0
-SAFE_GAIN = 8.0
-"""Gain in nats from which the larger of two candidates may win despite a large standard error. If
-the better of two Gaussian predictions is right, its gain g has the standard deviation sqrt(2 g);
-from 8 nats on, g is at least two of these."""
-
-
-@dataclass(frozen=True)
-class BlockLoo:
-    """Leave-one-block-out expected log predictive density.
-
-    `terms` (B,) are the contributions of the blocks, which are the same for every candidate of a
-    study. `k_hat` (B,) are the Pareto shapes of the blocks' importance weights. `names` say
-    where the blocks are.
-    """
-
-    terms: FloatArray
-    k_hat: FloatArray
-    names: tuple[str, ...] = ()
-
-    @property
-    def elpd(self) -> float:
-        return float(np.sum(self.terms))
-
-    @property
-    def se(self) -> float:
-        return standard_error(self.terms)
-
-
-def standard_error(terms: FloatArray) -> float:
-    """Standard error of a sum of block terms."""
-    return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else float("inf")
-
-
-def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
-    """First index of each block; a block is a contiguous stretch at least `length` long.
-
-    With blocks of at least two correlation lengths, the neighbours of a left-out block say
-    little about its noise (inference.md, Model order).
-    """
-    edges, start = [0], coordinate[0]
-    for index, value in enumerate(coordinate):
-        if value - start >= length and index > edges[-1]:
-            edges.append(index)
-            start = value
-    if len(edges) > 2 and coordinate[-1] - coordinate[edges[-1]] < length / 2:
-        edges.pop()
-    return np.asarray(edges, dtype=np.intp)
-
-
-def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
-    """Sum conditional log densities (S, N) over blocks: (S, B)."""
-    return np.add.reduceat(pointwise, edges, axis=1)
-
-
-def leave_one_block_out(terms: FloatArray, names: tuple[str, ...] = ()) -> BlockLoo:
-    """Estimate block-LOO by Pareto-smoothed importance sampling (Vehtari, Gelman & Gabry 2017).
-
-    Draws of the full posterior have weights 1 / p(block | theta_s).
-
-    Parameters
-    ----------
-    terms : (S, B) log p(block | points before it, theta_s).
-    """
-    from scipy.special import logsumexp
-
-    weighed = [smoothed(-block) for block in terms.T]
-    elpd = [
-        logsumexp(weights + block) for (weights, _), block in zip(weighed, terms.T, strict=True)
-    ]
-    return BlockLoo(np.asarray(elpd), np.asarray([k_hat for _, k_hat in weighed]), names)
-
-
-def favour(gains: FloatArray) -> bool:
-    """Whether the gains (B,) of a larger candidate show that it predicts the blocks better.
-
-    Either the sum of the gains exceeds max(4, 2 SE). Or the sum exceeds `SAFE_GAIN`, and the sum
-    without the block that gains most exceeds max(4, SE). The second rule is needed because the
-    standard error assumes similar blocks. If a fast relaxation shows only in the first block, the
-    standard error is more than half of the sum, however large the sum. No block decides alone.
-    """
-    if _exceeds(gains, SMALLEST_GAIN, 2.0):
-        return True
-    rest = np.sort(gains)[:-1]
-    return _exceeds(gains, SAFE_GAIN, 0.0) and _exceeds(rest, SMALLEST_GAIN, 1.0)
-
-
-def deciding(gains: FloatArray, evidence: bool) -> int | None:
-    """Find the single block that makes left-out blocks and evidence disagree, if there is one.
-
-    Parameters
-    ----------
-    gains : (B,) gains of the larger candidate over the smaller.
-    evidence : whether the evidence favours the larger candidate.
-
-    Returns
-    -------
-    Index of the block whose gain contradicts the evidence most, if both criteria agree without
-    it. Else, if the evidence favours the larger and the sum of the gains exceeds `SAFE_GAIN`,
-    index of the block that gains most. None if both criteria agree already, or in other cases.
-    """
-    if gains.size < 3 or favour(gains) == evidence:
-        return None
-    against = int(np.argmin(gains) if evidence else np.argmax(gains))
-    if favour(np.delete(gains, against)) == evidence:
-        return against
-    return int(np.argmax(gains)) if evidence and _exceeds(gains, SAFE_GAIN, 0.0) else None
-
-
-def _exceeds(gains: FloatArray, nats: float, standard_errors: float) -> bool:
-    least = standard_errors * standard_error(gains) if standard_errors else 0.0
-    return float(np.sum(gains)) > max(nats, least)

@@ -12,21 +12,18 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.comparison.decision import (
-    Decision,
-    Score,
-    decide,
-    elpd_difference,
-    evidence_conflict,
-)
-from deabayes.comparison.left_out import (
+from deabayes.comparison.blocks import (
     BlockLoo,
+    Place,
     block_edges,
+    block_names,
     block_terms,
-    leave_blocks_out,
     leave_one_block_out,
 )
-from deabayes.experiment import Experiment, FloatArray
+from deabayes.comparison.decision import Decision, Score, decide
+from deabayes.comparison.left_out import leave_blocks_out
+from deabayes.comparison.verdicts import elpd_difference, verdicts
+from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
 from deabayes.posteriors.storage import stacked
@@ -105,7 +102,7 @@ def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo
     return leave_one_block_out(terms, block_names(experiments, _places(target, edges)))
 
 
-def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[tuple[str, slice]]:
+def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[Place]:
     """Return the record's name and the slice of points of every block."""
     return [
         (r.experiment.name, slice(*ends))
@@ -141,23 +138,6 @@ def _terms(
     return np.concatenate([block_terms(pointwise[name], edges[name]) for name in names], axis=1)
 
 
-def block_names(
-    experiments: Mapping[str, Experiment], places: Sequence[tuple[str, slice]]
-) -> tuple[str, ...]:
-    """Describe where each block is, such as `the end of creep_2kV, time 0.8 to 1 s`."""
-
-    def named(name: str, block: slice) -> str:
-        experiment = experiments[name]
-        at, unit = experiment.coordinate, experiment.coordinate_unit
-        edge = "the beginning of " if block.start == 0 else ""
-        edge = "the end of " if block.stop == at.size else edge
-        extent = f"{at[block.start]:.3g} to {at[block.stop - 1]:.3g}"
-        where = f"{edge}{name}, {experiment.coordinate_name} {extent}"
-        return where if unit == "1" else f"{where} {unit}"
-
-    return tuple(named(*place) for place in places)
-
-
 def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> list[Score]:
     """Score all candidates; only converged ones get a block-LOO."""
     converged = [c for c in candidates if c.converged]
@@ -167,28 +147,30 @@ def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> lis
     for c, stream in zip(candidates, seed.spawn(len(candidates)), strict=True):
         if c.candidate in close:
             loos[c.candidate] = _sampled(c, loos[c.candidate], edges, stream)
-    return [
-        Score(
-            candidate=c.candidate,
-            order=int(c.tree.attrs["order"]),
-            n_parameters=c.target.dimension,
-            converged=c.converged,
-            log_evidence=c.scores["log_evidence"],
-            log_evidence_mcse=c.scores["log_evidence_mcse"],
-            bic=c.scores["bic"],
-            leave_one_experiment_out=c.scores["elpd_leave_one_experiment_out"],
-            loo=loos.get(c.candidate),
-            log_evidence_nested=c.scores.get("log_evidence_nested", float("nan")),
-            log_evidence_nested_error=c.scores.get("log_evidence_nested_error", float("nan")),
-        )
-        for c in candidates
-    ]
+    return [_score(c, loos.get(c.candidate)) for c in candidates]
+
+
+def _score(ranked: Ranked, loo: BlockLoo | None) -> Score:
+    scores, unknown = ranked.scores, float("nan")
+    return Score(
+        candidate=ranked.candidate,
+        order=int(ranked.tree.attrs["order"]),
+        n_parameters=ranked.target.dimension,
+        converged=ranked.converged,
+        log_evidence=scores["log_evidence"],
+        log_evidence_mcse=scores["log_evidence_mcse"],
+        bic=scores["bic"],
+        leave_one_experiment_out=scores["elpd_leave_one_experiment_out"],
+        loo=loo,
+        log_evidence_nested=scores.get("log_evidence_nested", unknown),
+        log_evidence_nested_error=scores.get("log_evidence_nested_error", unknown),
+    )
 
 
 def _close_calls(log_evidence: Mapping[str, float], loos: Mapping[str, BlockLoo]) -> list[str]:
     """List the candidates that are not far behind the best; empty if there are fewer than two."""
     elpd = {name: loo.elpd for name, loo in loos.items()}
-    least = [max(each.values(), default=0.0) - FAR_BEHIND for each in (log_evidence, elpd)]
+    least = [max(scores.values(), default=0.0) - FAR_BEHIND for scores in (log_evidence, elpd)]
     close = [n for n in loos if not (log_evidence[n] < least[0] and elpd[n] < least[1])]
     return close if len(close) > 1 else []
 
@@ -197,26 +179,29 @@ def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence)
     """Return the table of comparison.csv."""
     scores = score_all(candidates, seed)
     decision = decide(scores)
+    words = verdicts(scores, decision)
     chosen = next((s for s in scores if s.candidate == decision.chosen), None)
-    rows = [_row(score, chosen, decision) for score in scores]
-    table = pd.DataFrame(rows)
-    table["differs_in"] = [
-        _difference(c, candidates, decision) if c.candidate in decision.unresolved else ""
-        for c in candidates
-    ]
-    for column in ("log_evidence_nested", "log_evidence_nested_error"):
-        table[column] = [getattr(score, column) for score in scores]
-    return table
+    rows = []
+    for score, candidate in zip(scores, candidates, strict=True):
+        unresolved = score.candidate in decision.unresolved
+        rows.append(
+            _row(score, chosen)
+            | {
+                "verdict": words[score.candidate],
+                "differs_in": _difference(candidate, candidates, decision) if unresolved else "",
+                "log_evidence_nested": score.log_evidence_nested,
+                "log_evidence_nested_error": score.log_evidence_nested_error,
+            }
+        )
+    return pd.DataFrame(rows)
 
 
-def _row(score: Score, chosen: Score | None, decision: Decision) -> dict[str, object]:
-    verdict = decision.verdicts[score.candidate]
-    difference, error = float("nan"), float("nan")
-    if chosen is not None and score.loo is not None:
-        difference, error = elpd_difference(score, chosen)
-    k_hat = float(score.loo.k_hat.max()) if score.loo else float("nan")
-    if conflict := evidence_conflict(score):
-        verdict += f"; {conflict}"
+def _row(score: Score, chosen: Score | None) -> dict[str, object]:
+    """Return the scores of a candidate, and their difference from the chosen one's."""
+    unknown = float("nan")
+    loo, difference = score.loo, (unknown, unknown)
+    if chosen is not None and loo is not None:
+        difference = elpd_difference(score, chosen)
     return {
         "candidate": score.candidate,
         "order": score.order,
@@ -224,14 +209,13 @@ def _row(score: Score, chosen: Score | None, decision: Decision) -> dict[str, ob
         "log_evidence": score.log_evidence,
         "log_evidence_mcse": score.log_evidence_mcse,
         "bic": score.bic,
-        "elpd_block_loo": score.loo.elpd if score.loo else float("nan"),
-        "elpd_block_loo_se": score.loo.se if score.loo else float("nan"),
-        "elpd_difference": difference,
-        "elpd_difference_se": error,
+        "elpd_block_loo": loo.elpd if loo else unknown,
+        "elpd_block_loo_se": loo.se if loo else unknown,
+        "elpd_difference": difference[0],
+        "elpd_difference_se": difference[1],
         "elpd_leave_one_experiment_out": score.leave_one_experiment_out,
-        "worst_k_hat": k_hat,
+        "worst_k_hat": float(loo.k_hat.max()) if loo else unknown,
         "converged": score.converged,
-        "verdict": verdict,
     }
 
 

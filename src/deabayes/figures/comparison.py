@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from deabayes.comparison.decision import NOT_RANKED
+from deabayes.comparison.verdicts import NOT_RANKED
 from deabayes.figures import style
 from deabayes.figures.results import StudyResults
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deabayes.comparison.decision import SHOWN
+from deabayes.comparison.verdicts import CHOSEN
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import fitted_posteriors
 
@@ -98,7 +98,7 @@ class StudyResults:
         """Candidate that the comparison selects; else the first converged one, else the first."""
         by_name = {c.name: c for c in self.candidates}
         if self.comparison is not None:
-            shown = self.comparison["verdict"].astype(str).str.contains(SHOWN)
+            shown = self.comparison["verdict"].astype(str).str.contains(CHOSEN)
             for name in self.comparison.index[shown].astype(str):
                 if name in by_name:
                     return by_name[name]

@@ -30,7 +30,11 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
 
     Returns a sentence on every experiment without a leave-one-out score.
     """
-    from deabayes.comparison import scoring
+    from deabayes.comparison.evidence import (
+        bridge_evidence,
+        leave_one_experiment_out,
+        maximum_log_likelihood,
+    )
     from deabayes.posteriors.problem import split_log_likelihood
     from deabayes.posteriors.storage import read_tree
 
@@ -40,16 +44,16 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     z = tree["unconstrained_posterior"]["z"].values
     ess = float(tree["summary"]["ess_bulk"].min()) / z.shape[0]
     bridged = z[:, np.linspace(0, z.shape[1] - 1, min(BRIDGE_DRAWS, z.shape[1])).astype(int)]
-    evidence = scoring.bridge_evidence(
+    evidence = bridge_evidence(
         target, bridged, ess, seed_of(study, candidate, "evidence"), components=4
     )
     flat = z.reshape(-1, z.shape[2])
-    maximum = scoring.maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
+    maximum = maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
     points = sum(r.experiment.coordinate.size for r in target.records)
     stream = seed_of(study, candidate, "leave one experiment out")
     left_out: dict[str, float] = {}
     if len(study.candidates) > 1:
-        left_out = scoring.leave_one_experiment_out(target, evidence.log_evidence, flat, stream)
+        left_out = leave_one_experiment_out(target, evidence.log_evidence, flat, stream)
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,

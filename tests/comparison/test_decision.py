@@ -1,18 +1,13 @@
-"""The decision rule: what it picks, and when it declines to pick."""
+"""The decision rule: what it chooses, when it declines to choose, and the words of its verdict."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from deabayes.comparison.decision import (
-    Score,
-    decide,
-    elpd_difference,
-    evidence_conflict,
-    judge,
-)
-from deabayes.comparison.left_out import BlockLoo, block_edges, block_terms
+from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.decision import Score, decide, judge
+from deabayes.comparison.verdicts import elpd_difference, verdicts
 
 
 def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
@@ -20,18 +15,18 @@ def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
     return Score(name, parameters, parameters, converged, evidence, mcse, 0.0, np.nan, loo)
 
 
+def words(*scores):
+    return verdicts(scores, decide(scores))
+
+
 ONES = np.ones(20)
 SPREAD = np.linspace(-1, 1, 20)
-
-
-def test_larger_order_needs_both_criteria():
-    small, large = score("a", 3, 0.0, ONES), score("b", 5, 9.0, 1.5 * ONES)
-    assert judge(large, small) == "larger"
 
 
 @pytest.mark.parametrize(
     ("evidence", "terms", "expected"),
     [
+        (9.0, 1.5 * ONES, "larger"),
         (9.0, ONES, "conflict"),  # evidence alone
         (-9.0, 1.5 * ONES, "conflict"),  # elpd alone
         (0.5, 1.1 * ONES, "smaller"),  # +2 elpd and half a nat are not enough
@@ -40,18 +35,18 @@ def test_larger_order_needs_both_criteria():
         (0.9, 1.5 * ONES, "conflict"),  # less than a nat of evidence
     ],
 )
-def test_anything_less_keeps_the_smaller_or_says_so(evidence, terms, expected):
+def test_a_larger_order_wins_by_both_criteria_only(evidence, terms, expected):
     assert judge(score("b", 5, evidence, terms), score("a", 3, 0.0, ONES)) == expected
 
 
-def test_an_evidence_within_two_errors_does_not_speak():
+def test_an_evidence_within_two_errors_favours_neither():
     """Errors of 3 and 4 make one of 5 for the difference."""
     small = score("a", 3, 0.0, ONES, mcse=3.0)
     assert judge(score("b", 5, 9.9, 1.5 * ONES, mcse=4.0), small) == "conflict"
     assert judge(score("b", 5, 10.1, 1.5 * ONES, mcse=4.0), small) == "larger"
 
 
-def test_the_difference_counts_from_the_smaller_and_pairs_the_blocks():
+def test_the_elpd_difference_and_its_error_are_over_paired_blocks():
     terms = np.array([3.0, -5.0, 1.0])
     gains = np.array([1.0, 2.0, 6.0])
     large, small = score("b", 5, 0.0, terms + gains), score("a", 3, 0.0, terms)
@@ -62,7 +57,7 @@ def test_the_difference_counts_from_the_smaller_and_pairs_the_blocks():
     assert small.loo.se == pytest.approx(np.sqrt(3 * 52 / 3))  # of the mean -1/3
 
 
-def test_one_block_with_most_of_the_gain_does_not_hide_what_the_others_gain():
+def test_one_block_with_most_of_the_gain_does_not_hide_the_gain_of_the_others():
     """The gains of a simulated specimen: two standard errors of their sum exceed any such sum."""
     gains = np.array([8.3, 16.7, 1.3, 70.9, 3.6, 5.2, 3.9, 7.1, 3.5])
     small = score("a", 3, 0.0, np.zeros(9))
@@ -71,7 +66,7 @@ def test_one_block_with_most_of_the_gain_does_not_hide_what_the_others_gain():
     assert judge(score("b", 5, -1.0, gains), small) == "conflict"
 
 
-def test_blocks_need_not_be_alike():
+def test_a_large_gain_wins_although_blocks_differ():
     """Simulated specimens: 20.0 and 17.6 nats in all, 7.9 and 5.1 without the best block."""
     small = score("a", 3, 0.0, np.zeros(9))
     gains = np.array([12.1, 2.6, 1.3, -1.3, 0.7, 0.7, 2.0, -1.3, 3.1])
@@ -81,7 +76,7 @@ def test_blocks_need_not_be_alike():
     assert judge(score("b", 5, 13.5, gains), score("a", 3, 0.0, np.zeros(13))) == "larger"
 
 
-def test_seven_nats_within_two_standard_errors_are_not_enough():
+def test_seven_nats_within_two_standard_errors_are_a_conflict():
     small = score("a", 3, 0.0, np.zeros(4))
     assert judge(score("b", 5, 9.0, [2.0, 2.0, 2.0, 1.0]), small) == "larger"
     assert judge(score("b", 5, 9.0, [7.5, 2.0, 2.0, -4.0]), small) == "conflict"
@@ -100,7 +95,7 @@ def test_no_block_decides_alone():
 def named(name, parameters, evidence, terms):
     scored = score(name, parameters, evidence, terms)
     names = tuple(f"block {k}" for k in range(len(terms)))
-    return dataclasses.replace(scored, loo=dataclasses.replace(scored.loo, names=names))
+    return replace(scored, loo=replace(scored.loo, names=names))
 
 
 LOST_END = np.array([9.0, 7.0, 10.0, 8.0, 11.0, 13.0, 9.0, 8.0, -51.0])
@@ -116,15 +111,15 @@ LOST_END = np.array([9.0, 7.0, 10.0, 8.0, 11.0, 13.0, 9.0, 8.0, -51.0])
         (9.0, ONES / 20, ""),  # none is
     ],
 )
-def test_the_one_block_that_keeps_the_criteria_apart_is_named(evidence, gained, expected):
+def test_a_verdict_names_the_one_block_that_makes_the_criteria_disagree(evidence, gained, expected):
     small = named("a", 3, 0.0, np.zeros(len(gained)))
-    verdict = decide([small, named("b", 5, evidence, gained)]).verdicts["b"]
+    verdict = words(small, named("b", 5, evidence, gained))["b"]
     assert verdict.startswith("not resolved by these data: elpd")
     assert ("one block decides, " in verdict) == bool(expected)
     assert verdict.endswith(expected)
 
 
-def test_the_block_counts_for_the_candidate_of_the_row():
+def test_the_gain_of_the_decisive_block_is_that_of_the_candidate_of_the_row():
     """Here the larger one was chosen, and the smaller, ahead on one block only, contests it."""
     scores = [
         named("n1", 3, 0.0, ONES),
@@ -133,12 +128,12 @@ def test_the_block_counts_for_the_candidate_of_the_row():
     ]
     decision = decide(scores)
     assert decision.chosen == "n3" and decision.unresolved == ("n2",)
-    assert decision.verdicts["n2"].endswith("block 4 (elpd +59.8): the others have -4.8 (SE 0.0)")
+    assert words(*scores)["n2"].endswith("block 4 (elpd +59.8): the others have -4.8 (SE 0.0)")
 
 
 def test_a_resolved_order_names_no_block():
     scores = [named("a", 3, 0.0, ONES), named("b", 5, 9.0, 1.5 * ONES)]
-    assert not any("one block" in verdict for verdict in decide(scores).verdicts.values())
+    assert not any("one block" in verdict for verdict in words(*scores).values())
 
 
 def test_decision_walks_up_and_names_the_unresolved():
@@ -149,10 +144,9 @@ def test_decision_walks_up_and_names_the_unresolved():
         score("n4", 9, 40.0, 9 * ONES, converged=False),
     ]
     decision = decide(scores)
-    assert decision.chosen == "n2"
-    assert decision.unresolved == ("n3",)
-    assert decision.verdicts["n2"].endswith("against n3; the smallest order")
-    assert decision.verdicts["n4"] == "not ranked: not converged"
+    assert (decision.chosen, decision.unresolved) == ("n2", ("n3",))
+    assert words(*scores)["n2"].endswith("against n3; the smallest order")
+    assert words(*scores)["n4"] == "not ranked: not converged"
 
 
 def test_a_candidate_passed_over_may_still_contest_the_choice():
@@ -163,90 +157,76 @@ def test_a_candidate_passed_over_may_still_contest_the_choice():
         score("n3", 7, 4.0, ONES + 4.2 / 20),
     ]
     decision = decide(scores)
-    assert decision.chosen == "n3"
-    assert decision.unresolved == ("n2",)
-    assert decision.verdicts["n3"] == (
-        "not resolved by these data against n2; shown, though n2 has fewer parameters and may do"
+    assert (decision.chosen, decision.unresolved) == ("n3", ("n2",))
+    assert words(*scores)["n3"] == (
+        "not resolved by these data against n2; the fewer parameters of n2 may be enough"
     )
 
 
-def test_candidates_of_one_size_that_say_the_same_are_not_told_apart():
+def test_equal_candidates_with_as_many_parameters_are_not_resolved():
     decision = decide([score("a", 3, 0.0, ONES), score("b", 3, 0.0, ONES)])
     assert decision.unresolved == ("b",)
 
 
-def test_an_unknown_block_decides_nothing():
-    unknown = score("b", 5, -9.0, np.where(np.arange(20) == 3, np.nan, ONES))
-    assert judge(unknown, score("a", 3, 0.0, ONES)) == "conflict"
-
-
-def test_an_unknown_evidence_decides_nothing():
+def test_an_unknown_block_evidence_or_error_is_a_conflict():
     small = score("a", 3, 0.0, ONES)
-    for evidence, error in ((np.nan, 0.1), (9.0, np.nan)):
-        large = dataclasses.replace(score("b", 5, evidence, 1.5 * ONES), log_evidence_mcse=error)
-        assert judge(large, small) == "conflict"
-
-
-def test_the_verdict_says_what_was_compared():
-    alone = decide([score("a", 3, 0.0, ONES)])
-    assert alone.verdicts["a"] == "chosen: the only candidate that was compared"
-    scores = [
-        score("n1", 3, 0.0, ONES, converged=False),
-        score("n2", 5, 9.0, 1.5 * ONES),
-        score("n3", 7, 8.0, 1.5 * ONES),
+    unknown = [
+        score("b", 5, -9.0, np.where(np.arange(20) == 3, np.nan, ONES)),
+        score("b", 5, np.nan, 1.5 * ONES),
+        score("b", 5, 9.0, 1.5 * ONES, mcse=np.nan),
     ]
-    words = decide(scores).verdicts["n2"]
-    assert words.startswith("chosen: the smallest order the data cannot do without among")
-    assert words.endswith("n1 did not")
+    assert [judge(large, small) for large in unknown] == ["conflict"] * 3
 
 
-def test_the_verdict_says_that_a_larger_order_did_not_converge():
-    """It may be the one that is needed: specimen 10 of three membrane units that are shown."""
-    scores = [
-        score("n1", 3, 0.0, ONES),
-        score("n2", 5, 9.0, 1.5 * ONES),
-        score("n3", 7, 30.0, 3.0 * ONES, converged=False),
-    ]
-    assert decide(scores).verdicts["n2"].endswith("among those that converged; n3 did not")
+@pytest.mark.parametrize(("lost", "evidence", "terms"), [("n1", 0.0, ONES), ("n3", 30.0, 3 * ONES)])
+def test_the_verdict_names_the_candidates_that_did_not_converge(lost, evidence, terms):
+    """A larger one may be needed: specimen 10 of three membrane units that are shown."""
+    scores = {"n1": score("n1", 3, 0.0, ONES), "n2": score("n2", 5, 9.0, 1.5 * ONES)}
+    scores["n3"] = score("n3", 7, 8.0, 1.5 * ONES)
+    scores[lost] = score(lost, scores[lost].n_parameters, evidence, terms, converged=False)
+    assert words(*scores.values())["n2"] == (
+        f"chosen: the smallest order the data cannot do without among those that converged; "
+        f"{lost} did not"
+    )
 
 
 def test_a_verdict_shows_by_how_much_the_others_fall_short():
     scores = [score("n1", 3, 0.0, ONES), score("n2", 5, 9.0, 1.5 * ONES)]
     scores.append(score("n3", 7, 7.0, 1.4 * ONES))
-    verdicts = decide(scores).verdicts
-    assert verdicts["n1"] == "not chosen: elpd -10.0 (SE 0.0), log evidence -9.0 against n2"
-    assert verdicts["n3"] == "not chosen: elpd -2.0 (SE 0.0), log evidence -2.0 against n2"
+    verdict = words(*scores)
+    assert verdict["n1"] == "not chosen: elpd -10.0 (SE 0.0), log evidence -9.0 against n2"
+    assert verdict["n3"] == "not chosen: elpd -2.0 (SE 0.0), log evidence -2.0 against n2"
 
 
-def test_one_that_converged_among_others_is_not_chosen():
-    lost = score("b", 5, 9.0, ONES, converged=False)
-    decision = decide([score("a", 3, 0.0, ONES), lost])
-    assert decision.chosen is None
-    assert decision.verdicts["a"].startswith("nothing to compare")
+def test_a_single_candidate_is_chosen_only_if_no_other_was_asked_for():
+    one, lost = score("a", 3, 0.0, ONES), score("b", 5, 9.0, ONES, converged=False)
+    assert words(one)["a"] == "chosen: the only candidate that was compared"
+    assert decide([one, lost]).chosen is None
+    assert words(one, lost)["a"].startswith("nothing to compare")
+    assert decide([lost]).chosen is None
 
 
-@pytest.mark.parametrize(("nested", "said"), [(1.6, "-1.6"), (-1.6, "+1.6"), (1.4, ""), (-1.4, "")])
-def test_two_evidences_may_differ_by_half_a_nat_and_their_errors(nested, said):
-    """Errors of 0.6 and 0.8 make one of 1.0."""
-    checked = dataclasses.replace(
-        score("a", 3, 0.0, ONES, mcse=0.6),
-        log_evidence_nested=nested,
-        log_evidence_nested_error=0.8,
-    )
-    words = evidence_conflict(checked)
-    assert words.startswith(f"bridge and nested sampling differ by {said} ") if said else not words
+def nested(score, evidence, error=0.1):
+    return replace(score, log_evidence_nested=evidence, log_evidence_nested_error=error)
 
 
-def test_evidence_checked_without_a_known_error_may_still_conflict():
-    checked = dataclasses.replace(
-        score("a", 3, 0.0, ONES), log_evidence_mcse=np.nan, log_evidence_nested=50.0,
-        log_evidence_nested_error=0.1,
-    )  # fmt: skip
-    assert "rely on neither" in evidence_conflict(checked)
-
-
-def nested(score, evidence):
-    return dataclasses.replace(score, log_evidence_nested=evidence, log_evidence_nested_error=0.1)
+@pytest.mark.parametrize(
+    ("mcse", "evidence", "error", "said"),
+    [  # errors of 0.6 and 0.8 make one of 1.0
+        (0.6, 1.6, 0.8, "-1.6 (standard error 1.0)"),
+        (0.6, -1.6, 0.8, "+1.6 (standard error 1.0)"),
+        (0.6, 1.4, 0.8, ""),
+        (0.6, -1.4, 0.8, ""),
+        (np.nan, 50.0, 0.1, "-50.0 (standard error 0.1)"),
+        (0.1, np.nan, np.nan, ""),  # not checked
+    ],
+)
+def test_two_evidences_may_differ_by_half_a_nat_and_their_errors(mcse, evidence, error, said):
+    checked = nested(score("a", 3, 0.0, ONES, mcse=mcse), evidence, error)
+    verdict = words(checked)["a"]
+    assert checked.evidence_conflict == bool(said)
+    assert (f"; bridge and nested sampling differ by {said} in" in verdict) == bool(said)
+    assert verdict.endswith("rely on neither") == bool(said)
 
 
 @pytest.mark.parametrize(
@@ -261,24 +241,3 @@ def nested(score, evidence):
 def test_two_evidences_that_answer_differently_decide_nothing(bridge, by_nested, expected):
     small = nested(score("a", 3, 0.0, ONES), 0.0)
     assert judge(nested(score("b", 5, bridge, 1.5 * ONES), by_nested), small) == expected
-
-
-def test_nothing_is_chosen_when_nothing_converged():
-    decision = decide([score("a", 3, 0.0, ONES, converged=False)])
-    assert decision.chosen is None
-
-
-def test_blocks_are_long_enough_and_cover_every_point():
-    coordinate = np.concatenate([np.linspace(0, 1, 50), np.linspace(1.1, 100, 40)])
-    edges = block_edges(coordinate, 10.0)
-    starts = coordinate[edges]
-    assert edges[0] == 0 and np.all(np.diff(starts) >= 10.0)
-    pointwise = np.random.default_rng(1).normal(size=(3, coordinate.size))
-    terms = block_terms(pointwise, edges)
-    np.testing.assert_allclose(terms.sum(1), pointwise.sum(1))
-
-
-def test_a_rest_shorter_than_half_a_block_belongs_to_the_last():
-    assert block_edges(np.arange(25.0), 10.0).tolist() == [0, 10]
-    assert block_edges(np.arange(26.0), 10.0).tolist() == [0, 10, 20]
-    assert block_edges(np.arange(12.0), 10.0).tolist() == [0, 10]

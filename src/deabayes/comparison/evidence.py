@@ -1,20 +1,22 @@
-"""How well one candidate explains the records: evidence and BIC."""
+"""Evidence of one candidate: bridge sampling, highest likelihood, and records left out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import logsumexp
 
 from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior
+from deabayes.posteriors.problem import problem_of
+from deabayes.sampling.peaks import climb
+from deabayes.sampling.problem import LogDensity, Split, Target
+from deabayes.sampling.progress import Progress
+from deabayes.sampling.proposal import fit
+from deabayes.sampling.warm_up import FOR_EVIDENCE, warm_up
 
-if TYPE_CHECKING:
-    from deabayes.sampling.problem import Split
-
-LogDensity = Callable[[FloatArray], FloatArray]
 REACH, BEYOND = 6.0, 3.0
 """The likelihood's maximum is searched within `REACH` prior standard deviations, or within `BEYOND`
 of the draws where these lie further out."""
@@ -52,8 +54,6 @@ def bridge_log_ratio(
     Iterates r <- mean_2[e^l / (s1 e^l + s2 r)] / mean_1[1 / (s1 e^l + s2 r)]
     with s1 = n_eff / (n_eff + N2), s2 = 1 - s1, in logarithms.
     """
-    from scipy.special import logsumexp
-
     log_s1 = np.log(effective / (effective + at_proposal.size))
     log_s2 = np.log(at_proposal.size / (effective + at_proposal.size))
     log_ratio = float(np.median(at_posterior))
@@ -89,10 +89,6 @@ def bridge_evidence(
     ensembles : (E, S, d) draws of independent ensembles in z.
     effective : effective number of draws per ensemble.
     """
-    from scipy.special import logsumexp
-
-    from deabayes.sampling.proposal import fit
-
     count, size, _ = ensembles.shape
     estimates = []
     for index, stream in enumerate(seed.spawn(count)):
@@ -130,13 +126,14 @@ def leave_one_experiment_out(
     z : (N, d) draws of the posterior of all records, from which climbs start.
     """
     rows = list(dict.fromkeys(record.experiment.row for record in target.records))
-    found = {}
+    if len(rows) == 1:
+        return {}
+    gains = {}
     for row, stream in zip(rows, seed.spawn(len(rows)), strict=True):
         others = tuple(r for r in target.records if r.experiment.row != row)
-        if others:
-            rest = _warmed_up_evidence(replace(target, records=others), z, stream)
-            found[row] = log_evidence - rest
-    return found
+        rest = _warmed_up_evidence(replace(target, records=others), z, stream)
+        gains[row] = log_evidence - rest
+    return gains
 
 
 def _warmed_up_evidence(
@@ -148,20 +145,13 @@ def _warmed_up_evidence(
     is then the rough evidence times the mean of likelihood / rough likelihood over the rough
     posterior.
     """
-    from scipy.special import logsumexp
-
-    from deabayes.posteriors.problem import problem_of
-    from deabayes.sampling.problem import Target
-    from deabayes.sampling.progress import Progress
-    from deabayes.sampling.warm_up import FOR_EVIDENCE, warm_up
-
     problem = problem_of(target)
     used = problem.rough or problem
     density, shape = Target(used.log_likelihood, used.split), (POPULATIONS, PARTICLES)
-    found = warm_up(used, density, shape, seed, Progress(), similar, FOR_EVIDENCE)
-    estimates = found.log_evidence
+    populations = warm_up(used, density, shape, seed, Progress(), similar, FOR_EVIDENCE)
+    estimates = populations.log_evidence
     if used is not problem:
-        z = found.particles.reshape(-1, problem.dimension)
+        z = populations.particles.reshape(-1, problem.dimension)
         ratios = problem.log_likelihood(z) - used.log_likelihood(z)
         ratios = np.where(np.isfinite(ratios), ratios, -np.inf).reshape(shape)
         estimates = estimates + logsumexp(ratios, axis=1) - np.log(PARTICLES)
@@ -180,9 +170,6 @@ def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArr
     ----------
     split : z (W, d) -> the log-likelihood by points.
     """
-    from deabayes.sampling.peaks import climb
-    from deabayes.sampling.problem import Target
-
     starts = draws[np.linspace(0, len(draws) - 1, min(CLIMBS, len(draws))).astype(int)]
     reach = np.maximum(REACH, np.abs(starts).max(axis=0) + BEYOND)
 
