@@ -78,14 +78,14 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 	@$(BIN)/python -m tests.validation.calibration kv_gm_1 --replicates $(REPLICATES)
 	@$(BIN)/python -m tests.validation.calibration ogden_1 --replicates $(REPLICATES)
 	@for units in 1 2 3; do \
-		$(BIN)/python -m tests.validation.membrane_recovery $$units --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
+		$(BIN)/python -m tests.validation.recovery membrane $$units --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
 	@for variant in white dense dense_white iid iid_white; do \
-		$(BIN)/python -m tests.validation.membrane_recovery 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
+		$(BIN)/python -m tests.validation.recovery membrane 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
-	@$(BIN)/python -m tests.validation.tubular_recovery --replicates $(TUBES) --processes $(CORES)
-	@for terms in 1 2; do $(BIN)/python -m tests.validation.structure_recovery rest $$terms --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
-	@for units in 1 2; do $(BIN)/python -m tests.validation.structure_recovery motion $$units --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
+	@$(BIN)/python -m tests.validation.recovery tubular 2 --replicates $(TUBES) --processes $(CORES)
+	@for terms in 1 2; do $(BIN)/python -m tests.validation.recovery rest $$terms --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
+	@for units in 1 2; do $(BIN)/python -m tests.validation.recovery motion $$units --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
 	@$(BIN)/python -m tests.validation.two_seeds --processes $(CORES)
 	@for case in "voigt_kelvin closed 1" "voigt_kelvin closed 2" "voigt_kelvin discrepancy 1" "voigt_kelvin discrepancy 2" \
 		"kv_gm closed 1" "kv_gm closed 2" "kv_gm closed 3" "kv_gm shown 3" "kv_gm discrepancy 1" "kv_gm discrepancy 2" "kv_gm one_more 4"; do \

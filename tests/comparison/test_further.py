@@ -195,7 +195,7 @@ def test_a_gain_and_its_phase_are_one_experiment():
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        ({"like": "sinne"}, ("new: like 'sinne' is no record", "did you mean 'sine'")),
+        ({"like": "sinne"}, ("new: like 'sinne' is not a record", "did you mean 'sine'")),
         ({"like": "sine", "duration": 2}, ("does not end with a constant", "or give speed")),
         ({"like": "pull", "speed": 2}, ("pull (quasi_static) has no time",)),
     ],

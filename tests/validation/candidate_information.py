@@ -11,9 +11,7 @@ Written: candidate_information.csv, one row per pair, means over `REPEATS` poste
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 from scipy.special import logsumexp
@@ -25,7 +23,7 @@ from deabayes.noise.white import White
 from deabayes.prediction.outcomes import Predictive, Reading
 from tests.validation import rows
 
-OUTPUT = Path("docs/validation/candidate_information.csv")
+FILE = "candidate_information.csv"
 SEED, REPEATS = 20261122, 10
 KNOWN, OTHERS, MANY = 500, 250, 20_000
 TIME = np.linspace(0.02, 1.0, 60)
@@ -80,12 +78,12 @@ def reading(curves: FloatArray) -> Reading:
     return Reading(curves, np.ones(size), White(), draws, TIME, np.ones(TIME.size))
 
 
-def estimated(pair: list[Curves], kind: type[Predictive], seed: int) -> tuple[float, float, float]:
-    """Nats, their error and the probability of being right, by one estimator."""
+def estimated(pair: list[Curves], kind: type[Predictive], seed: int) -> tuple[float, float]:
+    """Return the information in nats and its stated error, by one estimator."""
     rng = np.random.default_rng([SEED, seed])
     made = [kind((reading(c(rng, KNOWN)),), (reading(c(rng, OTHERS)),)) for c in pair]
     found = candidate_information(made, rng)
-    return found.nats, found.nats_error, found.probability_right
+    return found.nats, found.nats_error
 
 
 def exact_of(densities: list[Callable[[FloatArray], FloatArray]], y: list[FloatArray]) -> float:
@@ -115,31 +113,28 @@ def relaxation_pairs() -> Iterator[tuple[str, list[Curves], float]]:
         pair = [relaxations(1, spread), relaxations(2, spread)]
         wide = [reading(curves(rng, MANY)) for curves in pair]
         densities = [
-            lambda y, r=each: np.array([logsumexp(r.log_density(row)) for row in y])
-            for each in wide
+            lambda y, r=draws: np.array([logsumexp(r.log_density(row)) for row in y])
+            for draws in wide
         ]
         y = [reading(curves(rng, 1000)).sample(rng) for curves in pair]
         yield f"relaxations, spread {spread}", pair, exact_of(densities, y)
 
 
-def _mean_density(known: Reading, y: FloatArray) -> FloatArray:
-    """log of the mean density over all draws, without their number."""
-    return np.array([logsumexp(known.log_density(row)) for row in y])
+def row_of(pair: str, curves: list[Curves], exact: float) -> rows.Row:
+    """Return mean, scatter and mean stated error of every estimator over `REPEATS` posteriors."""
+    row: rows.Row = {"pair": pair, "exact_nats": f"{exact:.3f}"}
+    for label, kind in ESTIMATORS.items():
+        estimates = np.array([estimated(curves, kind, k) for k in range(REPEATS)])
+        row[f"{label}_nats"] = f"{estimates[:, 0].mean():.3f}"
+        row[f"{label}_scatter"] = f"{estimates[:, 0].std(ddof=1):.3f}"
+        row[f"{label}_stated_error"] = f"{estimates[:, 1].mean():.3f}"
+    return row
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--output", type=Path, default=OUTPUT)
-    output = parser.parse_args().output
-    for pairs in (linear_pairs(), relaxation_pairs()):
-        for name, pair, exact in pairs:
-            row: rows.Row = {"pair": name, "exact_nats": f"{exact:.3f}"}
-            for label, kind in ESTIMATORS.items():
-                found = np.array([estimated(pair, kind, k) for k in range(REPEATS)])
-                row[f"{label}_nats"] = f"{found[:, 0].mean():.3f}"
-                row[f"{label}_scatter"] = f"{found[:, 0].std(ddof=1):.3f}"
-                row[f"{label}_stated_error"] = f"{found[:, 1].mean():.3f}"
-            rows.write(output, {**row, **rows.provenance(SEED)})
+    path = rows.parser(__doc__).parse_args().output / FILE
+    for pair, curves, exact in (*linear_pairs(), *relaxation_pairs()):
+        rows.write(path, {**row_of(pair, curves, exact), **rows.provenance(SEED)})
 
 
 if __name__ == "__main__":

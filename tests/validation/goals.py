@@ -12,7 +12,8 @@ from typing import Any
 
 import pandas as pd
 
-from tests.validation import membrane_summary, recovery_summary
+from tests.validation import recovery_summary
+from tests.validation.rows import Row, write_table
 
 FILE, OVERVIEW = "goals.csv", "goals_overview.csv"
 NOT_RUN = "not measured yet"
@@ -34,16 +35,13 @@ Checked = tuple[str, "pd.Series[Any] | None", bool]
 
 def write(folder: Path) -> list[str]:
     """Write goals.csv, a row for every figure, and goals_overview.csv, a row for every goal."""
-    table = pd.DataFrame(
-        [
-            {"goal": goal, "asked": asked, "of": what, "measured": measured, "met": met}
-            for goal, asked, find in GOALS
-            for what, measured, met in find(folder)
-        ]
-    )
-    table.to_csv(folder / FILE, index=False)
-    overview(table).to_csv(folder / OVERVIEW, index=False)
-    print(f"\n{FILE}\n{table.to_string(index=False)}")
+    table: list[Row] = [
+        {"goal": goal, "asked": asked, "of": what, "measured": measured, "met": met}
+        for goal, asked, figures in GOALS
+        for what, measured, met in figures(folder)
+    ]
+    write_table(folder / FILE, table)
+    overview(pd.DataFrame(table)).to_csv(folder / OVERVIEW, index=False)
     return []
 
 
@@ -119,15 +117,15 @@ def robust(folder: Path) -> Iterator[Found]:
     """Coverage does not depend on how fast one samples, nor widths on noise that is not there."""
     found = {what: row for what, row, _ in _membranes(folder)}
     dense, independent = (
-        found[f"membrane, kv_gm_1: {membrane_summary.MEANING[variant]}"]
+        found[f"membrane, kv_gm_1: {recovery_summary.MEANING[variant]}"]
         for variant in ("dense", "iid")
     )
     for what, row, column, asked in (
-        ("coverage when sampled five times faster", dense, membrane_summary.CHANGE, _small),
+        ("coverage when sampled five times faster", dense, recovery_summary.CHANGE, _small),
         (
             "widths on independent noise, over the right model's",
             independent,
-            membrane_summary.WIDTHS,
+            recovery_summary.WIDTHS,
             _narrow,
         ),
     ):
@@ -150,21 +148,20 @@ def _narrow(ratio: float) -> bool:
 
 def _membranes(folder: Path) -> Iterator[Checked]:
     table = _table(folder / "membrane_recovery.csv")
-    for variant, order in membrane_summary.PLANNED:
-        endings = ("", membrane_summary.WHERE_CORRELATED)
-        for ending in endings[: 1 + ((variant, order) in membrane_summary.CORRELATED_TOO)]:
-            meaning = membrane_summary.MEANING[variant] + ending
-            row = None
+    for model in recovery_summary.MEMBRANES:
+        correlated_too = (model.variant, model.order) in recovery_summary.CORRELATED_TOO
+        for ending in ("", recovery_summary.WHERE_CORRELATED)[: 1 + correlated_too]:
+            meaning, row = recovery_summary.MEANING[model.variant] + ending, None
             if table is not None:
-                found = table[(table["data and fit"] == meaning) & (table["units"] == order)]
-                row = found.iloc[0] if len(found) else None
-            yield f"membrane, kv_gm_{order}: {meaning}", row, MUST_FAIL in meaning
+                same = (table["data and fit"] == meaning) & (table["units"] == model.order)
+                row = table[same].iloc[0] if same.any() else None
+            yield f"membrane, kv_gm_{model.order}: {meaning}", row, MUST_FAIL in meaning
 
 
 def _others(folder: Path) -> Iterator[Checked]:
-    for model in recovery_summary.checked(folder):
-        table = _table(folder / f"{model.name}.csv")
-        yield model.title, None if table is None else table.iloc[0], False
+    for name, (title, _) in recovery_summary.OTHERS.items():
+        table = _table(folder / f"{name}.csv")
+        yield title, None if table is None else table.iloc[0], False
 
 
 def agreeing(folder: Path) -> Iterator[Found]:

@@ -11,7 +11,6 @@ in posterior standard deviations.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +19,11 @@ import numpy as np
 from deabayes.comparison.evidence import bridge_evidence
 from deabayes.comparison.nested import LIVE, nested
 from deabayes.experiment import FloatArray
-from deabayes.study import Sampling
 from tests.validation import rows
 from tests.validation.cases import RELAXATION_TIMES, case
 from tests.validation.sampled import Sampled, sample
 
-OUTPUT = Path("docs/validation")
 SEED = 20261125
-SETTINGS = Sampling()
 EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
 
 
@@ -57,11 +53,11 @@ def parameter_rows(
     ours, theirs : draws (S, d), SI.
     size : effective number of nested draws, for the error of their mean.
     """
-    found = []
+    result: list[rows.Row] = []
     for name, one, other in zip(names, np.log(ours).T, np.log(theirs).T, strict=True):
         spread = other.std()
         low, high = (np.quantile(one, [0.05, 0.95]) - np.quantile(other, [0.05, 0.95])) / spread
-        found.append(
+        result.append(
             {
                 "parameter": name,
                 "mean_difference_sd": f"{(one.mean() - other.mean()) / spread:.4f}",
@@ -71,10 +67,10 @@ def parameter_rows(
                 "q95_difference_sd": f"{high:.4f}",
             }
         )
-    return found
+    return result
 
 
-def compare(name: str, live: int, settings: Sampling, output: Path) -> None:
+def compare(name: str, live: int, output: Path) -> None:
     """Sample one case with both and append the rows of both tables."""
     target = case(name)
     emcee_seed, nested_seed, bridge_seed = np.random.SeedSequence([SEED, *name.encode()]).spawn(3)
@@ -82,25 +78,23 @@ def compare(name: str, live: int, settings: Sampling, output: Path) -> None:
     weights = results.importance_weights()
     size = 1.0 / float(np.sum(weights**2))
     theirs = target.prior.to_parameters(results.samples_equal(np.random.default_rng(nested_seed)))
-    sampled = sample(target, emcee_seed, settings)
+    sampled = sample(target, emcee_seed)
     task: rows.Task = {"case": name, "live": live}
     row = evidence_row(sampled, results, bridge_seed)
     row |= {"nested_ess": f"{size:.0f}", "nested_cpu_seconds": f"{cpu:.1f}"}
-    found = parameter_rows(target.names, sampled.theta, theirs, size)
     rows.write(output / EVIDENCE, {**task, **row, **rows.provenance(SEED)})
-    for each in found:
-        rows.write(output / PARAMETERS, {**task, **each, **rows.provenance(SEED)})
+    for parameter in parameter_rows(target.names, sampled.theta, theirs, size):
+        rows.write(output / PARAMETERS, {**task, **parameter, **rows.provenance(SEED)})
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = rows.parser(__doc__)
     parser.add_argument("--case", choices=sorted(RELAXATION_TIMES), default="A")
     parser.add_argument("--live", type=int, default=LIVE)
-    parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
     task: rows.Task = {"case": options.case, "live": options.live}
     if rows.missing(options.output / EVIDENCE, [task]):
-        compare(options.case, options.live, SETTINGS, options.output)
+        compare(options.case, options.live, options.output)
 
 
 if __name__ == "__main__":

@@ -27,10 +27,8 @@ Rows are appended as sets finish (one per parameter), so a stopped run goes on w
 
 from __future__ import annotations
 
-import argparse
 import zlib
 from collections.abc import Sequence
-from multiprocessing import Pool
 from pathlib import Path
 from typing import ClassVar
 
@@ -43,17 +41,15 @@ from deabayes.noise.white import White
 from deabayes.prior.distributions import Uniform
 from deabayes.prior.joint import Prior
 from deabayes.prior.parameter import Parameter
-from deabayes.study import Sampling, Study
+from deabayes.study import Study
 from deabayes.systems.base import Draws, Simulator, System
 from tests.validation import rows
 from tests.validation.nist_models import CURVES
-from tests.validation.nist_sets import CertifiedSet, certified
+from tests.validation.nist_sets import CertifiedSet, certified, tasks_of
 from tests.validation.sampled import Sampled, sample
 
-OUTPUT = Path("docs/validation")
 FILE = "nist.csv"
 SEED = 20261122
-AS_SHIPPED = Sampling()
 SIGMA_RANGE = 1e-15, 10.0
 """Of the noise's sd, in ranges of the response."""
 
@@ -153,26 +149,18 @@ def edge(draws: FloatArray, lower: float, upper: float) -> float:
     return float(np.mean((place < 0.005) | (place > 0.995)))
 
 
-def run(name: str, settings: Sampling = AS_SHIPPED) -> list[rows.Row]:
+def run(task: rows.Task) -> list[rows.Row]:
     """Sample one set, and compare."""
+    name = str(task["set"])
     seed = np.random.SeedSequence([SEED, zlib.crc32(name.encode())])
-    return compared(sample(target(name), seed, settings), certified(name))
+    return compared(sample(target(name), seed), certified(name))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = rows.parser(__doc__)
     parser.add_argument("--sets", nargs="*", choices=list(CURVES), default=list(CURVES))
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
-    path = options.output / FILE
-    last: list[rows.Task] = [{"set": n, "parameter": certified(n).names[-1]} for n in options.sets]
-    waiting = [str(task["set"]) for task in rows.missing(path, last)]
-    with Pool(options.processes) as pool:
-        for found in pool.imap_unordered(run, waiting):
-            for row in found:
-                rows.write(path, {**row, **rows.provenance(SEED)})
-            print(f"nist {found[0]['set']}", flush=True)
+    rows.append(options.output / FILE, tasks_of(options.sets), run, SEED, options.processes)
 
 
 if __name__ == "__main__":

@@ -15,20 +15,17 @@ least-squares estimate, m being their number. Nothing of `deabayes` takes part.
 
 from __future__ import annotations
 
-import argparse
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.validation import rows
 from tests.validation.nist_models import CURVES
-from tests.validation.nist_sets import CertifiedSet, certified
+from tests.validation.nist_sets import CertifiedSet, certified, tasks_of
 
 FloatArray = NDArray[np.float64]
-OUTPUT = Path("docs/validation")
 FILE = "nist_reference.csv"
 SEED = 20261123
 ROUNDS, PER_ROUND, FITTED_TO, FINAL, BATCH = 12, 10000, 4000, 100000, 10000
@@ -117,6 +114,13 @@ class Collapsed:
         return b, np.where(valid, log_density, -np.inf)
 
 
+def run(task: rows.Task) -> list[rows.Row]:
+    """Weigh up one set."""
+    name = str(task["set"])
+    rng = np.random.default_rng([SEED, zlib.crc32(name.encode())])
+    return reference(certified(name), rng)
+
+
 def reference(found: CertifiedSet, rng: np.random.Generator) -> list[rows.Row]:
     """Mean and sd of every parameter, in certified sds from the certified estimate."""
     target = Collapsed(found)
@@ -191,19 +195,10 @@ def tempered(log_weights: FloatArray) -> FloatArray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = rows.parser(__doc__)
     parser.add_argument("--sets", nargs="*", choices=list(CURVES), default=list(CURVES))
-    parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
-    path = options.output / FILE
-    last: list[rows.Task] = [{"set": n, "parameter": certified(n).names[-1]} for n in options.sets]
-    for task in rows.missing(path, last):
-        name = str(task["set"])
-        rng = np.random.default_rng([SEED, zlib.crc32(name.encode())])
-        found = reference(certified(name), rng)
-        for row in found:
-            rows.write(path, {**row, **rows.provenance(SEED)})
-        print(f"nist_reference {name}: {found[0]['effective_draws']} effective draws", flush=True)
+    rows.append(options.output / FILE, tasks_of(options.sets), run, SEED, options.processes)
 
 
 if __name__ == "__main__":

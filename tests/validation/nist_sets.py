@@ -8,6 +8,7 @@ linearised sds there, are the certified ones (`tests/validation/test_nist.py`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from tests.validation.nist_models import CURVES, Curve
-from tests.validation.rows import read
+from tests.validation.rows import Task, read
 
 FOLDER = Path(__file__).with_name("nist_strd")
 WIDTH = 3.0
@@ -118,3 +119,8 @@ def certified(name: str) -> CertifiedSet:
         tuple(row["parameter"] for row in parameters), np.stack([starts_1, starts_2]), estimates,
         sds, float(residuals["sum_of_squares"]), float(residuals["standard_deviation"]),
     )  # fmt: skip
+
+
+def tasks_of(names: Sequence[str]) -> list[Task]:
+    """Return a task for each set; the row of its last parameter shows that it is done."""
+    return [{"set": name, "parameter": certified(name).names[-1]} for name in names]

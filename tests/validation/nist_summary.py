@@ -10,6 +10,7 @@ import pandas as pd
 from tests.validation import nist, nist_reference
 from tests.validation.nist_models import CURVES
 from tests.validation.nist_sets import certified
+from tests.validation.rows import Row, write_table
 
 TABLE, FIGURE = "nist_summary.csv", "nist.png"
 SMALL_SHIFT, SMALL_RATIO = 0.1, 0.05
@@ -23,14 +24,12 @@ def write(folder: Path) -> list[str]:
     missing = [name for name in (nist.FILE, nist_reference.FILE) if not (folder / name).exists()]
     if missing:
         return missing
-    rows = merged(folder)
-    table = pd.DataFrame(
-        [summary(name, rows[rows["set"] == name]) for name in rows["set"].unique()]
-    )
-    table.to_csv(folder / TABLE, index=False)
-    print(f"\n{TABLE}\n{table.to_string(index=False)}")
-    draw(rows, folder / FIGURE)
-    return [f"{nist.FILE}: {name}" for name in CURVES if name not in set(rows["set"])]
+    parameters = merged(folder)
+    names = list(parameters["set"].unique())
+    table = [summary(name, parameters[parameters["set"] == name]) for name in names]
+    write_table(folder / TABLE, table)
+    draw(parameters, folder / FIGURE)
+    return [f"{nist.FILE}: {name}" for name in CURVES if name not in names]
 
 
 def merged(folder: Path) -> pd.DataFrame:
@@ -51,7 +50,7 @@ def merged(folder: Path) -> pd.DataFrame:
     return rows.sort_values(["level", "place", "parameter"], kind="stable")
 
 
-def summary(name: str, rows: pd.DataFrame) -> dict[str, object]:
+def summary(name: str, rows: pd.DataFrame) -> Row:
     """The parameter that is worst in each respect."""
     found, known = certified(name), bool(rows["exact_ratio"].notna().all())
     to_exact = (rows["difference_sd"] - rows["exact_difference_sd"]) / rows["exact_sd_ratio"]

@@ -9,7 +9,6 @@ the CRPS is small. The held-out records of the study are not read.
 
 from __future__ import annotations
 
-import csv
 import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -28,9 +27,9 @@ from deabayes.records.specimen import read_specimen
 from deabayes.sampling.problem import Problem
 from deabayes.sampling.tempering import temper
 from deabayes.studies import load_study
+from tests.validation import rows
 from tests.validation.sampled import sample
 
-OUTPUT = Path("docs/validation/noise_variants.csv")
 CANDIDATES = ("kv_gm_3", "ogden_1_units_3")
 DRAWS = 1000
 SIZE = {"distribution": "lognormal", "median": 0.05, "sigma": 0.02}
@@ -95,13 +94,11 @@ def row(target: LogPosterior, variant: str, candidate: str) -> dict[str, object]
     ]
     means = {name: float(np.mean([s[name] for s in scores])) for name in scores[0]}
     means["joint log score"] *= len(scores)
-    rounded = {name: f"{value:.4g}" for name, value in means.items()}
-    converged = "yes" if found.convergence.converged else "NO"
     return {
         "candidate": candidate,
         "noise": variant,
-        "converged": converged,
-        **rounded,
+        "converged": "yes" if found.convergence.converged else "NO",
+        **{name: f"{value:.4g}" for name, value in means.items()},
         "deabayes": version("deabayes"),
     }
 
@@ -111,16 +108,13 @@ def main() -> None:
     specimen = read_specimen(study.specimen)
     with tempfile.TemporaryDirectory() as folder:
         experiments = prepare_study(study, Path(folder))
-    rows = []
+    table = []
     for candidate in CANDIDATES:
         for name, changes in VARIANTS.items():
             target = build(replace(study, **changes), candidate, specimen, experiments)  # type: ignore[arg-type]
-            rows.append(row(target, name, candidate))
-            print(rows[-1], flush=True)
-    with OUTPUT.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+            table.append(row(target, name, candidate))
+            print(table[-1], flush=True)
+    rows.write_table(rows.OUTPUT / "noise_variants.csv", table)
 
 
 if __name__ == "__main__":

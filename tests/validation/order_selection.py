@@ -1,37 +1,33 @@
-"""Does the shipped rule pick the right model order, and does it say when it cannot?
+"""Does the shipped rule choose the right model order, and does it say when it cannot?
 
-Specimens are drawn from the priors of `membrane_worlds` and `tubular_worlds`; every order from
-1 to 3 is fitted and scored for the shipped rule (`comparison.decide`): bridge evidence, BIC,
+Specimens are drawn from the priors of `membrane_worlds` and `tubular_worlds`. Every order from 1 to
+3 is fitted and scored for the shipped rule (`comparison.decision`): bridge evidence, BIC,
 block-LOO. Worlds:
 
 - `closed`: the truth is one of the candidates.
 - `shown`: the same, and drawn again until the records can show its last unit (`order_signal`).
-- `discrepancy`: the records carry in addition a smooth error of 1 % of their range, even in
-  the logarithm of time, that no candidate has; the right pick is still the true order.
-- `one_more`: the truth has four units; the right pick is three, the best there is.
+- `discrepancy`: the records also have a smooth error of 1 % of their range, even in the logarithm
+  of time, that no candidate has. The right choice is still the true order.
+- `one_more`: the truth has four units. The right choice is three, the best there is.
 
-The truth's units are drawn as the prior has them, so a second or third unit may be too weak,
-or too close to another, to be seen in any data: `signal` says in nats how much of the last
-unit the records can show (`order_signal`), `smallest_ratio` and `noise_share` are the ratio of
-neighbouring times and the noise over the records' range.
+The units of the truth are drawn from the prior. A second or third unit may be too weak, or too
+close to another one, to be seen in any data. `signal` is how much of the last unit the records can
+show, in nats (`order_signal`). `smallest_ratio` is the smallest ratio of neighbouring times, and
+`noise_share` is the noise over the range of the records.
 
     python -m tests.validation.order_selection voigt_kelvin closed 2 --replicates 100
     python -m tests.validation.order_selection kv_gm one_more 4
 
-A row holds what the rule goes by, not its verdict, which `tally` finds anew: a change of
-the rule is tried on specimens already fitted.
-
-Rows are appended as replicates finish, so a stopped run goes on where it was.
+A row contains the scores that the rule needs, but no verdict: `tally` decides anew. A change of the
+rule can therefore be tried on specimens that are already fitted.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import zlib
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -48,7 +44,6 @@ from tests.validation.sampled import Sampled, sample
 from tests.validation.tubular_worlds import tubular
 from tests.validation.worlds import Discrepancy, Simulated, World, simulate, smooth_in_log_time
 
-OUTPUT = Path("docs/validation")
 SEED = 20261123
 CANDIDATES = (1, 2, 3)
 STORED_DRAWS = 2000
@@ -61,11 +56,6 @@ WORLDS: Mapping[str, Discrepancy | None] = {
     "discrepancy": smooth_in_log_time,
     "one_more": None,
 }
-
-
-def path_of(family: str, output: Path = OUTPUT) -> Path:
-    """Where the replicates of a family are kept."""
-    return output / f"order_selection_{family}.csv"
 
 
 def replicate(task: rows.Task) -> rows.Row:
@@ -179,13 +169,10 @@ def _noise(ranked: Ranked) -> rows.Row:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = rows.parser(__doc__)
     parser.add_argument("family", choices=sorted(FAMILIES))
     parser.add_argument("world", choices=list(WORLDS))
     parser.add_argument("truth", type=int, help="units of the truth; 4 in the world one_more")
-    parser.add_argument("--replicates", type=int, default=100)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=OUTPUT)
     options = parser.parse_args()
     extra = options.truth > max(CANDIDATES)
     if options.truth < 1 or extra != (options.world == "one_more"):
@@ -194,7 +181,7 @@ def main() -> None:
         {"family": options.family, "world": options.world, "truth": options.truth, "replicate": i}
         for i in range(options.replicates)
     ]
-    path = path_of(options.family, options.output)
+    path = options.output / f"order_selection_{options.family}.csv"
     rows.append(path, todo, replicate, SEED, options.processes)
 
 

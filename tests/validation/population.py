@@ -1,23 +1,19 @@
 """Populations of simulated specimens: do the intervals of mean and spread hold the truth?
 
-Mean and spread are drawn from their priors, five specimens from them, and of each a short
-relaxation mu exp(-t / tau) with white noise of known size is recorded. A specimen's own
-posterior, skewed and correlated, is drawn from a dense grid; the population is then sampled as
-in a study, with one ensemble. Truths drawn from the prior are in 90 % of 90 % intervals.
+Mean and spread are drawn from their priors, and five specimens from mean and spread. Each specimen
+has a short relaxation mu exp(-t / tau) with white noise of known size. A specimen's own posterior,
+skewed and correlated, is drawn from a dense grid. The population is then sampled as in a study,
+with one ensemble. Truths drawn from the prior are in 90 % of 90 % intervals.
 
     python -m tests.validation.population --replicates 100
 
-Rows are appended as replicates finish, so a stopped run goes on where it was. With --noise
-instead: log-likelihoods of the population from mixtures and from averages over draws, against
-the exact ones.
+With --noise, log-likelihoods of the population from mixtures and from averages over draws are
+compared with the exact ones instead.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import time as clock
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +29,6 @@ from deabayes.study import Sampling
 from tests.shared.populations import parameter, world
 from tests.validation import rows
 
-OUTPUT = Path("docs/validation")
 SEED = 20261122
 SPECIMENS, DRAWS = 5, 4000
 TIME = np.linspace(0.5, 20.0, 40)
@@ -129,22 +124,21 @@ def of_specimens(
     }
 
 
-def summary(path: Path) -> list[dict[str, object]]:
+def summary(path: Path) -> list[rows.Row]:
     """Shares of intervals that hold the truth, over all rows of a file."""
     done = list(rows.read(path))
-    of = {"mean_inside": 2, "spread_inside": 2, "new_inside": 2,
-          "own_inside": 2 * SPECIMENS, "shrunken_inside": 2 * SPECIMENS}  # fmt: skip
+    intervals = {"mean": 2, "spread": 2, "new": 2, "own": 2 * SPECIMENS, "shrunken": 2 * SPECIMENS}
     return [
         {
-            "quantity": name.removesuffix("_inside"),
-            "intervals": each * len(done),
-            "coverage": f"{sum(int(row[name]) for row in done) / (each * len(done)):.3f}",
+            "quantity": name,
+            "intervals": count * len(done),
+            "coverage": f"{np.mean([int(r[f'{name}_inside']) for r in done]) / count:.3f}",
         }
-        for name, each in of.items()
+        for name, count in intervals.items()
     ]
 
 
-def noise(repeats: int = 20) -> list[dict[str, object]]:
+def noise(repeats: int = 20) -> list[rows.Row]:
     """Error of log p(y | m, s) of six normal specimens, sd 0.1 each, 8000 draws, against exact.
 
     At the true mean, relative to a spread of three sds, at which either is nearly exact.
@@ -180,28 +174,17 @@ def averaged(member: Member, centres: FloatArray, spreads: FloatArray) -> FloatA
     return np.asarray(np.logaddexp.reduce(log_terms - member.log_prior, axis=1))
 
 
-def write_table(path: Path, table: Sequence[dict[str, object]]) -> None:
-    """Write a small table anew, and show it."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
-    print(path.read_text(encoding="utf-8"))
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--replicates", type=int, default=100)
-    parser.add_argument("--processes", type=int, default=1)
+    parser = rows.parser(__doc__)
     parser.add_argument("--noise", action="store_true")
-    arguments = parser.parse_args()
-    if arguments.noise:
-        write_table(OUTPUT / "population_noise.csv", noise())
+    options = parser.parse_args()
+    if options.noise:
+        rows.write_table(options.output / "population_noise.csv", noise())
         return
-    path = OUTPUT / "population_rows.csv"
-    tasks = [{"replicate": index} for index in range(arguments.replicates)]
-    rows.append(path, tasks, replicate, SEED, arguments.processes)
-    write_table(OUTPUT / "population.csv", summary(path))
+    path = options.output / "population_rows.csv"
+    tasks: list[rows.Task] = [{"replicate": index} for index in range(options.replicates)]
+    rows.append(path, tasks, replicate, SEED, options.processes)
+    rows.write_table(options.output / "population.csv", summary(path))
 
 
 if __name__ == "__main__":

@@ -13,8 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from deabayes.posteriors.storage import read_tree
-
-OUTPUT = Path("docs/validation/real_records.csv")
+from tests.validation import rows
 
 
 def row(posterior: Path) -> dict[str, object]:
@@ -60,10 +59,8 @@ def finished(posterior: Path) -> bool:
 def main() -> None:
     results = Path(sys.argv[1] if len(sys.argv) > 1 else "results")
     posteriors = sorted(results.glob("*/*/posterior.nc"))
-    rows = [row(path) for path in posteriors if finished(path)]
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(rows).to_csv(OUTPUT, index=False)
-    print(pd.DataFrame(rows).to_string(index=False))
+    table = [row(path) for path in posteriors if finished(path)]
+    rows.write_table(rows.OUTPUT / "real_records.csv", table)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide, is_favoured
+from tests.validation import rows
 from tests.validation.order_signal import SHOWN
 
 OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
@@ -97,8 +100,19 @@ def verdict(row: Mapping[str, object]) -> dict[str, object]:
     }
 
 
-def tally(replicates: Iterable[Mapping[str, object]]) -> pd.DataFrame:
-    """One row per family, world and truth: picks, share right, flags, conflicts.
+def write(folder: Path) -> list[str]:
+    """Write order_selection.csv; return what is missing."""
+    files = sorted(folder.glob("order_selection_*.csv"))
+    if not files:
+        return ["order_selection_*.csv"]
+    rows.write_table(
+        folder / "order_selection.csv", tally(chain.from_iterable(map(rows.read, files)))
+    )
+    return []
+
+
+def tally(replicates: Iterable[Mapping[str, object]]) -> list[rows.Row]:
+    """Return a row per family, world and truth: picks, share right, flags, conflicts.
 
     Parameters
     ----------
@@ -106,10 +120,10 @@ def tally(replicates: Iterable[Mapping[str, object]]) -> pd.DataFrame:
     """
     judged = pd.DataFrame([{**row, **verdict(row)} for row in replicates])
     groups = judged.groupby(["family", "world", "truth"], sort=True)
-    return pd.DataFrame([_tallied(keys, group) for keys, group in groups])
+    return [_tallied(keys, group) for keys, group in groups]
 
 
-def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> dict[str, object]:
+def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> rows.Row:
     family, world, truth = keys
     counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
     judged = group[group["outcome"] != "no verdict"]

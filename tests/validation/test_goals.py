@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from tests.validation import goals, membrane_summary
+from tests.validation import goals, recovery_summary
 
 
 def found(folder):
@@ -75,11 +75,11 @@ def test_coverage_and_its_control(tmp_path, share, expected):
     [("+0.020 ± 0.015", 1.2, ["yes", "yes"]), ("-0.050 ± 0.015", 1.3, ["NO", "NO"])],
 )
 def test_sampling_faster_and_noise_that_is_not_there(tmp_path, change, width, expected):
-    names = [membrane_summary.MEANING[variant] for variant in ("ou", "dense", "iid")]
+    names = [recovery_summary.MEANING[variant] for variant in ("ou", "dense", "iid")]
     rows = {"data and fit": names, "units": 1, "replicates": 100}
     rows |= {"coverage of 90 % intervals": "0.9 (0.8 to 1)"}
-    rows |= {membrane_summary.WIDTHS: [None, None, width]}
-    rows |= {membrane_summary.CHANGE: [None, change, None]}
+    rows |= {recovery_summary.WIDTHS: [None, None, width]}
+    rows |= {recovery_summary.CHANGE: [None, change, None]}
     pd.DataFrame(rows).to_csv(tmp_path / "membrane_recovery.csv", index=False)
     asked = found(tmp_path)
     faster = asked[asked["asked"].str.startswith("five times faster")]
@@ -94,5 +94,7 @@ def test_the_same_specimens_are_compared():
         | {"in90:tau": [1, 1, 0, 0]}
     )
     dense = usual.iloc[:2].assign(**{"in90:mu": [1, 1]})
-    change = membrane_summary._change({("dense", 1): dense, ("ou", 1): usual}, "dense", 1)
+    change = recovery_summary.change_of_coverage(
+        {("dense", 1): dense, ("ou", 1): usual}, "dense", 1
+    )
     assert change == "+0.250 ± 0.250"

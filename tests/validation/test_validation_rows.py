@@ -7,8 +7,8 @@ import pytest
 
 from deabayes.comparison.nested import Batched
 from tests.validation import rows
-from tests.validation.membrane_recovery import comparison
 from tests.validation.nested import parameter_rows
+from tests.validation.recovery import comparison
 
 TASKS = [{"order": 2, "replicate": index} for index in range(4)]
 

@@ -1,19 +1,15 @@
 """Do two seeds give the same posterior? Goal 5 of the statistical design.
 
-Specimens of the recovery checks are fitted twice, from the prior on, with independent random
-streams. Compared are all parameters: means and the ends of 90 % intervals, in posterior
-standard deviations of the logarithm (mean of the two runs).
+Specimens of the recovery checks are fitted twice from the prior, with independent random streams.
+The means and the ends of 90 % intervals of all parameters are compared, in posterior standard
+deviations of the logarithm (mean of the two runs).
 
-    python -m tests.validation.two_seeds --specimens 3
-
-Rows are appended as specimens finish (one per model and specimen).
+    python -m tests.validation.two_seeds --replicates 3
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -23,7 +19,6 @@ from tests.validation import membrane_worlds, rows, structure_worlds, tubular_wo
 from tests.validation.sampled import SETTINGS, Sampled, sample
 from tests.validation.worlds import World, given, simulate
 
-OUTPUT = Path("docs/validation")
 FILE = "two_seeds.csv"
 SEED = 20261128
 MODELS: Mapping[str, tuple[Callable[[], World], int]] = {
@@ -50,14 +45,14 @@ def compare(task: rows.Task) -> rows.Row:
     stream = np.random.SeedSequence([SEED, NUMBERS[model], int(task["specimen"])])
     data_stream, *fit_streams = stream.spawn(3)
     target = posterior(model, data_stream)
-    first, second = (sample(target, each, SETTINGS) for each in fit_streams)
+    first, second = (sample(target, stream, SETTINGS) for stream in fit_streams)
     return differences(first, second)
 
 
 def differences(first: Sampled, second: Sampled) -> rows.Row:
     """The largest differences over the parameters, and whether both runs passed their gates."""
     logarithms = np.log(first.theta), np.log(second.theta)
-    spread = np.mean([each.std(axis=0) for each in logarithms], axis=0)
+    spread = np.mean([draws.std(axis=0) for draws in logarithms], axis=0)
     mean = np.abs(logarithms[0].mean(axis=0) - logarithms[1].mean(axis=0)) / spread
     ends = np.abs(_ends(logarithms[0]) - _ends(logarithms[1])).max(axis=0) / spread
     both = first.found.convergence.converged and second.found.convergence.converged
@@ -76,14 +71,10 @@ def _ends(draws: FloatArray) -> FloatArray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--specimens", type=int, default=3)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--output", type=Path, default=OUTPUT)
-    options = parser.parse_args()
+    options = rows.parser(__doc__, replicates=3).parse_args()
     todo: list[rows.Task] = [
         {"model": model, "specimen": index}
-        for index in range(options.specimens)
+        for index in range(options.replicates)
         for model in MODELS
     ]
     rows.append(options.output / FILE, todo, compare, SEED, options.processes)
