@@ -67,7 +67,7 @@ CONSTANTS: Mapping[str, Mapping[str, float]] = {
     "covering": {"proposal.COVERING": 1e-9},
     "map": {"proposal.STRAIGHTENED": 1e-9, "proposal.PLAIN": 1.0},
     "waves": {"peaks.MOST_WAVES": 1},
-    "walks": {"profiles.MOST_STEPS": 0},
+    "walks": {"warm_up.MOST_STEPS": 0},
     "further draws": {"engine.AIM": 0.0},
 }
 """Parts of the sampler, by the constants that leave them out."""

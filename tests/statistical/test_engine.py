@@ -1,5 +1,6 @@
 """Posteriors known in closed form or by quadrature, and runs whose outcome is known."""
 
+import functools
 import shutil
 
 import emcee
@@ -13,13 +14,11 @@ from deabayes.sampling.checkpoint import read_arrays, write_arrays
 from deabayes.sampling.diagnostics import assess
 from deabayes.sampling.engine import SAMPLING, sample
 from deabayes.sampling.problem import (
-    Coordinates,
     EveryDrawFailed,
     Problem,
     Target,
     log_standard_normal,
 )
-from deabayes.sampling.proposal import Proposal
 from deabayes.study import Sampling
 
 
@@ -248,18 +247,31 @@ def test_the_bulk_is_reached_where_the_noise_is_unknown():
 SHORT = {"max_steps": 300, "ensembles": 3, "autocorrelation_times": 1e6}
 
 
-def test_chunks_are_one_chain(tmp_path):
-    """Sampling in chunks gives what emcee gives in one go: the random stream goes on."""
+@pytest.fixture
+def first_proposal(monkeypatch):
+    """Proposals of all runs: the first one that was fitted."""
+    fitted, real = [], engine._proposal
+
+    def proposal(run):
+        if not fitted:
+            fitted.append(real(run))
+        return fitted[0]
+
+    monkeypatch.setattr(engine, "_proposal", proposal)
+    return fitted
+
+
+def test_chunks_are_one_chain(tmp_path, first_proposal):
+    """Sampling in chunks gives the draws of emcee without chunks: the random stream continues."""
     sampled(ridge, 2, 4, tmp_path, **SHORT | {"max_steps": 200})
-    warm, frozen = (read_arrays(tmp_path / n) for n in ("warm_up.npz", "round_0/proposal.npz"))
+    warm = read_arrays(tmp_path / "warm_up.npz")
     first, second = (read_arrays(tmp_path / f"round_0/chunk_0000{n}.npz") for n in (0, 1))
-    proposal = Proposal.from_arrays(frozen, Coordinates())
     start = warm["particles"][:, :32].copy()
     start[:, :16] = warm["broad"][:, :16]
     seed = np.random.SeedSequence(4, spawn_key=(SAMPLING, 0))
     random = np.random.RandomState(np.random.MT19937(seed))
     sampler = emcee.EnsembleSampler(
-        96, 2, Target(ridge), moves=moves.recipe([proposal], [], 3), vectorize=True
+        96, 2, Target(ridge), moves=moves.recipe(first_proposal, [], 3), vectorize=True
     )
     state = State(start.reshape(-1, 2), random_state=random.get_state(), copy=True)
     sampler.run_mcmc(state, 200)
@@ -268,11 +280,12 @@ def test_chunks_are_one_chain(tmp_path):
 
 
 @pytest.mark.parametrize("crossing", [False, True])
+@pytest.mark.usefixtures("first_proposal")
 def test_an_ensemble_that_starts_elsewhere_changes_no_other(tmp_path, monkeypatch, crossing):
-    """With the same proposal. Where partners cross, all change: so the test can fail."""
+    """With the same proposal. If partners cross, all ensembles change: the test can fail."""
     if crossing:
-        real = moves.recipe
-        monkeypatch.setattr(moves, "recipe", lambda frozen, hops, _: real(frozen, hops, 1))
+        one = functools.partial(moves.recipe, ensembles=1)
+        monkeypatch.setattr(engine, "recipe", lambda frozen, hops, _: one(frozen, hops))
     short = SHORT | {"max_steps": 100}
     here, there = tmp_path / "here", tmp_path / "there"
     sampled(ridge, 2, 4, here, **short)

@@ -177,5 +177,5 @@ def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArr
         return split(np.clip(z, -reach, reach))
 
     target = Target(lambda z: within(z).total, within, prior=0.0)
-    every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
-    return float(climb(target, starts, every, MOST_ITERATIONS, quiet=MOST_QUIET).value.max())
+    identity = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
+    return float(climb(target, starts, identity, MOST_ITERATIONS, quiet=MOST_QUIET).value.max())

@@ -27,7 +27,7 @@ ALIKE = 0.5
 """Decades by which a shift of moduli must bring the model's responses closer to the records'."""
 
 
-def following(
+def adapted_to_records(
     parameters: Sequence[Parameter],
     system: System,
     experiments: Sequence[Experiment],
@@ -48,11 +48,11 @@ def following(
     """
     from deabayes.systems import OWN
 
-    timed = [each for each in experiments if each.coordinate_name == "time"]
+    timed = [record for record in experiments if record.coordinate_name == "time"]
     if not experiments or type(system) in OWN.values():
         return tuple(parameters)
     if timed:
-        prior, source = _times(timed, system.time_scale)
+        prior, source = _relaxation_times(timed, system.time_scale)
         parameters = [
             replace(p, prior=prior, source=source)
             if p.is_time_constant and p.name not in inherited
@@ -62,9 +62,10 @@ def following(
     return _stiffened(parameters, system, experiments, overrides, inherited)
 
 
-def _times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
-    shortest = min(float(_steps(each.coordinate).min()) for each in timed)
-    longest = max(each.elapsed for each in timed)
+def _relaxation_times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
+    steps = [np.diff(np.sort(record.coordinate)) for record in timed]
+    shortest = min(float(step[step > 0.0].min()) for step in steps)
+    longest = max(record.elapsed for record in timed)
     source = (
         f"from the shortest interval between points, {shortest:.2g} s, to {LENGTHS:g} lengths of "
         f"the longest record, {longest:.3g} s"
@@ -72,11 +73,6 @@ def _times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str
     if scale != 1.0:
         source += f", times {scale:.3g}: a unit relaxes with 1/{scale:.3g} of it at rest"
     return LogUniform(scale * shortest, scale * LENGTHS * longest), source
-
-
-def _steps(coordinate: FloatArray) -> FloatArray:
-    steps = np.diff(np.sort(coordinate))
-    return steps[steps > 0.0]
 
 
 def _stiffened(
@@ -88,13 +84,13 @@ def _stiffened(
 ) -> tuple[Parameter, ...]:
     """Shift moduli, stiffnesses and viscosities by the decades that fit the records best."""
     prior = Prior.from_parameters(parameters, overrides, overrides)
-    moved = [
+    shifted = [
         p.name
         for p in prior.parameters
         if p.unit in STIFF and p.source != "config" and p.name not in inherited
         and isinstance(p.prior, LogNormal) and p.prior.sigma < WIDE
     ]  # fmt: skip
-    decades = _decades(prior, system, experiments, moved) if moved else 0
+    decades = _decades(prior, system, experiments, shifted) if shifted else 0
     if decades == 0:
         return tuple(parameters)
     return tuple(
@@ -103,28 +99,28 @@ def _stiffened(
             prior=LogNormal(10.0**decades * p.prior.median, p.prior.sigma),
             source=f"{p.source}; times 1e{decades:d}, as stiff as the records are",
         )
-        if p.name in moved and isinstance(p.prior, LogNormal)
+        if p.name in shifted and isinstance(p.prior, LogNormal)
         else p
         for p in parameters
     )
 
 
 def _decades(
-    prior: Prior, system: System, experiments: Sequence[Experiment], moved: Sequence[str]
+    prior: Prior, system: System, experiments: Sequence[Experiment], shifted: Sequence[str]
 ) -> int:
     """Number of decades by which the median model must be stiffer to match the records."""
     middle = prior.to_parameters(np.zeros((1, len(prior.names))))[0]
     draws = {n: np.full(DECADES.size, v) for n, v in zip(prior.names, middle, strict=True)}
-    draws |= {name: draws[name] * 10.0**DECADES for name in moved}
-    off = np.zeros(DECADES.size)
-    for each in experiments:
+    draws |= {name: draws[name] * 10.0**DECADES for name in shifted}
+    distance = np.zeros(DECADES.size)
+    for record in experiments:
+        measured = _size(system, record, record.response)
         with np.errstate(all="ignore"):
-            found = system.simulator_of(each)(draws)
-            off += np.abs(np.log10(_size(system, each, found) / _size(system, each, each.response)))
-    off = np.where(np.isfinite(off), off / len(experiments), np.inf)
-    best = int(np.argmin(off))
-    usual = int(np.flatnonzero(DECADES == 0)[0])
-    return int(DECADES[best]) if off[best] < off[usual] - ALIKE else 0
+            simulated = _size(system, record, system.simulator_of(record)(draws))
+            distance += np.abs(np.log10(simulated / measured))
+    distance = np.where(np.isfinite(distance), distance / len(experiments), np.inf)
+    best, unshifted = int(np.argmin(distance)), int(np.flatnonzero(DECADES == 0)[0])
+    return int(DECADES[best]) if distance[best] < distance[unshifted] - ALIKE else 0
 
 
 def _size(system: System, experiment: Experiment, response: FloatArray) -> FloatArray:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
-from deabayes.inference.default_priors import following, names_of_all, only_for_predictions
+from deabayes.inference.default_priors import adapted_to_records, names_of_all, only_for_predictions
 from deabayes.inference.record_noise import (
     ResidualScale,
     noise_coordinate,
@@ -34,25 +35,22 @@ class Record:
     scale: ResidualScale
     noise_coordinate: FloatArray
 
-    @property
+    @cached_property
     def weights(self) -> FloatArray:
         """Variance of each point's white noise relative to one raw sample's."""
         return 1.0 / self.experiment.samples_averaged
+
+    @cached_property
+    def log_derivative(self) -> FloatArray:
+        """log |dr/dy| at the measured responses, (1, N), for the residuals r."""
+        return self.scale.log_derivative(self.experiment.response)
 
     def solved_by(self, system: System) -> Record:
         """Return the same record with the forward model of `system`."""
         return replace(self, simulate=system.simulator_of(self.experiment))
 
 
-@dataclass
-class Failures:
-    """How many draws were tried, and how many had no finite likelihood."""
-
-    evaluations: int = 0
-    failed: int = 0
-
-
-@dataclass
+@dataclass(frozen=True)
 class LogPosterior:
     r"""log p(theta | y) of one candidate, over records that share its material parameters.
 
@@ -68,14 +66,13 @@ class LogPosterior:
     `Prior.to_parameters`). Calling the object with z (W, d) gives
     log L(theta(z)) + log N(z; 0, I), whose integral over z is the evidence. A correction is
     added if theta(z) maps N(0, I) to the prior only approximately (see `Prior.log_correction`).
-    A draw whose response is not finite has log-probability -inf and is counted.
+    A draw whose response is not finite has log-probability -inf.
     """
 
     system: System
     records: tuple[Record, ...]
     noise: NoiseModel
     prior: Prior
-    failures: Failures = field(default_factory=Failures)
     quantities_counted: bool = False
     """Whether the prior already includes the data on the specimen itself."""
 
@@ -96,18 +93,15 @@ class LogPosterior:
         draws = self.draws(theta)
         return {record.experiment.name: record.simulate(draws) for record in self.records}
 
-    def pointwise_log_likelihood(
-        self, theta: FloatArray, experiments: Sequence[str] | None = None
-    ) -> dict[str, FloatArray]:
-        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment; `experiments` selects some."""
+    def pointwise_log_likelihood(self, theta: FloatArray) -> dict[str, FloatArray]:
+        """log p(y_k | y_1..k-1, theta), (W, N_e), by experiment."""
         draws = self.draws(theta)
         return {
             record.experiment.name: self.noise.pointwise_log_prob(
                 *self.residuals(record, draws), self.noise_draws(draws, record.group)
             )
-            + record.scale.log_derivative(record.experiment.response)
+            + record.log_derivative
             for record in self.records
-            if experiments is None or record.experiment.name in experiments
         }
 
     def log_likelihood(
@@ -117,7 +111,7 @@ class LogPosterior:
 
         With `experiments`, the data on the specimen itself
         (`System.log_likelihood_of_quantities`) are left out. A proposal far outside the prior may
-        overflow. It then fails and is counted, without a warning.
+        overflow. It then fails without a warning.
         """
         total = np.zeros(theta.shape[0])
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -129,13 +123,10 @@ class LogPosterior:
                 total += self.noise.log_prob(
                     residuals, coordinate, weights, self.noise_draws(draws, record.group)
                 )
-                total += record.scale.log_derivative(record.experiment.response).sum()
+                total += record.log_derivative.sum()
             if experiments is None and not self.quantities_counted:
                 total += self.system.log_likelihood_of_quantities(draws)
-        self.failures.evaluations += total.size
-        finite = np.isfinite(total)
-        self.failures.failed += int(total.size - finite.sum())
-        return np.where(finite, total, -np.inf)
+        return np.where(np.isfinite(total), total, -np.inf)
 
     def log_density_beside_records(self, theta: FloatArray, z: FloatArray) -> FloatArray:
         """Terms of the log-posterior other than the records and N(z; 0, I), (W,).
@@ -207,7 +198,7 @@ def build(
     """
     system = build_system(specimen.system, candidate, specimen)
     solved, noise = system.for_likelihood(), NOISE_MODELS[study.noise]()
-    calibrate = [e for e in experiments if e.role == "calibrate"]
+    calibrated = [e for e in experiments if e.role == "calibrate"]
     records = tuple(
         Record(
             e,
@@ -216,11 +207,11 @@ def build(
             record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),
         )
-        for e in calibrate
+        for e in calibrated
     )
     names = () if inherited is None else inherited.names
-    material = following(system.parameters(), system, calibrate, study.priors, names)
-    parameters = (*material, *noise_parameters(study, noise, calibrate, system))
+    material = adapted_to_records(system.parameters(), system, calibrated, study.priors, names)
+    parameters = (*material, *noise_parameters(study, noise, calibrated, system))
     prior = Prior.from_parameters(parameters, study.priors, names_of_all(study, specimen))
     if inherited is not None and not only_for_predictions(inherited, prior, study, specimen):
         prior = prior.inherit(*inherited)

@@ -16,6 +16,10 @@ from deabayes.study import Study
 from deabayes.systems.base import System
 from deabayes.systems.specimen_quantities import instrument
 
+ANGLE = "rad"
+SENSOR_NOISE_SIGMA = 0.4
+"""Standard deviation of the log of a stated sensor noise: known to a factor of about two."""
+
 
 @dataclass(frozen=True)
 class ResidualScale:
@@ -74,11 +78,6 @@ class ResidualScale:
         return np.atleast_1d(np.asarray(self.scale, dtype=float))[:, None]
 
 
-ANGLE = "rad"
-SENSOR_NOISE_SIGMA = 0.4
-"""Standard deviation of the log of a stated sensor noise: known to a factor of about two."""
-
-
 def noise_group(study: Study, experiment: Experiment) -> str:
     """Name of the group of records with the same noise parameters as this record."""
     return experiment.protocol if study.noise_groups == "protocol" else experiment.name
@@ -110,14 +109,16 @@ def record_scale(study: Study, system: System, experiment: Experiment) -> Residu
 
 def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
     """Unit of a record's residuals."""
-    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
-    return "1" if relative else experiment.response_unit
+    return "1" if _is_relative(study, system, experiment) else experiment.response_unit
 
 
 def typical_size(study: Study, system: System, experiment: Experiment) -> float:
     """Range of a record's residuals if the model explained nothing."""
-    relative = is_ratio(system, experiment.response_name) or study.noise_scale == "range"
-    return 1.0 if relative else experiment.response_range
+    return 1.0 if _is_relative(study, system, experiment) else experiment.response_range
+
+
+def _is_relative(study: Study, system: System, experiment: Experiment) -> bool:
+    return is_ratio(system, experiment.response_name) or study.noise_scale == "range"
 
 
 def is_ratio(system: System, response: str) -> bool:
@@ -166,10 +167,11 @@ def noise_parameters(
 def _check_one_unit(group: str, what: str, units: set[str]) -> None:
     """Refuse a group whose records have the size or length of their noise in different units."""
     if len(units) > 1:
-        along = "along coordinates " if what == "length" else ""
+        along = "coordinates in " if what == "length" else "responses in "
         raise UserError(
-            f"noise group {group!r} has records {along}in {' and in '.join(sorted(units))}, which "
-            f"cannot share the {what} of their noise; set noise_groups: experiment for the study"
+            f"the records of noise group {group!r} have different units: "
+            f"{along}{' and '.join(sorted(units))}. They cannot share the {what} of their noise; "
+            "set noise_groups: experiment for the study"
         )
 
 

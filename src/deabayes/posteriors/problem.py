@@ -66,7 +66,7 @@ def _record_split(
     noise = target.noise_draws(draws, record.group)
     scores = target.noise.innovations(*residuals, noise)
     log_prob = target.noise.pointwise_log_prob(*residuals, noise)
-    log_prob = log_prob + record.scale.log_derivative(record.experiment.response)
+    log_prob = log_prob + record.log_derivative
     return scores, -log_prob - 0.5 * scores**2
 
 

@@ -71,12 +71,17 @@ class Convergence:
     @property
     def reasons(self) -> list[str]:
         """One sentence for each quantity, run or mode that failed a gate."""
-        return [str(each) for each in self.failed]
+        return [str(failure) for failure in self.failed]
+
+    @property
+    def smallest_ess(self) -> float:
+        """The smallest bulk or tail effective sample size of all quantities."""
+        return float(self.table[["ess_bulk", "ess_tail"]].min().min())
 
     @property
     def has_stuck(self) -> bool:
         """Whether walkers are stuck."""
-        return any(each.gate == "stuck" for each in self.failed)
+        return any(failure.gate == "stuck" for failure in self.failed)
 
 
 def summarise(quantities: Mapping[str, FloatArray]) -> pd.DataFrame:
@@ -136,13 +141,13 @@ def assess(
     times = autocorrelation_times(quantities)
     length = float(1.0 / np.mean(1.0 / times))
     failed = _not_numbers(quantities)
-    failed += _r_hats(table.drop(index=[each.of for each in failed]), settings)
+    failed += _r_hats(table.drop(index=[failure.of for failure in failed]), settings)
     if log_posterior is not None:
         failed += _stuck(log_posterior)
     shares = None
     if draws is not None:
-        shares, weighed_otherwise = mode_shares(draws)
-        failed += weighed_otherwise
+        shares, disagreements = mode_shares(draws)
+        failed += disagreements
     failed += _sizes(table, settings) + _too_short(length, settings)
     return Convergence(not failed, failed, table, times, length, shares)
 
@@ -157,15 +162,16 @@ def _not_numbers(quantities: Mapping[str, FloatArray]) -> list[Failed]:
 
 
 def _r_hats(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
-    failed = []
-    for name, row in table.iterrows():
-        if not row["r_hat"] < settings.r_hat:
-            text = (
-                f"R-hat {row['r_hat']:.3f} is not below {settings.r_hat:g}: "
-                "the independent runs disagree"
-            )
-            failed.append(Failed("r_hat", str(name), text, float(row["r_hat"])))
-    return failed
+    return [
+        Failed(
+            "r_hat",
+            str(name),
+            f"R-hat {value:.3f} is not below {settings.r_hat:g}: the independent runs disagree",
+            float(value),
+        )
+        for name, value in table["r_hat"].items()
+        if not value < settings.r_hat
+    ]
 
 
 def _sizes(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
@@ -173,7 +179,7 @@ def _sizes(table: pd.DataFrame, settings: Sampling) -> list[Failed]:
         Failed(
             column,
             str(name),
-            f"the {meaning} of the distribution rests on {row[column]:.0f} effective draws, "
+            f"the {meaning} of the distribution has {row[column]:.0f} effective draws, "
             f"fewer than {settings.ess:g}",
             -float(row[column]),
         )
@@ -216,8 +222,8 @@ def _stuck(log_posterior: FloatArray) -> list[Failed]:
         Failed(
             "stuck",
             f"run {run}",
-            f"{stuck.sum()} of {len(stuck)} walkers are stuck (they did not move, or "
-            "stay where the posterior is far lower than elsewhere); start again with another seed",
+            f"{stuck.sum()} of {len(stuck)} walkers are stuck: they did not move, or their "
+            "posterior density is far below the others'; start again with another seed",
             float(stuck.sum()),
             longer=False,
         )
@@ -251,13 +257,13 @@ def mode_shares(
     cell, joined = cell.reshape(kept.shape[:3]), _modes(mixture, flat)
     mode = joined[cell]
     labels = [f"run {run}" for run in range(1, runs + 1)]
-    inside = [(mode == index).astype(float) for index in range(mode.max() + 1)]
-    inside = sorted((each for each in inside if each.any()), key=lambda each: -each.mean())
-    table = pd.DataFrame([each.mean(axis=(1, 2)) for each in inside], columns=labels)
+    inside = [(mode == index).astype(float) for index in np.unique(mode)]
+    inside.sort(key=lambda in_mode: -in_mode.mean())
+    table = pd.DataFrame([in_mode.mean(axis=(1, 2)) for in_mode in inside], columns=labels)
     table.index = pd.RangeIndex(1, len(table) + 1, name="mode")
     failed: list[Failed] = []
-    for index, each in enumerate(inside, start=1):
-        failed += _shares(f"mode {index}", each)
+    for index, in_mode in enumerate(inside, start=1):
+        failed += _shares(f"mode {index}", in_mode)
     parts = [part for part in range(len(mixture.weights)) if np.sum(joined == joined[part]) > 1]
     for part in parts if not failed else ():
         failed += _shares(f"part {part + 1} of a mode", (cell == part).astype(float))
@@ -273,7 +279,7 @@ def _shares(name: str, inside: FloatArray) -> list[Failed]:
         Failed(
             "modes",
             name,
-            f"it holds {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
+            f"it has {pooled:.1%} of all draws but {shares[run]:.1%} of run {run + 1}: "
             "the independent runs weigh the modes differently",
             float(abs(shares[run] - pooled)),
         )

@@ -4,7 +4,7 @@ warm-up -> fitted -> sampling -> judged -> (longer: sampling | refitted: fitted)
 
 Each state is a function that reads and writes checkpoints and returns the next state. A state
 depends only on the seed, the settings and the stored checkpoints. A killed run therefore resumes
-and ends with identical bytes.
+and ends with identical bytes. Proposals are not stored: they are fitted again.
 
 Each round of sampling uses one frozen proposal. The next round replaces the draws of the round
 before. Proposals are fitted to the draws of all ensembles. Given the proposal, the ensembles are
@@ -20,11 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from emcee import EnsembleSampler
+from emcee.state import State as Walkers
 
 from deabayes.experiment import FloatArray
 from deabayes.sampling import chains
 from deabayes.sampling.checkpoint import Arrays, Store, random_state_arrays, random_state_from
 from deabayes.sampling.diagnostics import Convergence, assess, stuck_walkers
+from deabayes.sampling.moves import recipe
 from deabayes.sampling.problem import EveryDrawFailed, Problem, Target
 from deabayes.sampling.progress import Progress
 from deabayes.sampling.proposal import Proposal, fit
@@ -212,15 +215,15 @@ def _warm_up(run: _Run) -> State:
 
 def _populations(run: _Run) -> Arrays:
     try:
-        found, target = _warmed_up(run, run.problem.rough or run.problem)
+        populations, target = _warmed_up(run, run.problem.rough or run.problem)
     except EveryDrawFailed:
         if run.problem.rough is None:
             raise
-        found, target = _warmed_up(run, run.problem)
+        populations, target = _warmed_up(run, run.problem)
     return {
-        "particles": found.particles,
-        "broad": found.broad,
-        "log_posterior": found.log_density,
+        "particles": populations.particles,
+        "broad": populations.broad,
+        "log_posterior": populations.log_density,
         "counts": target.counts,
     }
 
@@ -234,8 +237,7 @@ def _warmed_up(run: _Run, problem: Problem) -> tuple[Populations, Target]:
 def _fitted(run: _Run) -> State:
     """Fit the proposal to the last two rounds' draws and, early on, to the warm-up's particles."""
     run.round = run.store.sub(f"round_{run.refits}")
-    arrays = run.round.once("proposal", lambda: _proposal(run).arrays())
-    run.proposal = Proposal.from_arrays(arrays, run.problem.coordinates)
+    run.proposal = _proposal(run)
     run.chunks = run.round.chunks()
     run.counts = run.counts + sum((chunk["counts"] for chunk in run.chunks), np.zeros(2))
     run.goal = int(FIRST_ROUND * GROWTH**run.refits)
@@ -259,10 +261,6 @@ def _sampling(run: _Run) -> State:
     if run.steps >= goal:
         return _judged
     assert run.proposal is not None
-    from emcee import EnsembleSampler
-
-    from deabayes.sampling.moves import recipe
-
     settings, target = run.settings, Target(run.problem.log_likelihood)
     moves = recipe((run.proposal,), run.problem.hops, settings.ensembles)
     shape = settings.ensembles * settings.walkers, run.problem.dimension
@@ -301,8 +299,6 @@ def _last_state(run: _Run, target: Target) -> Any:
     A round starts at the last step of the previous round. The first round starts at the warm-up's
     particles.
     """
-    from emcee.state import State as Walkers
-
     if run.chunks:
         last = run.chunks[-1]
         state = Walkers(last["chain"][-1], log_prob=last["log_posterior"][-1], copy=True)
@@ -343,7 +339,7 @@ def _judged(run: _Run) -> State | None:
         _say(run, "converged" if run.convergence.converged else "NOT converged, budget used")
         return None
     if run.convergence.has_stuck and run.refits < MOST_REFITS:
-        _say(run, "starting stuck walkers elsewhere")
+        _say(run, "moving stuck walkers")
         return _refitted
     times = max(run.convergence.length, 0.1)
     run.needed = MARGIN * run.steps * run.settings.autocorrelation_times / times
@@ -361,10 +357,10 @@ def _further_goal(run: _Run) -> int | None:
     The run continues to `AIM` while it has used fewer than `AFFORDABLE` evaluations.
     """
     assert run.convergence is not None
-    found = float(run.convergence.table[["ess_bulk", "ess_tail"]].min().min())
-    if found >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
+    ess = run.convergence.smallest_ess
+    if ess >= AIM or run.counts[0] >= AFFORDABLE or run.left <= 0:
         return None
-    wanted = max(MARGIN * AIM / found, LEAST_GROWTH) * run.steps
+    wanted = max(MARGIN * AIM / ess, LEAST_GROWTH) * run.steps
     walkers = run.settings.ensembles * run.settings.walkers
     return int(min(wanted, run.steps + (AFFORDABLE - run.counts[0]) / walkers)) + 1
 
@@ -399,10 +395,9 @@ def _verdict(run: _Run) -> Convergence:
     kept = chains.thin_evenly(draws.shape[1], GATE_STEPS)
     draws, log_posterior = draws[:, kept], log_posterior[:, kept]
     flat = draws.reshape(-1, draws.shape[3])
-    alone = {str(k): draws[..., k] for k in range(draws.shape[3])}
-    found = assess(alone, run.settings)
-    if not found.converged and run.left > 0:
-        return found
+    of_coordinates = assess({str(k): draws[..., k] for k in range(draws.shape[3])}, run.settings)
+    if not of_coordinates.converged and run.left > 0:
+        return of_coordinates
     named = run.problem.quantities(flat)
     return assess(
         {name: np.asarray(values).reshape(draws.shape[:3]) for name, values in named.items()},
@@ -415,8 +410,7 @@ def _verdict(run: _Run) -> Convergence:
 def _say(run: _Run, state: str) -> None:
     ess = r_hat = left = None
     if run.convergence is not None:
-        table = run.convergence.table
-        ess, r_hat = float(table[["ess_bulk", "ess_tail"]].min().min()), float(table["r_hat"].max())
+        ess, r_hat = run.convergence.smallest_ess, float(run.convergence.table["r_hat"].max())
     if run.needed and run.seconds:
         left = max(run.needed - run.steps, 0.0) * run.seconds
     run.progress.say(state, run.steps_before + run.steps, ess, r_hat, left)

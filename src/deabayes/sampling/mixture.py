@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from math import lgamma, log, pi
@@ -72,25 +72,6 @@ class Mixture:
         step = np.matmul(self.factors[component], normal[:, :, None])[:, :, 0]
         return self.means[component] + step * stretch[:, None]
 
-    def arrays(self) -> dict[str, FloatArray]:
-        """Return all arrays from which `from_arrays` rebuilds the mixture."""
-        return {
-            "weights": self.weights,
-            "means": self.means,
-            "factors": self.factors,
-            "degrees_of_freedom": np.asarray(self.degrees_of_freedom),
-        }
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Mixture:
-        """Rebuild a mixture from `arrays()`."""
-        return cls(
-            np.asarray(arrays["weights"]),
-            np.asarray(arrays["means"]),
-            np.asarray(arrays["factors"]),
-            float(arrays["degrees_of_freedom"]),
-        )
-
 
 def fit(
     samples: FloatArray,
@@ -139,8 +120,6 @@ def _gaussian_mixture(
     white: FloatArray, components: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return weights, means and shrunk covariances of a Gaussian mixture on whitened samples."""
-    import warnings
-
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture
 

@@ -167,6 +167,5 @@ def recipe(
     moves += [(HopMove(hop), HOP) for hop in hops]
     rest = 1.0 - INDEPENDENCE - HOP * len(hops)
     total = sum(weight for weight, _ in lines)
-    for weight, each in lines:
-        moves.append((DifferenceMove(each, ensembles), rest * weight / total))
+    moves += [(DifferenceMove(line, ensembles), rest * weight / total) for weight, line in lines]
     return moves

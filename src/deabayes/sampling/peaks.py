@@ -195,12 +195,12 @@ class Climbs:
         dampings = self.damping[live][:, None] * FACTORS
         steps = _damped_steps(*self.slope_and_metric(live), dampings)
         trial = self.u[live][:, None] + steps
-        found = self._at(live, trial)[2]
-        rows, best = np.arange(live.size), found.argmax(axis=1)
-        gain = found[rows, best] - self.value[live]
+        values = self._at(live, trial)[2]
+        rows, best = np.arange(live.size), values.argmax(axis=1)
+        gain = values[rows, best] - self.value[live]
         better = gain > 0.0
         self.u[live[better]] = trial[rows, best][better]
-        self.value[live[better]] = found[rows, best][better]
+        self.value[live[better]] = values[rows, best][better]
         self.damping[live] = np.clip(dampings[rows, best % len(FACTORS)], *DAMPINGS)
         self.quiet[live] = np.where(gain > GAIN, 0, self.quiet[live] + 1)
         self.live = live[self.quiet[live] < self.most_quiet]
@@ -275,23 +275,23 @@ def peaks(
     if similar is not None:
         near = similar[rng.integers(len(similar), size=NEAR_STARTS)]
         starts = np.concatenate([near, starts[:NEAR_STARTS]])
-    found = _wave(target, starts)
+    ends = _wave(target, starts)
     for _ in range(MOST_WAVES - 1):
-        if (found.value > found.value[0] - DIP).sum() >= CONFIRMED:
+        if (ends.value > ends.value[0] - DIP).sum() >= CONFIRMED:
             break
-        parents = found.z[np.arange(STARTS) % min(PARENTS, len(found.z))]
-        anew = rng.random(parents.shape) < REDRAWN
-        starts = np.where(anew, rng.standard_normal(parents.shape), parents)
-        found = Points.joined(found, _wave(target, starts))
-        found = found.at(np.argsort(-found.value))
-    top, mass = found.value.max(), found.log_mass
-    return found.at((found.value > top - NEAR) | (mass > mass.max() - NEAR))
+        parents = ends.z[np.arange(STARTS) % min(PARENTS, len(ends.z))]
+        redrawn = rng.random(parents.shape) < REDRAWN
+        starts = np.where(redrawn, rng.standard_normal(parents.shape), parents)
+        ends = Points.joined(ends, _wave(target, starts))
+        ends = ends.at(np.argsort(-ends.value))
+    top, mass = ends.value.max(), ends.log_mass
+    return ends.at((ends.value > top - NEAR) | (mass > mass.max() - NEAR))
 
 
 def _wave(target: Target, starts: FloatArray) -> Points:
     """Climb from starts (K, d) and return the ends that are kept, highest first."""
-    every = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
-    climbs = climb(target, starts, every, ITERATIONS)
+    identity = np.tile(np.eye(starts.shape[1]), (len(starts), 1, 1))
+    climbs = climb(target, starts, identity, ITERATIONS)
     usable = np.isfinite(climbs.value)
     if not usable.any():
         raise EveryDrawFailed("no draw of the prior has a finite likelihood")
@@ -299,7 +299,7 @@ def _wave(target: Target, starts: FloatArray) -> Points:
     z, value = climbs.x[which], climbs.value[which]
     kept = _of_every_peak(target, z, value)
     differences = climbs.differences[which[kept]]
-    factors = fisher_factors(target, z[kept], every[: len(kept)], differences=differences)
+    factors = fisher_factors(target, z[kept], identity[: len(kept)], differences=differences)
     return Points(z[kept], factors, value[kept])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,38 +117,10 @@ class Proposal:
         """Draw n points (n, d) in u."""
         part = rng.choice(len(self.parts), size=n, p=[part.weight for part in self.parts])
         u = np.empty((n, self.dimension))
-        for index, each in enumerate(self.parts):
+        for index in range(len(self.parts)):
             chosen = part == index
-            u[chosen] = each.sample(rng, int(chosen.sum()))
+            u[chosen] = self.parts[index].sample(rng, int(chosen.sum()))
         return u
-
-    def arrays(self) -> dict[str, FloatArray]:
-        """Return all arrays from which `from_arrays` rebuilds the proposal, under flat names."""
-        result = {"proposal_weights": np.array([part.weight for part in self.parts])}
-        for index, part in enumerate(self.parts):
-            warp = {} if part.warp is None else part.warp.arrays()
-            for kind, arrays in (("mixture", part.mixture.arrays()), ("warp", warp)):
-                result |= {f"proposal_{index}_{kind}_{name}": a for name, a in arrays.items()}
-        return result
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray], coordinates: Coordinates) -> Proposal:
-        """Rebuild a proposal from `arrays()`; other names are ignored.
-
-        Parameters
-        ----------
-        coordinates : coordinates of the parts, which the arrays do not contain.
-        """
-
-        def under(prefix: str) -> dict[str, FloatArray]:
-            return {n[len(prefix) :]: a for n, a in arrays.items() if n.startswith(prefix)}
-
-        parts = []
-        for index, weight in enumerate(np.atleast_1d(arrays["proposal_weights"])):
-            warp = under(f"proposal_{index}_warp_")
-            mixture = Mixture.from_arrays(under(f"proposal_{index}_mixture_"))
-            parts.append(Part(float(weight), mixture, Warp.from_arrays(warp) if warp else None))
-        return cls(tuple(parts), coordinates)
 
 
 def fit(

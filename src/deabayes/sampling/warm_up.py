@@ -1,7 +1,7 @@
 """Create populations of the posterior: climb to peaks, walk along the ridges, temper.
 
 The peak may be at one end of a long ridge, far from most of the posterior. Walks start at the peak,
-in both directions along every coordinate. A step holds this coordinate a little further on, and
+in both directions along every coordinate. A step fixes this coordinate a little further on, and
 climbs in the others. A walk visits the profile of the density (Venzon and Moolgavkar 1988, Applied
 Statistics 37, 87), until the density has fallen too far. Every ridge changes some coordinate, and
 the profile of this coordinate follows the ridge.
@@ -111,13 +111,13 @@ def profiles(target: Target, peak: Points, coordinates: Coordinates | None = Non
         return _profiles(target, peak, Coordinates())
     u = coordinates.straighten(peak.z)[0]
     factors = np.asarray(np.linalg.solve(_slopes(coordinates, u), peak.factors), dtype=np.float64)
-    found = _profiles(target, Points(u, factors, peak.value), coordinates)
-    roots = _slopes(coordinates, found.z) @ found.factors
+    points = _profiles(target, Points(u, factors, peak.value), coordinates)
+    roots = _slopes(coordinates, points.z) @ points.factors
     usable = np.isfinite(roots).all(axis=(1, 2))
     factors = triangular(roots[usable])
     thick = np.asarray((np.diagonal(factors, axis1=1, axis2=2) > 0.0).all(axis=1))
-    z = coordinates.bend(found.z[usable])
-    return Points(z, factors, found.value[usable]).at(thick)
+    z = coordinates.bend(points.z[usable])
+    return Points(z, factors, points.value[usable]).at(thick)
 
 
 def _slopes(coordinates: Coordinates, u: FloatArray) -> FloatArray:
@@ -139,14 +139,12 @@ class _Walks:
     length: FloatArray
     failures: NDArray[np.intp]
 
-    def only(self, which: NDArray[np.bool_]) -> _Walks:
-        return _Walks(
-            self.column[which],
-            self.sign[which],
-            self.here.at(which),
-            self.length[which],
-            self.failures[which],
+    def at(self, which: NDArray[np.bool_]) -> _Walks:
+        here = self.here.at(which)
+        column, sign, length, failures = (
+            values[which] for values in (self.column, self.sign, self.length, self.failures)
         )
+        return _Walks(column, sign, here, length, failures)
 
 
 def _profiles(target: Target, peak: Points, coordinates: Coordinates) -> Points:
@@ -154,17 +152,17 @@ def _profiles(target: Target, peak: Points, coordinates: Coordinates) -> Points:
     column, sign = np.tile(np.arange(d), 2), np.repeat([-1.0, 1.0], d)
     none = np.zeros(2 * d, dtype=np.intp)
     walks = _Walks(column, sign, peak.at(none), np.ones(2 * d), none)
-    found = [peak]
+    points = [peak]
     top = float(peak.value.max())
     for _ in range(MOST_STEPS):
         if not walks.column.size:
             break
         reached, walks = _step(target, walks, top, peak, coordinates)
         if len(reached.z):
-            found.append(reached)
+            points.append(reached)
             top = max(top, float(reached.value.max()))
-    every = Points.joined(*found)
-    return every.at(every.value > top - REACH)
+    joined = Points.joined(*points)
+    return joined.at(joined.value > top - REACH)
 
 
 def _step(
@@ -176,10 +174,10 @@ def _step(
     climbs = climb(target, starts, planes, ITERATIONS, coordinates)
     z, value = climbs.x, climbs.value
     rows = np.arange(len(z))
-    held = z[rows, walks.column]
+    position = z[rows, walks.column]
     fall = np.where(np.isfinite(value), walks.here.value - value, np.inf)
-    left = (fall > LARGEST_FALL) | (np.abs(held) > FURTHEST)
-    ended = ~left & ((value < top - REACH) | _as_normal(held, value, walks.column, peak))
+    left = (fall > LARGEST_FALL) | (np.abs(position) > FURTHEST)
+    ended = ~left & ((value < top - REACH) | _as_normal(position, value, walks.column, peak))
     ended |= left & (walks.failures >= MOST_FAILURES)
     on = ~left & ~ended
     factors = planes[on]
@@ -191,15 +189,15 @@ def _step(
     growth = np.clip(FALL / np.maximum(np.abs(fall), 0.5), 0.5, 2.0)
     length = np.clip(np.where(left, SHORTER, growth) * walks.length, 0.1, LONGEST)
     failures = np.where(left, walks.failures + 1, 0)
-    return reached, replace(walks, length=length, failures=failures).only(~ended)
+    return reached, replace(walks, length=length, failures=failures).at(~ended)
 
 
 def _as_normal(
-    held: FloatArray, value: FloatArray, column: NDArray[np.intp], peak: Points
+    position: FloatArray, value: FloatArray, column: NDArray[np.intp], peak: Points
 ) -> NDArray[np.bool_]:
     """Return which walks fell as a normal density with the peak's covariance does."""
     sds = np.linalg.norm(peak.factors[0][column], axis=1)
-    expected = 0.5 * ((held - peak.z[0, column]) / sds) ** 2
+    expected = 0.5 * ((position - peak.z[0, column]) / sds) ** 2
     far = expected > 0.5 * NORMAL_FROM**2
     return far & (np.abs(peak.value[0] - value - expected) < NORMAL * expected)
 
@@ -210,7 +208,7 @@ def _ways_and_planes(
     """Return the step (K, d) of one standard deviation of a coordinate, and factors of the others.
 
     The other coordinates follow the step. The factors (K, d, d) are of their covariance when the
-    coordinate is held. Both results are columns of factor Q. The reflection Q is chosen so that
+    coordinate is constant. Both results are columns of factor Q. The reflection Q is chosen so that
     only the first column changes the coordinate.
     """
     count, d = column.size, factors.shape[1]

@@ -14,7 +14,6 @@ and with products that stay constant beyond four standard deviations instead of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp
 
@@ -70,15 +69,6 @@ class Warp:
         """Return z (W, d) for straightened coordinates x."""
         y = solve(np.ascontiguousarray(x), self.shifts, self.scales, self.offsets)
         return np.asarray(y @ self.inverse_axes + self.centre)
-
-    def arrays(self) -> dict[str, FloatArray]:
-        """Return all arrays from which `from_arrays` rebuilds the map."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, FloatArray]) -> Warp:
-        """Rebuild a map from `arrays()`."""
-        return cls(**{name: np.asarray(arrays[name]) for name in cls.__dataclass_fields__})
 
 
 def _shift_terms(y: FloatArray, k: int) -> FloatArray:
