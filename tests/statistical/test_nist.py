@@ -9,12 +9,12 @@ from tests.validation.sampled import SETTINGS, sample
 
 
 def test_posterior_mean_and_sd_reproduce_the_certified_ones():
-    found = certified("Misra1a")
+    nist_set = certified("Misra1a")
     sampled = sample(target("Misra1a"), np.random.SeedSequence(3), SETTINGS)
-    assert sampled.found.convergence.converged
+    assert sampled.result.convergence.converged
     draws = dict(zip(sampled.target.names, sampled.theta.T, strict=True))
-    b = np.column_stack([draws[parameter] for parameter in found.names])
-    expected = found.sds * np.sqrt(found.freedom / (found.freedom - 2.0))
+    b = np.column_stack([draws[parameter] for parameter in nist_set.names])
+    expected = nist_set.sds * np.sqrt(nist_set.freedom / (nist_set.freedom - 2.0))
     # Curvature moves the mean by 0.028 sds; 5000 effective draws have errors of 0.014 and of 1 %.
-    np.testing.assert_array_less(np.abs(b.mean(axis=0) - found.estimates) / found.sds, 0.07)
+    np.testing.assert_array_less(np.abs(b.mean(axis=0) - nist_set.estimates) / nist_set.sds, 0.07)
     np.testing.assert_allclose(b.std(axis=0), expected, rtol=0.03)

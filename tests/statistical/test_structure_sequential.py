@@ -17,6 +17,7 @@ from tests.validation.structure_worlds import (
 )
 from tests.validation.worlds import World, given, simulate
 
+from deabayes.sampling import engine
 from deabayes.study import Sampling
 
 SETTINGS = Sampling(ensembles=2, walkers=32, particles=256, max_steps=8000)
@@ -49,7 +50,9 @@ def worlds() -> tuple[World, World, World]:
     return tuple(replace(world, specimen=EXACT) for world in (rest, moving, both))
 
 
-def test_sequential_and_joint_fits_agree():
+def test_sequential_and_joint_fits_agree(monkeypatch):
+    """With a quarter of the usual effective draws, means scatter by 0.04 and sds by 3 %."""
+    monkeypatch.setattr(engine, "AIM", 1000.0)
     rest, moving, both = worlds()
     target = both.target(1)
     data = simulate(both, target, np.random.default_rng(7))

@@ -219,9 +219,7 @@ def test_records_of_one_group_must_have_their_noise_in_one_unit():
         for what, unit in units.items()
     ]  # fmt: skip
     shared = Study("mixed", Path("data/tubular"), (WHOLE,))
-    with pytest.raises(
-        UserError, match="'sine' have different units: responses in 1 and A"
-    ):
+    with pytest.raises(UserError, match="'sine' have different units: responses in 1 and A"):
         build(shared, WHOLE, SPECIMEN, sines)
     apart = build(replace(shared, noise_groups="experiment"), WHOLE, SPECIMEN, sines)
     assert {"sine_current.sigma_ou", "sine_strain.sigma_ou"} <= set(apart.names)

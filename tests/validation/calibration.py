@@ -46,7 +46,12 @@ def strip() -> World:
     )
 
 
-MODELS = {"voigt_kelvin_2": (tubular, 2), "kv_gm_1": (strip, 1), "ogden_1": (at_rest, 1)}
+def creep() -> World:
+    """A creep record of the tubular actuator, with default priors."""
+    return replace(tubular(), priors=lambda units: {})
+
+
+MODELS = {"voigt_kelvin_2": (creep, 2), "kv_gm_1": (strip, 1), "ogden_1": (at_rest, 1)}
 
 
 def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray, LogPosterior]:
@@ -76,13 +81,13 @@ def replicate(candidate: str, task: rows.Task) -> rows.Row:
     truth, conditioned = simulate(target, np.random.default_rng(data_stream))
     sampled = sample(conditioned, fit_stream)
     rng = np.random.default_rng(pick_stream)
-    flat = sampled.found.chain.reshape(-1, target.dimension)
+    flat = sampled.result.chain.reshape(-1, target.dimension)
     picked = flat[rng.choice(len(flat), RANKS, replace=False)]
     narrow = flat.mean(0) + NARROW * (picked - flat.mean(0))
     low, high = np.quantile(flat, [0.05, 0.95], axis=0)
     row: rows.Row = {
-        "steps": sampled.found.steps,
-        "enough": int(sampled.found.convergence.converged),
+        "steps": sampled.result.steps,
+        "enough": int(sampled.result.convergence.converged),
     }
     for k, name in enumerate(target.names):
         row[name] = int(np.sum(picked[:, k] < truth[k]))

@@ -36,8 +36,8 @@ class DrawsOnly(Predictive):
     """The mean of p(y | theta_s) over draws."""
 
     def log_density(self, y: tuple[FloatArray, ...]) -> FloatArray:
-        found = [self.known[0].log_density(row) for row in y[0]]
-        return np.asarray(logsumexp(found, axis=1) - np.log(KNOWN))
+        log_densities = [self.known[0].log_density(row) for row in y[0]]
+        return np.asarray(logsumexp(log_densities, axis=1) - np.log(KNOWN))
 
 
 class NormalOnly(Predictive):
@@ -82,17 +82,17 @@ def estimated(pair: list[Curves], kind: type[Predictive], seed: int) -> tuple[fl
     """Return the information in nats and its stated error, by one estimator."""
     rng = np.random.default_rng([SEED, seed])
     made = [kind((reading(c(rng, KNOWN)),), (reading(c(rng, OTHERS)),)) for c in pair]
-    found = candidate_information(made, rng)
-    return found.nats, found.nats_error
+    information = candidate_information(made, rng)
+    return information.nats, information.nats_error
 
 
 def exact_of(densities: list[Callable[[FloatArray], FloatArray]], y: list[FloatArray]) -> float:
     """log 2 + E[log q(M | y)] with the true densities."""
-    found = []
+    terms = []
     for truth, outcomes in enumerate(y):
         log_p = np.stack([density(outcomes) for density in densities])
-        found.append(np.mean(log_p[truth] - np.logaddexp(*log_p)))
-    return float(np.log(2.0) + np.mean(found))
+        terms.append(np.mean(log_p[truth] - np.logaddexp(*log_p)))
+    return float(np.log(2.0) + np.mean(terms))
 
 
 def linear_pairs() -> Iterator[tuple[str, list[Curves], float]]:

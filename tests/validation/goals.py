@@ -27,7 +27,7 @@ NATS, CLOSED, OPEN = 0.5, 0.95, 0.80
 SHIFT, RATIO = 0.1, 0.05
 WIDE, HALF = "90 % band covers ", "50 % band covers "
 
-Found = tuple[str, str, str]
+Figure = tuple[str, str, str]
 """What was looked at, what came out, whether that is what was asked: yes, NO or empty."""
 Checked = tuple[str, "pd.Series[Any] | None", bool]
 """A recovery check, its row of figures, and whether its noise model is wrong on purpose."""
@@ -79,17 +79,17 @@ def _first(text: object) -> float:
     return float(str(text).split()[0])
 
 
-def by_tests(*names: str) -> Callable[[Path], Iterator[Found]]:
+def by_tests(*names: str) -> Callable[[Path], Iterator[Figure]]:
     """A goal that the test suite holds at every change."""
 
-    def find(folder: Path) -> Iterator[Found]:
+    def find(folder: Path) -> Iterator[Figure]:
         for name in names:
             yield name, "asserted at every change", BY_TESTS
 
     return find
 
 
-def calibrated(folder: Path) -> Iterator[Found]:
+def calibrated(folder: Path) -> Iterator[Figure]:
     table = _table(folder / "calibration.csv")
     if table is None:
         yield "", NOT_RUN, ""
@@ -103,7 +103,7 @@ def calibrated(folder: Path) -> Iterator[Found]:
         yield str(model), measured, "yes" if outside == 0 and seen else "NO"
 
 
-def covered(folder: Path) -> Iterator[Found]:
+def covered(folder: Path) -> Iterator[Figure]:
     for what, row, wrong in (*_membranes(folder), *_others(folder)):
         if row is None:
             yield what, NOT_RUN, ""
@@ -113,11 +113,11 @@ def covered(folder: Path) -> Iterator[Found]:
         yield what, f"{share:.3f}, {row['replicates']} specimens", met
 
 
-def robust(folder: Path) -> Iterator[Found]:
+def robust(folder: Path) -> Iterator[Figure]:
     """Coverage does not depend on how fast one samples, nor widths on noise that is not there."""
-    found = {what: row for what, row, _ in _membranes(folder)}
+    checks = {what: row for what, row, _ in _membranes(folder)}
     dense, independent = (
-        found[f"membrane, kv_gm_1: {recovery_summary.MEANING[variant]}"]
+        checks[f"membrane, kv_gm_1: {recovery_summary.MEANING[variant]}"]
         for variant in ("dense", "iid")
     )
     for what, row, column, asked in (
@@ -164,7 +164,7 @@ def _others(folder: Path) -> Iterator[Checked]:
         yield title, None if table is None else table.iloc[0], False
 
 
-def agreeing(folder: Path) -> Iterator[Found]:
+def agreeing(folder: Path) -> Iterator[Figure]:
     table = _table(folder / "two_seeds.csv")
     if table is None:
         yield "", NOT_RUN, ""
@@ -175,7 +175,7 @@ def agreeing(folder: Path) -> Iterator[Found]:
         yield str(model), measured, "yes" if mean <= MEANS and end <= ENDS else "NO"
 
 
-def compared(folder: Path) -> Iterator[Found]:
+def compared(folder: Path) -> Iterator[Figure]:
     table = _table(folder / "nested_evidence.csv")
     if table is None:
         yield "bridge against nested", NOT_RUN, ""
@@ -199,7 +199,7 @@ def compared(folder: Path) -> Iterator[Found]:
             yield f"{of}, where the last unit is shown", f"{shown} right of {count}", met
 
 
-def held_out(folder: Path) -> Iterator[Found]:
+def held_out(folder: Path) -> Iterator[Figure]:
     for what, row, wrong in (*_membranes(folder), *_others(folder)):
         if row is None:
             yield what, NOT_RUN, ""
@@ -211,7 +211,7 @@ def held_out(folder: Path) -> Iterator[Found]:
             yield f"{what}: {record}", f"{wide:.3f}, {half:.3f}", "NO" if "NO" in both else "yes"
 
 
-def reproduced(folder: Path) -> Iterator[Found]:
+def reproduced(folder: Path) -> Iterator[Figure]:
     table = _table(folder / "nist_summary.csv")
     if table is None:
         yield "", NOT_RUN, ""
@@ -228,7 +228,7 @@ def reproduced(folder: Path) -> Iterator[Found]:
         yield "not converged, and said so", short, "NO"
 
 
-GOALS: tuple[tuple[str, str, Callable[[Path], Iterator[Found]]], ...] = (
+GOALS: tuple[tuple[str, str, Callable[[Path], Iterator[Figure]]], ...] = (
     ("1 likelihood", "1e-8 of dense covariances, celerite2", by_tests("tests/noise/test_noise.py")),
     (
         "2 conjugate posterior",

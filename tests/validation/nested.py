@@ -30,7 +30,7 @@ EVIDENCE, PARAMETERS = "nested_evidence.csv", "nested_parameters.csv"
 def evidence_row(sampled: Sampled, results: Any, seed: np.random.SeedSequence) -> rows.Row:
     """Both estimates of the evidence, and how the two runs went."""
     z = sampled.z
-    effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
+    effective = float(sampled.result.convergence.table["ess_bulk"].min()) / len(z)
     bridge = bridge_evidence(sampled.target, z, effective, seed)
     return {
         "bridge": f"{bridge.log_evidence:.3f}",

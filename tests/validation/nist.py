@@ -100,19 +100,19 @@ class Regression(System):
 
 def target(name: str) -> LogPosterior:
     """The log-posterior of a set: flat in b and in log sigma, white noise."""
-    found = certified(name)
-    spread = float(np.ptp(found.y))
+    nist_set = certified(name)
+    spread = float(np.ptp(nist_set.y))
     lower, upper = (factor * spread for factor in SIGMA_RANGE)
     prior = {"distribution": "loguniform", "lower": lower, "upper": upper}
     study = Study("nist", Path(), (name,), noise="white", priors={"sigma_white": prior})
     system = Regression(name, Specimen(name, "regression", {"kind": "measured"}, {}))
     experiment = Experiment(
-        name, "regression", "calibrate", "x", "1", found.x, "y", "1", found.y,
-        np.ones(found.y.size), Excitation("x", "1", found.x, found.x),
+        name, "regression", "calibrate", "x", "1", nist_set.x, "y", "1", nist_set.y,
+        np.ones(nist_set.y.size), Excitation("x", "1", nist_set.x, nist_set.x),
     )  # fmt: skip
     simulate = system.simulator(experiment.excitation, experiment.coordinate, "y")
     scale = record_scale(study, system, experiment)
-    record = Record(experiment, simulate, noise_group(study, experiment), scale, found.x)
+    record = Record(experiment, simulate, noise_group(study, experiment), scale, nist_set.x)
     noise = White()
     of_noise = noise_parameters(study, noise, [experiment], system)
     parameters = (*system.parameters(), *of_noise)
@@ -121,24 +121,24 @@ def target(name: str) -> LogPosterior:
     )
 
 
-def compared(sampled: Sampled, found: CertifiedSet) -> list[rows.Row]:
+def compared(sampled: Sampled, nist_set: CertifiedSet) -> list[rows.Row]:
     """One row per parameter: the posterior against what is certified.
 
     Differences are in certified sds; `mcse_sd` is the standard error of the mean, in posterior
     sds (that of the sd, relative, is 0.7 times it for a normal posterior, more for a long tail).
     """
     draws = dict(zip(sampled.target.names, sampled.theta.T, strict=True))
-    expected = found.freedom / (found.freedom - 2.0)
-    table, result = sampled.found.convergence.table, []
-    for k, name in enumerate(found.names):
+    expected = nist_set.freedom / (nist_set.freedom - 2.0)
+    table, result = sampled.result.convergence.table, []
+    for k, name in enumerate(nist_set.names):
         mean, sd = float(draws[name].mean()), float(draws[name].std())
-        estimate, certified_sd = float(found.estimates[k]), float(found.sds[k])
+        estimate, certified_sd = float(nist_set.estimates[k]), float(nist_set.sds[k])
         error = float(table.loc[name, "mcse_mean"] / table.loc[name, "sd"])
-        row: rows.Row = {"set": found.name, "parameter": name, "certified": f"{estimate:.10e}"}
+        row: rows.Row = {"set": nist_set.name, "parameter": name, "certified": f"{estimate:.10e}"}
         row |= {"certified_sd": f"{certified_sd:.10e}", "mean": f"{mean:.10e}", "sd": f"{sd:.6e}"}
         row |= {"difference_sd": f"{(mean - estimate) / certified_sd:.4f}"}
         row |= {"sd_ratio": f"{sd / certified_sd:.4f}", "expected_sd_ratio": f"{expected**0.5:.4f}"}
-        row |= {"mcse_sd": f"{error:.4f}", "edge": f"{edge(draws[name], *found.bounds[k]):.5f}"}
+        row |= {"mcse_sd": f"{error:.4f}", "edge": f"{edge(draws[name], *nist_set.bounds[k]):.5f}"}
         result.append({**row, **sampled.row()})
     return result
 

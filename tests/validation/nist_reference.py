@@ -68,44 +68,44 @@ class Mixture:
 class Collapsed:
     """The posterior of a set's parameters c = centre + factor u, the linear ones integrated out."""
 
-    found: CertifiedSet
+    nist_set: CertifiedSet
 
     @property
     def kept(self) -> list[int]:
         """Columns of c among b."""
-        linear = self.found.curve.linear
-        return [k for k, name in enumerate(self.found.names) if name not in linear]
+        linear = self.nist_set.curve.linear
+        return [k for k, name in enumerate(self.nist_set.names) if name not in linear]
 
     @property
     def integrated(self) -> list[int]:
         """Columns of a among b."""
-        return [k for k in range(len(self.found.names)) if k not in self.kept]
+        return [k for k in range(len(self.nist_set.names)) if k not in self.kept]
 
     @property
     def factor(self) -> FloatArray:
-        return np.asarray(np.linalg.qr(self.found.factor[self.kept].T, mode="r").T)
+        return np.asarray(np.linalg.qr(self.nist_set.factor[self.kept].T, mode="r").T)
 
     @property
     def bounds(self) -> FloatArray:
-        return self.found.bounds[self.kept]
+        return self.nist_set.bounds[self.kept]
 
     def parameters(self, u: FloatArray) -> FloatArray:
-        return self.found.least_squares[self.kept] + u @ self.factor.T
+        return self.nist_set.least_squares[self.kept] + u @ self.factor.T
 
     def drawn(self, u: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """All b (W, p) given u (W, q), and the log density of u (W,)."""
-        found, linear = self.found, self.integrated
-        b = np.zeros((len(u), len(found.names)))
+        nist_set, linear = self.nist_set, self.integrated
+        b = np.zeros((len(u), len(nist_set.names)))
         b[:, self.kept] = self.parameters(u)
         if not linear:
-            return b, -0.5 * found.y.size * np.log(found.squares(b))
-        unit = [b + np.eye(len(found.names))[k] for k in linear]
-        design = np.stack([found.response(each) for each in unit], axis=2)
+            return b, -0.5 * nist_set.y.size * np.log(nist_set.squares(b))
+        unit = [b + np.eye(len(nist_set.names))[k] for k in linear]
+        design = np.stack([nist_set.response(each) for each in unit], axis=2)
         valid = np.isfinite(design).all(axis=(1, 2))
         q, r = np.linalg.qr(np.where(valid[:, None, None], design, np.eye(*design.shape[1:])))
-        projected = np.einsum("wnm,n->wm", q, found.y)
-        squares = np.sum((found.y - np.einsum("wnm,wm->wn", q, projected)) ** 2, axis=1)
-        freedom = found.y.size - len(linear)
+        projected = np.einsum("wnm,n->wm", q, nist_set.y)
+        squares = np.sum((nist_set.y - np.einsum("wnm,wm->wn", q, projected)) ** 2, axis=1)
+        freedom = nist_set.y.size - len(linear)
         diagonal = np.abs(np.diagonal(r, axis1=1, axis2=2))
         log_density = -0.5 * freedom * np.log(squares) - np.log(diagonal).sum(axis=1)
         spread = np.sqrt(squares / rng.chisquare(freedom, len(u)))[:, None]
@@ -121,9 +121,9 @@ def run(task: rows.Task) -> list[rows.Row]:
     return reference(certified(name), rng)
 
 
-def reference(found: CertifiedSet, rng: np.random.Generator) -> list[rows.Row]:
+def reference(nist_set: CertifiedSet, rng: np.random.Generator) -> list[rows.Row]:
     """Mean and sd of every parameter, in certified sds from the certified estimate."""
-    target = Collapsed(found)
+    target = Collapsed(nist_set)
     size = len(target.kept)
     proposal = Mixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
     for _ in range(ROUNDS):
@@ -134,16 +134,16 @@ def reference(found: CertifiedSet, rng: np.random.Generator) -> list[rows.Row]:
     weights = np.exp(log_weights - log_weights.max())
     used = weights > 0.0
     weights = weights[used] / weights.sum()
-    shifts = (b[used] - found.estimates) / found.sds
+    shifts = (b[used] - nist_set.estimates) / nist_set.sds
     means = weights @ shifts
     sds = np.sqrt(weights @ (shifts - means) ** 2)
     effective = 1.0 / np.sum(weights**2)
     return [
         {
-            "set": found.name, "parameter": name, "difference_sd": f"{mean:.4f}",
+            "set": nist_set.name, "parameter": name, "difference_sd": f"{mean:.4f}",
             "sd_ratio": f"{sd:.4f}", "effective_draws": f"{effective:.0f}",
         }
-        for name, mean, sd in zip(found.names, means, sds, strict=True)
+        for name, mean, sd in zip(nist_set.names, means, sds, strict=True)
     ]  # fmt: skip
 
 
@@ -151,7 +151,7 @@ def weighted(
     target: Collapsed, proposal: Mixture, size: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draws u (size, q), the log of target over proposal (size,), and b (size, p)."""
-    bounds, names = target.bounds, target.found.names
+    bounds, names = target.bounds, target.nist_set.names
     u = proposal.sample(size, rng)
     from_prior = rng.random(size) < PRIOR_SHARE
     anywhere = rng.uniform(bounds[:, 0], bounds[:, 1], (size, len(bounds)))
@@ -164,9 +164,9 @@ def weighted(
             np.log(1.0 - PRIOR_SHARE) + proposal.log_density(u), np.log(PRIOR_SHARE) - log_volume
         )
         log_weights = log_target - log_proposal
-    ends = target.found.bounds
+    ends = target.nist_set.bounds
     inside = np.all((b > ends[:, 0]) & (b < ends[:, 1]), axis=1)
-    exchangeable = b[:, [names.index(name) for name in target.found.curve.ordered]]
+    exchangeable = b[:, [names.index(name) for name in target.nist_set.curve.ordered]]
     inside &= np.all(np.diff(exchangeable, axis=1) > 0.0, axis=1)
     return u, np.where(inside & np.isfinite(log_weights), log_weights, -np.inf), b
 

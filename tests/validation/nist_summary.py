@@ -52,18 +52,22 @@ def merged(folder: Path) -> pd.DataFrame:
 
 def summary(name: str, rows: pd.DataFrame) -> Row:
     """The parameter that is worst in each respect."""
-    found, known = certified(name), bool(rows["exact_ratio"].notna().all())
+    nist_set, known = certified(name), bool(rows["exact_ratio"].notna().all())
     to_exact = (rows["difference_sd"] - rows["exact_difference_sd"]) / rows["exact_sd_ratio"]
     printed = dict(
-        zip(found.names, (found.least_squares - found.estimates) / found.sds, strict=True)
+        zip(
+            nist_set.names,
+            (nist_set.least_squares - nist_set.estimates) / nist_set.sds,
+            strict=True,
+        )
     )  # what the certified digits leave out: up to 0.2 sds of Lanczos1, less than 1e-5 else
     shifts = rows["exact_difference_sd"] - rows["parameter"].map(printed)
     bent = (shifts.abs() > SMALL_SHIFT) | ((rows["exact_ratio"] - 1.0).abs() > SMALL_RATIO)
     bends = bool(bent.any())
     return {
         "set": name,
-        "difficulty": found.difficulty,
-        "n - p": found.freedom,
+        "difficulty": nist_set.difficulty,
+        "n - p": nist_set.freedom,
         "converged": "yes" if rows["converged"].all() else "NO",
         "tau": f"{rows['tau'].max():.0f}",
         "CPU s": f"{rows['cpu_seconds'].max():.0f}",

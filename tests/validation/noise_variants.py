@@ -83,9 +83,9 @@ def left_out(
 
 def row(target: LogPosterior, variant: str, candidate: str) -> dict[str, object]:
     """Mean scores of one setting over the left-out relaxations."""
-    found = sample(target, np.random.SeedSequence(5)).found
+    sampled = sample(target, np.random.SeedSequence(5)).result
     rng, problem = np.random.default_rng(1), problem_of(target)
-    flat = found.chain.reshape(-1, target.dimension)
+    flat = sampled.chain.reshape(-1, target.dimension)
     z = flat[rng.choice(len(flat), DRAWS)]
     seeds = np.random.SeedSequence(1).spawn(len(target.records))
     scores = [
@@ -97,7 +97,7 @@ def row(target: LogPosterior, variant: str, candidate: str) -> dict[str, object]
     return {
         "candidate": candidate,
         "noise": variant,
-        "converged": "yes" if found.convergence.converged else "NO",
+        "converged": "yes" if sampled.convergence.converged else "NO",
         **{name: f"{value:.4g}" for name, value in means.items()},
         "deabayes": version("deabayes"),
     }

@@ -93,7 +93,7 @@ def fitted(target: LogPosterior, seed: np.random.SeedSequence) -> tuple[Ranked, 
             {name: (("chain", "draw"), theta[:, :, k]) for k, name in enumerate(target.names)}
         )}
     )  # fmt: skip
-    converged = bool(sampled.found.convergence.converged)
+    converged = bool(sampled.result.convergence.converged)
     tree.attrs.update(
         candidate=target.system.candidate,
         order=target.system.order,
@@ -106,7 +106,7 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
     """What `deabayes score` computes, without leave-one-experiment-out, which the rule ignores."""
     target, z = sampled.target, sampled.z
     z = z[:, np.linspace(0, z.shape[1] - 1, min(STORED_DRAWS, z.shape[1])).astype(int)]
-    effective = float(sampled.found.convergence.table["ess_bulk"].min()) / len(z)
+    effective = float(sampled.result.convergence.table["ess_bulk"].min()) / len(z)
     evidence = bridge_evidence(target, z, effective, seed)
     flat = z.reshape(-1, z.shape[2])
     maximum = maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)

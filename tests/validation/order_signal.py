@@ -50,7 +50,7 @@ def signal(world: World, order: int, fewer: int, truth: Mapping[str, FloatArray]
         moved = whitened(target, material, np.vstack([point + shifts, point - shifts]), truth)
         return (moved[: point.size] - moved[point.size :]).T / (2.0 * STEP)
 
-    found = [
+    costs = [
         least_squares(
             lambda point: whitened(target, material, point[None], truth)[0],
             np.clip(start, -FURTHEST + 0.1, FURTHEST - 0.1),
@@ -59,19 +59,13 @@ def signal(world: World, order: int, fewer: int, truth: Mapping[str, FloatArray]
         ).cost
         for start in z[np.argsort(sizes)[:CLIMBED]]
     ]
-    return float(min(found))
+    return float(min(costs))
 
 
 def true_curves(world: World, order: int, truth: Mapping[str, FloatArray]) -> list[Experiment]:
     """The records of the world as the truth would leave them without noise."""
     system = world.conditioned(order, world.records).system
-    return [
-        replace(
-            each,
-            response=system.simulator_of(each)(truth)[0],
-        )
-        for each in world.records
-    ]
+    return [replace(r, response=system.simulator_of(r)(truth)[0]) for r in world.records]
 
 
 def whitened(

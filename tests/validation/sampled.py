@@ -24,13 +24,13 @@ class Sampled:
     """The draws of one posterior, with what they cost."""
 
     target: LogPosterior
-    found: engine.Sampled
+    result: engine.Sampled
     cpu_seconds: float
 
     @property
     def z(self) -> FloatArray:
         """(E, S, d), in the prior's normal coordinate."""
-        chain = self.found.chain
+        chain = self.result.chain
         return chain.reshape(len(chain), -1, chain.shape[3])
 
     @property
@@ -46,11 +46,11 @@ class Sampled:
 
     def row(self) -> Row:
         """How the sampling went."""
-        summary = convergence_summary(self.found)
+        summary = convergence_summary(self.result)
         failures = summary["failures"]
         assert isinstance(failures, dict)
         return {
-            "converged": int(self.found.convergence.converged),
+            "converged": int(self.result.convergence.converged),
             "r_hat": f"{summary['r_hat_max']:.5f}",
             "ess_bulk": f"{summary['ess_bulk_min']:.0f}",
             "ess_tail": f"{summary['ess_tail_min']:.0f}",
@@ -67,5 +67,5 @@ def sample(
 ) -> Sampled:
     """Sample a posterior until every parameter and derived quantity passes the gates."""
     began = time.process_time()
-    found = engine.sample(problem_of(target), settings, seed)
-    return Sampled(target, found, time.process_time() - began)
+    result = engine.sample(problem_of(target), settings, seed)
+    return Sampled(target, result, time.process_time() - began)

@@ -125,7 +125,7 @@ def tally(replicates: Iterable[Mapping[str, object]]) -> list[rows.Row]:
 
 def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> rows.Row:
     family, world, truth = keys
-    counts = {each: int((group["outcome"] == each).sum()) for each in OUTCOMES}
+    counts = {outcome: int((group["outcome"] == outcome).sum()) for outcome in OUTCOMES}
     judged = group[group["outcome"] != "no verdict"]
     decided = counts["right"] + counts["wrong"]
     shown = judged[judged["signal"].astype(float) >= SHOWN]

@@ -55,7 +55,7 @@ def differences(first: Sampled, second: Sampled) -> rows.Row:
     spread = np.mean([draws.std(axis=0) for draws in logarithms], axis=0)
     mean = np.abs(logarithms[0].mean(axis=0) - logarithms[1].mean(axis=0)) / spread
     ends = np.abs(_ends(logarithms[0]) - _ends(logarithms[1])).max(axis=0) / spread
-    both = first.found.convergence.converged and second.found.convergence.converged
+    both = first.result.convergence.converged and second.result.convergence.converged
     return {
         "both_converged": int(both),
         "mean_difference_sd": f"{mean.max():.4f}",

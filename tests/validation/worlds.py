@@ -103,10 +103,10 @@ def simulate(
     while True:
         truth = target.draws(target.prior.sample(rng, 1))
         noisy = [
-            responded(target, truth, target.noise_draws(truth, group_of(target, each)), each, rng)
-            for each in (*world.records, *world.held_out)
+            responded(target, truth, target.noise_draws(truth, group_of(target, r)), r, rng)
+            for r in (*world.records, *world.held_out)
         ]
-        if all(np.isfinite(each.response).all() for each in noisy):
+        if all(np.isfinite(record.response).all() for record in noisy):
             break
     count = len(world.records)
     records = noisy[:count]

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+
+from deabayes.comparison.decision import decide
+from deabayes.comparison.ranking import score_all
 from tests.validation import order_selection
 from tests.validation.order_signal import SHOWN, signal, true_curves, whitened
 from tests.validation.sampled import Sampled
 from tests.validation.tally import verdict
 from tests.validation.tubular_worlds import tubular
-
-from deabayes.comparison.decision import decide
-from deabayes.comparison.ranking import score_all
 
 TASK = {"family": "voigt_kelvin", "world": "closed", "truth": 1, "replicate": 0}
 
@@ -55,7 +55,7 @@ def test_a_replicate_is_decided_by_the_shipped_rule(monkeypatch):
         assert 0.2 * extent < float(row[f"correlated:{order}"]) + float(row[f"white:{order}"]) < 1
 
 
-def test_what_did_not_converge_is_not_ranked(monkeypatch):
+def test_candidates_that_did_not_converge_are_not_ranked(monkeypatch):
     only_first = made_up(lambda target: target.system.order == 1)
     monkeypatch.setattr(order_selection, "sample", only_first)
     row = order_selection.replicate(TASK)
@@ -79,18 +79,12 @@ def test_the_same_replicate_has_the_same_data(monkeypatch, truth):
     np.testing.assert_array_equal(*seen)
 
 
-def test_in_the_world_shown_every_last_unit_is(monkeypatch):
-    monkeypatch.setattr(order_selection, "sample", made_up(lambda target: False))
+def test_the_world_shown_has_only_specimens_that_show_their_last_unit():
+    world, rng = tubular(), np.random.default_rng(1)
+    truth = world.target(2)
     seen = {
-        world: [
-            float(
-                order_selection.replicate({**TASK, "world": world, "truth": 2, "replicate": k})[
-                    "signal"
-                ]
-            )
-            for k in range(5)
-        ]
-        for world in ("closed", "shown")
+        name: [order_selection._simulated(world, truth, name, rng)[1] for _ in range(count)]
+        for name, count in (("closed", 4), ("shown", 3))
     }
     assert min(seen["closed"]) < SHOWN <= min(seen["shown"])
 
@@ -103,7 +97,7 @@ def specimen(order, **changes):
     return draws | {name: np.array([value]) for name, value in changes.items()}
 
 
-def test_a_unit_shows_as_far_as_the_next_smaller_model_misses_it():
+def test_the_signal_of_a_unit_is_what_the_next_smaller_model_misses():
     strong = specimen(2, E_2=10e6, tau_1=5e-3, tau_2=0.1)
     weak = specimen(2, E_2=1e10, tau_1=5e-3, tau_2=0.1)
     seen = signal(tubular(), 2, 1, strong)
@@ -115,7 +109,7 @@ def test_a_unit_shows_as_far_as_the_next_smaller_model_misses_it():
     assert signal(tubular(), 2, 1, strong | noise) == pytest.approx(seen / 4, rel=1e-3)
 
 
-def test_what_shows_is_the_distance_under_the_whole_covariance():
+def test_the_signal_is_the_distance_under_the_whole_covariance():
     """r' C^-1 r / 2 with a dense covariance, of the closest curve found."""
     truth = specimen(2, E_2=10e6, tau_1=5e-3, tau_2=0.1)
     world = tubular()

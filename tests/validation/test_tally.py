@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+from deabayes.comparison.blocks import BlockLoo
+from deabayes.comparison.decision import Decision, Score, decide
 from tests.validation.tally import (
     outcome,
     scores_of,
@@ -12,9 +15,6 @@ from tests.validation.tally import (
     unflagged_conflict,
     verdict,
 )
-
-from deabayes.comparison.blocks import BlockLoo
-from deabayes.comparison.decision import Decision, Score, decide
 
 
 def score(order, evidence, terms, converged=True):
