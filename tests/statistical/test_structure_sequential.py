@@ -20,7 +20,7 @@ from tests.validation.worlds import World, given, simulate
 from deabayes.sampling import engine
 from deabayes.study import Sampling
 
-SETTINGS = Sampling(ensembles=2, walkers=32, particles=256, max_steps=8000)
+SETTINGS = Sampling(ensembles=2, walkers=32, particles=128, max_steps=8000)
 FILM = ("mu_1", "alpha_1", "relative_permittivity")
 EXACT = replace(SPECIMEN, quantities={name: replace(q, sd=None) for name, q in QUANTITIES.items()})
 """Geometry without error: fewer dimensions, the same question."""

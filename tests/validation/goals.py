@@ -1,7 +1,7 @@
-"""What the statistical design asks for, and what was measured, of whatever has been run.
+"""Goals of the statistical design, and the figures measured so far.
 
-The eight goals are those the project set itself before it began; a goal without figures
-says so, and one that is missed says NO.
+The eight goals were set before the project began. A goal without figures says so, and a goal that
+is missed says NO.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FILE, OVERVIEW = "goals.csv", "goals_overview.csv"
 NOT_RUN = "not measured yet"
 BY_TESTS = "by make test"
 MUST_FAIL = "must fail"
-"""In what a table says of a noise model that is wrong on purpose."""
+"""Text in a table that marks a noise model that is wrong on purpose."""
 COVERED, BAND, BAND_HALF = (0.86, 0.94), (0.85, 0.95), (0.42, 0.58)
 DILUTED, LARGEST_CHANGE, WIDEST = 0.75, 0.03, 1.25
 MEANS, ENDS = 0.1, 0.15
@@ -28,7 +28,7 @@ SHIFT, RATIO = 0.1, 0.05
 WIDE, HALF = "90 % band covers ", "50 % band covers "
 
 Figure = tuple[str, str, str]
-"""What was looked at, what came out, whether that is what was asked: yes, NO or empty."""
+"""Name of a figure, its value, and whether the goal is met: yes, NO or empty."""
 Checked = tuple[str, "pd.Series[Any] | None", bool]
 """A recovery check, its row of figures, and whether its noise model is wrong on purpose."""
 
@@ -233,7 +233,7 @@ GOALS: tuple[tuple[str, str, Callable[[Path], Iterator[Figure]]], ...] = (
     (
         "2 conjugate posterior",
         "means in 4 MCSE, sds in 3 %",
-        by_tests("tests/statistical/test_sampler.py"),
+        by_tests("tests/statistical/test_engine.py"),
     ),
     ("3 calibration", "ranks in their 95 % band, control outside", calibrated),
     ("4 coverage", "0.86 to 0.94; fitted as independent below 0.75", covered),

@@ -51,7 +51,7 @@ from tests.validation.sampled import Sampled, sample
 FILE = "nist.csv"
 SEED = 20261122
 SIGMA_RANGE = 1e-15, 10.0
-"""Of the noise's sd, in ranges of the response."""
+"""Bounds of the prior of the noise's sd, in ranges of the response."""
 
 
 class Regression(System):

@@ -31,9 +31,9 @@ SEED = 20261123
 ROUNDS, PER_ROUND, FITTED_TO, FINAL, BATCH = 12, 10000, 4000, 100000, 10000
 COMPONENTS, FREEDOM = 16, 5.0
 PRIOR_SHARE = 0.1
-"""Of the proposal, lest another mode is never seen."""
+"""Share of the prior in the proposal, so that no mode is missed."""
 INFLATED = 1.3
-"""Covariances of the proposal's components over the fitted ones."""
+"""Factor on the fitted covariances of the proposal's components."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ FOLDER = Path(__file__).with_name("nist_strd")
 WIDTH = 3.0
 """Half width of a flat prior, in starting values."""
 STEP = 2e-4
-"""Of a parameter, for differences."""
+"""Relative difference of a parameter for derivatives."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from deabayes.study import Sampling
 from tests.validation.rows import Row
 
 SETTINGS = Sampling()
-"""Those of a study. What fails a gate for want of steps is kept and marked."""
+"""Settings of a study. Posteriors that fail a gate are kept and marked."""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ MOVING_NOISE: dict[str, Settings] = {
     "sine.sigma_ou": {"distribution": "lognormal", "median": "30 um", "sigma": 0.3},
     "sine.tau_ou": {"distribution": "loguniform", "lower": "20 ms", "upper": "1 s"},
 }
-"""Of instruments that are known, and of a model that misses a per cent."""
+"""Noise of known instruments, and of a model with an error of one per cent."""
 
 
 def at_rest() -> World:

@@ -18,10 +18,9 @@ OUTCOMES = ("right", "not resolved", "wrong", "no verdict")
 
 
 def outcome(decision: Decision, right: str) -> str:
-    """What a decision is worth: one of `OUTCOMES`.
+    """Return one of `OUTCOMES` for a decision.
 
-    "Not resolved" is a pick with a flag, whichever it is; "no verdict" that too few
-    candidates converged.
+    "Not resolved" is any choice with a flag. "No verdict" means that too few candidates converged.
     """
     if decision.chosen is None:
         return "no verdict"

@@ -38,11 +38,9 @@ def test_models_take_many_draws_and_priors_hold_the_posterior(name):
     alone = [posterior.log_likelihood_of_normal(row[None])[0] for row in z]
     np.testing.assert_allclose(together, alone, rtol=1e-12)
     assert np.isfinite(together).any()
-    below, above = (
-        nist_set.estimates - nist_set.bounds[:, 0],
-        nist_set.bounds[:, 1] - nist_set.estimates,
-    )
-    assert np.all(np.minimum(below, above) > 4.0 * nist_set.sds)
+    lower, upper = nist_set.bounds.T
+    assert np.all(nist_set.estimates - lower > 4.0 * nist_set.sds)
+    assert np.all(upper - nist_set.estimates > 4.0 * nist_set.sds)
 
 
 @pytest.mark.parametrize("name", ["Misra1a", "Gauss1", "ENSO", "Thurber"])

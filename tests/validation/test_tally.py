@@ -109,7 +109,7 @@ def test_tally_counts_undecided_apart():
     rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *ALONE)]
     rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:], signal="16.90")]
     rows += [stored(1, *CLEAR, signal="inf")]
-    first, row = (line for _, line in tally(rows).iterrows())
+    first, row = tally(rows)
     assert (first["true units"], first["wrong"]) == ("1", 1)
     assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 1, 1, 1)
     assert row["share right of all judged"] == "0.50"

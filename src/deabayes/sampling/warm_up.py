@@ -140,11 +140,13 @@ class _Walks:
     failures: NDArray[np.intp]
 
     def at(self, which: NDArray[np.bool_]) -> _Walks:
-        here = self.here.at(which)
-        column, sign, length, failures = (
-            values[which] for values in (self.column, self.sign, self.length, self.failures)
+        return _Walks(
+            self.column[which],
+            self.sign[which],
+            self.here.at(which),
+            self.length[which],
+            self.failures[which],
         )
-        return _Walks(column, sign, here, length, failures)
 
 
 def _profiles(target: Target, peak: Points, coordinates: Coordinates) -> Points:
