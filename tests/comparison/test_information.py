@@ -57,7 +57,7 @@ def brute_force(laws, size=100_000):
 @pytest.mark.parametrize(
     ("mean", "sd"), [(0.0, 0.5), (0.4, 0.5), (0.4, 0.1), (2.0, 5.0)]
 )  # from hardly anything to much of what there is to know
-def test_candidates_are_told_apart_as_by_brute_force(mean, sd):
+def test_information_about_candidates_agrees_with_brute_force(mean, sd):
     models = [(CONSTANT, 0.0, sd), (LINE, mean, sd)]
     exact, right = brute_force([law(*model) for model in models])
     made = [predictive(linear(*model, seed)) for seed, model in enumerate(models)]
@@ -131,7 +131,7 @@ def test_the_normal_predictive_is_the_dense_one(noise):
     np.testing.assert_allclose(np.cov((alone[0] + alone[1]).T), dense, atol=0.02)
 
 
-def test_a_failure_is_an_outcome_and_tells_too():
+def test_a_failure_is_an_outcome_with_information():
     """Curves alike; one candidate's draws fail in half of the cases, the other's never do."""
     curves = [linear(LINE, 0.0, 0.5, seed) for seed in (1, 2)]
     never, half = (0, 1000), (500, 1000)
@@ -143,7 +143,7 @@ def test_a_failure_is_an_outcome_and_tells_too():
     assert found.probability_right == pytest.approx(0.75, abs=0.02)
 
 
-def test_how_often_each_fails_counts():
+def test_different_shares_of_failures_have_information():
     """Curves alike; a half and a quarter of the draws fail: a failure has odds of 2 to 1."""
     shares = (500, 1000), (250, 1000)
     curves = [linear(LINE, 0.0, 0.5, seed) for seed in (1, 2)]
@@ -167,7 +167,7 @@ def test_density_of_one_draw_is_its_noise_about_its_curve():
     np.testing.assert_allclose(made.log_density(TIME), exact, rtol=1e-10)
 
 
-def test_where_every_draw_of_one_candidate_fails():
+def test_a_candidate_whose_draws_all_fail():
     lost = Predictive((), (), (1000, 1000))
     kept = predictive(linear(LINE, 0.0, 0.5, 1), failed=(0, 1000))
     found = candidate_information([kept, lost], np.random.default_rng(9))
@@ -177,7 +177,7 @@ def test_where_every_draw_of_one_candidate_fails():
     assert both.nats == pytest.approx(0.0, abs=1e-9) and both.probability_right == 0.5
 
 
-def test_noise_with_heavy_tails_is_taken_by_its_middle():
+def test_student_t_noise_is_whitened_like_normal_noise():
     heavy = reading(linear(LINE, 0.0, 0.5, 1), "student_t", degrees_of_freedom=1e6)
     normal = reading(linear(LINE, 0.0, 0.5, 1))
     for one, other in zip(heavy.whitened(LINE, 0), normal.whitened(LINE, 0), strict=True):

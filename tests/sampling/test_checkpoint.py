@@ -20,7 +20,7 @@ def test_arrays_come_back_and_no_partial_file_stays(tmp_path):
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["x.npz"]
 
 
-def test_missing_damaged_and_partial_files_count_as_absent(tmp_path):
+def test_damaged_and_partial_files_count_as_missing(tmp_path):
     write_arrays(tmp_path / "x.npz", {"x": np.arange(1000.0)})
     content = (tmp_path / "x.npz").read_bytes()
     for length in (0, 10, len(content) // 2, len(content) - 1):
@@ -57,7 +57,7 @@ def test_a_store_in_memory_keeps_its_chunks():
     assert len(store.chunks()) == 1
 
 
-def test_random_state_goes_on_where_it_was(tmp_path):
+def test_a_stored_random_state_continues_its_stream(tmp_path):
     random = np.random.RandomState(3)
     random.randn(7)
     write_arrays(tmp_path / "r.npz", random_state_arrays(random.get_state()))
@@ -66,7 +66,7 @@ def test_random_state_goes_on_where_it_was(tmp_path):
     assert other.randn(5).tobytes() == random.randn(5).tobytes()
 
 
-def test_a_header_that_is_no_header_any_more_counts_as_damaged(tmp_path):
+def test_a_damaged_header_counts_as_a_missing_file(tmp_path):
     """A turned bit may leave brackets open, on which numpy's parser raises an error of its own."""
     header = b"{'descr': ('<f8', 'fortran_order': False, 'shape': (3,), }".ljust(117) + b"\n"
     content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(24)

@@ -28,20 +28,20 @@ def test_a_log_has_a_line_per_state(monkeypatch):
     ]
 
 
-def test_a_log_hears_of_a_long_state_now_and_then(monkeypatch):
+def test_a_log_repeats_the_line_of_a_long_state(monkeypatch):
     monkeypatch.setattr("time.monotonic", iter(range(1000)).__next__)
     lines = written(monkeypatch, terminal=False).splitlines()
     assert len([line for line in lines if line.startswith("sampling")]) == 20
 
 
-def test_a_terminal_has_one_line_that_is_written_over(monkeypatch):
+def test_a_terminal_has_one_line_that_is_rewritten(monkeypatch):
     text = written(monkeypatch, terminal=True)
     assert text.count("\n") == 1 and text.endswith("\n")
     *_, longest, last = text.rstrip("\n").split("\r")
     assert len(last) == len(longest) and last.rstrip() == last.strip()
 
 
-def test_silent_unless_asked_for(monkeypatch):
+def test_progress_is_silent_by_default(monkeypatch):
     assert written(monkeypatch, terminal=True, shown=False) == ""
 
 

@@ -59,7 +59,7 @@ def two_modes(share):
 
 
 @pytest.mark.parametrize("share", [0.5, 0.1])
-def test_two_modes_get_their_shares(share):
+def test_two_modes_have_their_shares_of_the_draws(share):
     """Twenty sds apart in each of four coordinates, alike or not: of 64 climbs half reach each."""
     result = sampled(two_modes(share), 4)
     assert result.convergence.converged, result.convergence.reasons
@@ -69,7 +69,7 @@ def test_two_modes_get_their_shares(share):
     assert len(result.convergence.mode_shares) == 2
 
 
-def test_a_walker_in_a_mode_of_no_mass_starts_elsewhere(monkeypatch):
+def test_a_walker_in_a_mode_without_mass_is_moved(monkeypatch):
     """It would stay there for all the budget, and the run not pass its gate for stuck walkers."""
     first = engine._first_walkers
 
@@ -128,7 +128,7 @@ def test_failures_are_counted_and_never_kept():
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
-def test_every_draw_fails(value):
+def test_a_likelihood_that_fails_everywhere_is_an_error(value):
     with pytest.raises(EveryDrawFailed, match="no draw of the prior has a finite likelihood"):
         sampled(lambda z: np.full(len(z), value), 3)
 
@@ -140,14 +140,14 @@ def test_same_seed_same_draws_and_another_seed_others():
     assert first.tobytes() != other.tobytes()
 
 
-def test_a_budget_too_small_is_said():
+def test_a_budget_that_is_too_small_does_not_converge():
     result = sampled(ridge, 2, max_steps=100, ess=1e5)
     assert not result.convergence.converged
     assert (result.steps, result.chain.shape[1]) == (100, 66)
     assert any("sample longer" in reason for reason in result.convergence.reasons)
 
 
-def test_a_rough_likelihood_that_always_fails_is_done_without():
+def test_a_rough_likelihood_that_always_fails_is_not_used():
     def exact(z):
         return -0.5 * ((z - 0.5) ** 2).sum(1) / 0.1**2
 
@@ -156,7 +156,7 @@ def test_a_rough_likelihood_that_always_fails_is_done_without():
     assert result.convergence.table["mean"].to_numpy() == pytest.approx(0.495, abs=0.02)
 
 
-def test_a_rough_likelihood_serves_what_is_dropped_only():
+def test_a_rough_likelihood_is_used_for_dropped_draws_only():
     calls = []
 
     def exact(z):
@@ -169,7 +169,7 @@ def test_a_rough_likelihood_serves_what_is_dropped_only():
     assert found.evaluations == sum(calls[:-1])
 
 
-def test_refits_are_few_and_what_they_replace_is_dropped(tmp_path):
+def test_a_refit_drops_the_draws_of_the_round_before(tmp_path):
     """A length that cannot be reached: rounds grow to the end of the budget."""
     impossible = {"autocorrelation_times": 1e6, "max_steps": 1500, "ensembles": 2}
     result = sampled(lambda z: -0.5 * (z**2).sum(1), 2, folder=tmp_path, **impossible)
@@ -184,7 +184,7 @@ def test_refits_are_few_and_what_they_replace_is_dropped(tmp_path):
     assert result.burn_in == 1500 - kept
 
 
-def test_the_budget_is_thinned_to_what_is_stored(tmp_path):
+def test_a_long_run_is_stored_thinned(tmp_path):
     """Every third step: all are made, and each costs a draw of every walker."""
     result = sampled(lambda z: -0.5 * (z**2).sum(1), 2, folder=tmp_path, max_steps=15000)
     assert (result.thin, result.steps, result.chain.shape[1]) == (3, 300, 66)

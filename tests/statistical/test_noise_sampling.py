@@ -55,7 +55,7 @@ def test_covariance_of_samples(name):
 
 
 @pytest.mark.parametrize("name", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "matern32"])
-def test_the_two_parts_are_what_they_are_called(name):
+def test_correlated_and_white_parts_have_their_covariances(name):
     discrepancy, white = REGISTRY[name]().sample(
         np.random.default_rng(2), COORDINATE, WEIGHTS, truth(name)
     )
@@ -84,7 +84,7 @@ def test_innovations_of_samples_are_standard_normal(name):
 @pytest.mark.parametrize(
     "name", ["ornstein_uhlenbeck", "ornstein_uhlenbeck_offset", "ar1", "matern32"]
 )
-def test_a_wrong_correlation_time_is_noticed(name):
+def test_the_check_sees_a_wrong_correlation_time(name):
     rng = np.random.default_rng(4)
     coordinate = np.cumsum(rng.exponential(0.5, 40))
     weights = np.ones(40)

@@ -53,7 +53,7 @@ def test_climbs_in_lockstep_are_the_climbs_alone():
     np.testing.assert_allclose(together, alone, atol=1e-9)
 
 
-def test_points_that_fail_do_not_stop_the_others():
+def test_climbs_that_fail_do_not_change_the_others():
     """Some climbs begin where the density fails, others beside a wall that they meet."""
 
     def scores(z):
@@ -139,7 +139,7 @@ def test_climbs_also_start_from_draws_of_a_similar_posterior():
     assert found(None) < 1.0 and found(np.full((3, 4), 2.49)) > 39.0
 
 
-def test_waves_go_on_until_some_climbs_have_come_to_one_peak(monkeypatch):
+def test_waves_continue_until_some_climbs_end_at_the_highest_peak(monkeypatch):
     """A narrow peak that one climb in a hundred finds, on a broad one that each finds."""
     calls = []
 
@@ -171,7 +171,7 @@ def test_a_lower_peak_is_kept_unless_it_is_far_below(below, kept):
     np.testing.assert_allclose(np.abs(found.z), 1.0, atol=0.02)
 
 
-def test_no_start_with_a_density():
+def test_a_density_of_zero_at_every_start_is_an_error():
     with pytest.raises(EveryDrawFailed):
         peaks(Target(lambda z: np.full(len(z), -np.inf)), 3, np.random.default_rng(7))
 
@@ -187,7 +187,7 @@ def test_few_starts_with_a_density_are_enough():
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_wall_too_steep_for_numbers_stops_no_climb():
+def test_infinite_derivatives_do_not_stop_climbs():
     """Derivatives whose squares are no numbers any more."""
 
     def scores(z):

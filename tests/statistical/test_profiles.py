@@ -70,7 +70,7 @@ def test_a_walk_along_a_normal_profile_ends_early():
     assert len(found.z) <= 1 + 2 * 6
 
 
-def test_points_kept_are_the_highest_and_apart():
+def test_thinning_keeps_the_highest_points_apart():
     z = np.linspace(-1.0, 1.0, 41)[:, None]
     points = Points(z, np.full((41, 1, 1), 0.1), -np.abs(z[:, 0]))
     kept = thinned(points, 5, 1.45)

@@ -65,7 +65,7 @@ def test_crossed_populations_are_moved_by_what_is_fitted_to_the_other_half():
     assert common.sample(rng, 2000).mean() == pytest.approx(0.0, abs=0.5)
 
 
-def test_a_record_is_left_out_and_taken_in_again():
+def test_the_evidence_of_a_record_is_found_by_leaving_it_out():
     """Gaussian records: log p(y2 | y1) by leaving y2 out of the posterior of both."""
 
     def log_normal(z, data, sd):
@@ -90,7 +90,7 @@ def test_a_record_is_left_out_and_taken_in_again():
 
 
 @pytest.mark.parametrize("lost", [1.0, 0.5])
-def test_draws_that_fail(lost):
+def test_a_population_that_fails_everywhere_is_an_error(lost):
     """Half of the prior fails, or all of one population."""
 
     def failing(z):
@@ -108,7 +108,7 @@ def test_draws_that_fail(lost):
     assert np.isfinite(found.log_density).all()
 
 
-def test_nothing_but_the_temperature_and_the_proposal_is_shared():
+def test_populations_share_no_particles():
     """Populations that start elsewhere keep to themselves: no particle is another's copy."""
     start = np.random.default_rng(6).standard_normal((3, 200, 2)) * 0.05
     start += np.array([-5.0, 0.0, 5.0])[:, None, None]
@@ -123,7 +123,7 @@ def test_nothing_but_the_temperature_and_the_proposal_is_shared():
     np.testing.assert_allclose(found.particles.mean(axis=(1, 2)), [-5.0, 0.0, 5.0], atol=0.1)
 
 
-def test_the_final_density_is_asked_for_alone_once_it_is_reached():
+def test_the_final_density_is_evaluated_alone_at_the_end():
     """Not base and increment, which together may cost more."""
     asked = {"base": 0, "increment": 0, "final": 0}
 
@@ -154,7 +154,7 @@ def test_the_final_density_is_asked_for_alone_once_it_is_reached():
     np.testing.assert_allclose(found.particles.mean(axis=(0, 1)), 0.8, atol=0.1)
 
 
-def test_systematic_resampling_repeats_as_weights_say():
+def test_systematic_resampling_repeats_particles_by_their_weights():
     weights = np.array([0.1, 0.0, 0.4, 0.25, 0.25]) * 3.0
     counts = np.zeros(5)
     rng = np.random.default_rng(8)

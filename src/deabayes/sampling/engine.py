@@ -147,12 +147,16 @@ class _Run:
     needed: float = 0.0
     proposal: Proposal | None = None
     round: Store = field(default_factory=lambda: Store(None))
-    chunks: list[Arrays] = field(default_factory=list)
     last: Arrays | None = None
     earlier: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     convergence: Convergence | None = None
     counts: FloatArray = field(default_factory=lambda: np.zeros(2))
     seconds: float = 0.0
+
+    @property
+    def chunks(self) -> list[Arrays]:
+        """Chunks of this round."""
+        return self.round.chunks()
 
     @property
     def thin(self) -> int:
@@ -238,7 +242,6 @@ def _fitted(run: _Run) -> State:
     """Fit the proposal to the last two rounds' draws and, early on, to the warm-up's particles."""
     run.round = run.store.sub(f"round_{run.refits}")
     run.proposal = _proposal(run)
-    run.chunks = run.round.chunks()
     run.counts = run.counts + sum((chunk["counts"] for chunk in run.chunks), np.zeros(2))
     run.goal = int(FIRST_ROUND * GROWTH**run.refits)
     return _sampling

@@ -36,21 +36,16 @@ SHORT_STEP = 0.2
 def _accept(
     state: State, model: Any, which: NDArray[np.intp], proposed: FloatArray, factor: FloatArray
 ) -> NDArray[np.bool_]:
-    """Move the walkers `which` to accepted proposals (M, d); return which were accepted."""
+    """Move the walkers `which` to their proposals (M, d) if accepted; return which moved."""
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     chance = np.log(model.random.rand(which.size))
     with np.errstate(invalid="ignore"):
         took = np.asarray(log_prob - state.log_prob[which] + factor > chance)
-    _put(state, which[took], proposed[took], log_prob[took], None if blobs is None else blobs[took])
-    return took
-
-
-def _put(
-    state: State, which: NDArray[np.intp], coords: FloatArray, log_prob: FloatArray, blobs: Any
-) -> None:
-    state.coords[which], state.log_prob[which] = coords, log_prob
+    moved = which[took]
+    state.coords[moved], state.log_prob[moved] = proposed[took], log_prob[took]
     if state.blobs is not None:
-        state.blobs[which] = blobs
+        state.blobs[moved] = blobs[took]
+    return took
 
 
 class IndependenceMove(Move):
