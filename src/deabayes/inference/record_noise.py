@@ -184,8 +184,8 @@ def _check_no_repeats(
             at = experiment.coordinate[repeated[0]]
             raise UserError(
                 f"record {experiment.name}: {repeated.size} readings repeat their "
-                f"{experiment.coordinate_name} (the first at {at:.6g} {experiment.coordinate_unit}). "
-                f"Noise {noise.name!r} has no white part and cannot explain how they differ; set "
+                f"{experiment.coordinate_name} (the first at {at:.6g} {experiment.coordinate_unit})"
+                f". Noise {noise.name!r} has no white part and cannot explain how they differ; set "
                 "noise: ornstein_uhlenbeck or noise_coordinate: grid for the study"
             )
 
