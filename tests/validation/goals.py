@@ -114,36 +114,30 @@ def covered(folder: Path) -> Iterator[Figure]:
 
 
 def robust(folder: Path) -> Iterator[Figure]:
-    """Coverage does not depend on how fast one samples, nor widths on noise that is not there."""
+    """Coverage does not depend on the density of points, nor widths on noise that is absent."""
     checks = {what: row for what, row, _ in _membranes(folder)}
-    dense, independent = (
-        checks[f"membrane, kv_gm_1: {recovery_summary.MEANING[variant]}"]
-        for variant in ("dense", "iid")
-    )
-    for what, row, column, asked in (
-        ("coverage when sampled five times faster", dense, recovery_summary.CHANGE, _small),
+    for what, variant, column, is_met in (
+        (
+            "coverage when sampled five times faster",
+            "dense",
+            recovery_summary.CHANGE,
+            lambda change: abs(change) < LARGEST_CHANGE,
+        ),
         (
             "widths on independent noise, over the right model's",
-            independent,
+            "iid",
             recovery_summary.WIDTHS,
-            _narrow,
+            lambda ratio: ratio <= WIDEST,
         ),
     ):
-        measured = None if row is None else row[column]
-        if row is None or pd.isna(measured):
-            yield f"membrane, kv_gm_1: {what}", NOT_RUN, ""
-        else:
-            met = "yes" if asked(_first(measured)) else "NO"
-            shown = measured if isinstance(measured, str) else f"{measured:.2f}"
-            yield f"membrane, kv_gm_1: {what}", f"{shown}, {row['replicates']} specimens", met
-
-
-def _small(change: float) -> bool:
-    return abs(change) < LARGEST_CHANGE
-
-
-def _narrow(ratio: float) -> bool:
-    return ratio <= WIDEST
+        row = checks[f"membrane, kv_gm_1: {recovery_summary.MEANING[variant]}"]
+        value = None if row is None else row[column]
+        figure = NOT_RUN, ""
+        if row is not None and not pd.isna(value):
+            shown = value if isinstance(value, str) else f"{value:.2f}"
+            met = "yes" if is_met(_first(value)) else "NO"
+            figure = f"{shown}, {row['replicates']} specimens", met
+        yield f"membrane, kv_gm_1: {what}", *figure
 
 
 def _membranes(folder: Path) -> Iterator[Checked]:

@@ -40,36 +40,10 @@ class Curve:
     belonging: Mapping[str, str] = field(default_factory=dict)
 
 
-def saturating(x: FloatArray, b1: FloatArray, b2: FloatArray) -> FloatArray:
-    return -b1 * np.expm1(-b2 * x)
-
-
-def misra1b(x: FloatArray, b1: FloatArray, b2: FloatArray) -> FloatArray:
-    return b1 * (1.0 - (1.0 + 0.5 * b2 * x) ** -2)
-
-
-def misra1c(x: FloatArray, b1: FloatArray, b2: FloatArray) -> FloatArray:
-    return b1 * (1.0 - (1.0 + 2.0 * b2 * x) ** -0.5)
-
-
-def misra1d(x: FloatArray, b1: FloatArray, b2: FloatArray) -> FloatArray:
-    return b1 * b2 * x / (1.0 + b2 * x)
-
-
-def chwirut(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> FloatArray:
-    return np.exp(-b1 * x) / (b2 + b3 * x)
-
-
 def exponentials(x: FloatArray, *b: FloatArray) -> FloatArray:
     """b1 exp(-b2 x) + b3 exp(-b4 x) + ..."""
     terms = (a * np.exp(-rate * x) for a, rate in zip(b[::2], b[1::2], strict=True))
     return np.sum(np.stack(list(terms)), axis=0)
-
-
-def two_exponentials(
-    x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray, b4: FloatArray, b5: FloatArray
-) -> FloatArray:
-    return b1 + exponentials(x, b2, b4, b3, b5)
 
 
 def two_peaks(x: FloatArray, b1: FloatArray, b2: FloatArray, *peaks: FloatArray) -> FloatArray:
@@ -80,22 +54,12 @@ def two_peaks(x: FloatArray, b1: FloatArray, b2: FloatArray, *peaks: FloatArray)
     return total
 
 
-def power(x: FloatArray, b1: FloatArray, b2: FloatArray) -> FloatArray:
-    return b1 * x**b2
-
-
 def rational(x: FloatArray, *b: FloatArray) -> FloatArray:
-    """A ratio of two polynomials of one degree; the constant of the one below is 1."""
+    """A ratio of two polynomials of one degree; the constant of the denominator is 1."""
     degree = len(b) // 2
     above = sum(b[k] * x**k for k in range(degree + 1))
     below = 1.0 + sum(b[degree + k] * x**k for k in range(1, degree + 1))
     return np.asarray(above / below)
-
-
-def roszman(
-    x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray, b4: FloatArray
-) -> FloatArray:
-    return b1 - b2 * x - np.arctan(b3 / (x - b4)) / np.pi
 
 
 def enso(
@@ -109,34 +73,8 @@ def enso(
     return total
 
 
-def mgh09(
-    x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray, b4: FloatArray
-) -> FloatArray:
-    return b1 * x * (x + b2) / (x * (x + b3) + b4)
-
-
-def mgh10(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> FloatArray:
-    return b1 * np.exp(b2 / (x + b3))
-
-
-def rat42(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> FloatArray:
-    return b1 / (1.0 + np.exp(b2 - b3 * x))
-
-
-def rat43(
-    x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray, b4: FloatArray
-) -> FloatArray:
-    return b1 / (1.0 + np.exp(b2 - b3 * x)) ** (1.0 / b4)
-
-
-def eckerle4(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> FloatArray:
-    return b1 / b2 * np.exp(-0.5 * ((x - b3) / b2) ** 2)
-
-
-def bennett5(x: FloatArray, b1: FloatArray, b2: FloatArray, b3: FloatArray) -> FloatArray:
-    return b1 * (b2 + x) ** (-1.0 / b3)
-
-
+SATURATING = Curve(lambda x, b1, b2: -b1 * np.expm1(-b2 * x))
+CHWIRUT = Curve(lambda x, b1, b2, b3: np.exp(-b1 * x) / (b2 + b3 * x))
 LANCZOS = Curve(
     exponentials,
     ("b1", "b3", "b5"),
@@ -150,27 +88,27 @@ GAUSS = Curve(
     belonging={"b3": "b4", "b5": "b4", "b6": "b7", "b8": "b7"},
 )
 CURVES: dict[str, Curve] = {
-    "Misra1a": Curve(saturating),
-    "Misra1b": Curve(misra1b),
-    "Misra1c": Curve(misra1c),
-    "Misra1d": Curve(misra1d),
-    "Chwirut1": Curve(chwirut),
-    "Chwirut2": Curve(chwirut),
-    "DanWood": Curve(power),
+    "Misra1a": SATURATING,
+    "Misra1b": Curve(lambda x, b1, b2: b1 * (1.0 - (1.0 + 0.5 * b2 * x) ** -2)),
+    "Misra1c": Curve(lambda x, b1, b2: b1 * (1.0 - (1.0 + 2.0 * b2 * x) ** -0.5)),
+    "Misra1d": Curve(lambda x, b1, b2: b1 * b2 * x / (1.0 + b2 * x)),
+    "Chwirut1": CHWIRUT,
+    "Chwirut2": CHWIRUT,
+    "DanWood": Curve(lambda x, b1, b2: b1 * x**b2),
     **dict.fromkeys(("Lanczos1", "Lanczos2", "Lanczos3"), LANCZOS),
     **dict.fromkeys(("Gauss1", "Gauss2", "Gauss3"), GAUSS),
     "Kirby2": Curve(rational),
     "Hahn1": Curve(rational),
     "Thurber": Curve(rational),
-    "MGH09": Curve(mgh09),
-    "MGH10": Curve(mgh10, ("b1",)),
+    "MGH09": Curve(lambda x, b1, b2, b3, b4: b1 * x * (x + b2) / (x * (x + b3) + b4)),
+    "MGH10": Curve(lambda x, b1, b2, b3: b1 * np.exp(b2 / (x + b3)), ("b1",)),
     "MGH17": Curve(
-        two_exponentials,
+        lambda x, b1, b2, b3, b4, b5: b1 + exponentials(x, b2, b4, b3, b5),
         ("b1", "b2", "b3"),
         ordered=("b4", "b5"),
         belonging={"b2": "b4", "b3": "b5"},
     ),
-    "Roszman1": Curve(roszman),
+    "Roszman1": Curve(lambda x, b1, b2, b3, b4: b1 - b2 * x - np.arctan(b3 / (x - b4)) / np.pi),
     "ENSO": Curve(
         enso,
         ("b1", "b2", "b3", "b5", "b6", "b8", "b9"),
@@ -179,10 +117,14 @@ CURVES: dict[str, Curve] = {
         ordered=("b7", "b4"),
         belonging={"b5": "b4", "b6": "b4", "b8": "b7", "b9": "b7"},
     ),
-    "BoxBOD": Curve(saturating),
-    "Rat42": Curve(rat42),
-    "Rat43": Curve(rat43, ("b1",)),
-    "Eckerle4": Curve(eckerle4, lower={"b2": 0.0}),
-    "Bennett5": Curve(bennett5, ("b1",)),
+    "BoxBOD": SATURATING,
+    "Rat42": Curve(lambda x, b1, b2, b3: b1 / (1.0 + np.exp(b2 - b3 * x))),
+    "Rat43": Curve(
+        lambda x, b1, b2, b3, b4: b1 / (1.0 + np.exp(b2 - b3 * x)) ** (1.0 / b4), ("b1",)
+    ),
+    "Eckerle4": Curve(
+        lambda x, b1, b2, b3: b1 / b2 * np.exp(-0.5 * ((x - b3) / b2) ** 2), lower={"b2": 0.0}
+    ),
+    "Bennett5": Curve(lambda x, b1, b2, b3: b1 * (b2 + x) ** (-1.0 / b3), ("b1",)),
 }
 """All sets of one predictor. Nelson has two, and its response is a logarithm: left out."""
