@@ -44,7 +44,7 @@ def parameters(*experiments, noise="ornstein_uhlenbeck", **changes):
 
 
 def test_one_correlation_length_does_not_serve_two_units():
-    with pytest.raises(UserError, match="coordinates in V and m. They cannot share the length"):
+    with pytest.raises(UserError, match=r"coordinates in V and m\. They cannot share the length"):
         parameters(PULL, RAISED)
     assert parameters(PULL, RAISED, noise="white")
     assert parameters(PULL, RAISED, noise_coordinate="grid")
