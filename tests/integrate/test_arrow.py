@@ -20,12 +20,12 @@ VOLTS = np.array([500.0, 3000.0, -400.0, 100.0, -50.0, 20.0])
 
 def flow(t, y, constants, units, span):
     """The membrane's right-hand side as equations.md writes it."""
-    fluidity, modulus, inverse, sigma, gain = constants[:5]
+    fluidity, modulus, inverse, sigma, gain = constants[arrow.OF_CONSTANTS :]
     lam, volts = y[0], np.polynomial.Polynomial(VOLTS)(t * span)
     total = gain * volts**2 * lam**3 + sigma
     total -= modulus * (lam - lam**-5) / (1 - (2 * lam**2 + lam**-4 - 3) * inverse)
     rates = []
-    for (speed, mu, q, _), xi in zip(units, y[1:], strict=True):
+    for (_, speed, mu, q, _), xi in zip(units, y[1:], strict=True):
         argument = 1 - (2 * lam**2 / xi**2 + lam**-4 * xi**4 - 3) * q
         total -= mu * (lam / xi**2 - lam**-5 * xi**4) / argument
         rates.append(speed * (lam**2 / xi**3 - lam**-4 * xi**3) / argument)
@@ -36,16 +36,14 @@ def plain_step(t, y, h, constants, units, span):
     """Rodas5P with a dense Jacobian from complex steps."""
     size = y.size
     a, c, weights = transformed_coefficients()
-    nodes = [0, rodas5p.NODE2, rodas5p.NODE3, rodas5p.NODE4, rodas5p.NODE5, 1, 1, 1]
-    drifts = [rodas5p.D1, rodas5p.D2, rodas5p.D3, rodas5p.D4, rodas5p.D5, 0, 0, 0]
     tiny = 1e-30j
     columns = [flow(t, y + tiny * row, constants, units, span).imag / 1e-30 for row in np.eye(size)]
     drift = flow(t + tiny, y + 0j, constants, units, span).imag / 1e-30
     matrix = np.eye(size) / (rodas5p.GAMMA * h) - np.array(columns).T
     u = np.zeros((8, size))
     for i in range(8):
-        right = flow(t + nodes[i] * h, y + a[i] @ u, constants, units, span)
-        u[i] = np.linalg.solve(matrix, right + c[i] @ u / h + h * drifts[i] * drift)
+        right = flow(t + rodas5p.NODES[i] * h, y + a[i] @ u, constants, units, span)
+        u[i] = np.linalg.solve(matrix, right + c[i] @ u / h + h * rodas5p.D[i] * drift)
     return y + weights @ u, u
 
 
@@ -57,36 +55,24 @@ def test_a_step_is_that_of_the_plain_method(h):
     c = np.ones(kernel.STRETCH_ROWS * arrow.LANES)
     blocks = np.ones((2, kernel.UNIT_ROWS * arrow.LANES))
     lane = 5
-
-    def put(block, row, value):
-        block[row + lane] = value
-
-    for row in (kernel.PIVOT, kernel.FORCE, kernel.SCHUR):
-        c[row : row + arrow.LANES] = 0.0
-    rows = (kernel.FLUIDITY, kernel.MODULUS, kernel.INVERSE, kernel.SIGMA, kernel.GAIN)
-    for row, value in zip(rows, constants[0], strict=False):
-        put(c, row, value)
-    for power, value in enumerate(VOLTS):
-        put(c, kernel.V0 + power * arrow.LANES, value)
-    put(c, kernel.ALLOWED, 1.0)
-    put(c, kernel.STEP, h)
-    put(c, kernel.OFFSET, 0.2)
-    put(c, kernel.SPAN, 0.01)
-    put(c, arrow.START, y[0])
-    for n in range(2):
-        put(blocks[n], arrow.START, y[n + 1])
-        rows = (kernel.FLUIDITY, kernel.MODULUS, kernel.INVERSE, kernel.WEIGHT)
-        for row, value in zip(rows, units[0, n], strict=True):
-            put(blocks[n], row, value)
+    arrow._load(c, blocks, 0, lane, constants[0], units[0])
+    for row, values in ((arrow.V0, VOLTS), (arrow.START, y[:1])):
+        c[row + lane :: arrow.LANES][: len(values)] = values
+    c[[row + lane for row in (arrow.ALLOWED, arrow.STEP, arrow.OFFSET, arrow.SPAN)]] = (
+        1,
+        h,
+        0.2,
+        0.01,
+    )
+    blocks[:, arrow.START + lane] = y[1:]
     kernel.step(c, blocks)
     end, u = plain_step(20.0, y, h, constants[0], units[0], 0.01)
     found = [block[arrow.ARGUMENT + lane] for block in (c, *blocks)]
     np.testing.assert_allclose(found, end, rtol=1e-12)
-    error = np.abs(u[7]) @ [1.0, *units[0, :, 3]]
-    assert c[kernel.ERROR + lane] == pytest.approx(error, rel=1e-6, abs=1e-15)
-    h_rows = [[getattr(rodas5p, f"H{r}{j}") for j in range(1, 9)] for r in (2, 3, 4)]
-    dense = [c[row + lane] for row in (kernel.K2, kernel.K3, kernel.K4)]
-    np.testing.assert_allclose(dense, np.array(h_rows) @ u[:, 0], rtol=1e-9, atol=1e-14)
+    error = np.abs(u[7]) @ [1.0, *units[0, :, 4]]
+    assert c[arrow.ERROR + lane] == pytest.approx(error, rel=1e-6, abs=1e-15)
+    dense, weights = c[arrow.K2 + lane :: arrow.LANES][:3], [rodas5p.H2, rodas5p.H3, rodas5p.H4]
+    np.testing.assert_allclose(dense, weights @ u[:, 0], rtol=1e-9, atol=1e-14)
 
 
 def test_error_falls_with_the_tolerance_as_the_order_says():

@@ -13,9 +13,7 @@ from deabayes.integrate.rosenbrock import (
     transformed_coefficients,
 )
 
-NODES = np.array([0, rodas5p.NODE2, rodas5p.NODE3, rodas5p.NODE4, rodas5p.NODE5, 1, 1, 1])
-DRIFTS = np.array([rodas5p.D1, rodas5p.D2, rodas5p.D3, rodas5p.D4, rodas5p.D5, 0, 0, 0])
-DENSE = np.array([[getattr(rodas5p, f"H{r}{j}") for j in range(1, 9)] for r in (2, 3, 4)])
+DENSE = np.array([rodas5p.H2, rodas5p.H3, rodas5p.H4])
 
 
 def classical_coefficients():
@@ -72,8 +70,8 @@ def test_order_conditions(which, order):
 
 def test_nodes_and_drifts_are_row_sums():
     alpha, gamma, _, _ = classical_coefficients()
-    np.testing.assert_allclose(alpha.sum(axis=1), NODES, atol=1e-13)
-    np.testing.assert_allclose(gamma.sum(axis=1), DRIFTS, atol=1e-13)
+    np.testing.assert_allclose(alpha.sum(axis=1), rodas5p.NODES, atol=1e-13)
+    np.testing.assert_allclose(gamma.sum(axis=1), rodas5p.D, atol=1e-13)
 
 
 def test_the_method_is_stable_and_damps_stiff_modes():
@@ -102,7 +100,9 @@ def step(t, y, h):
     drift = np.array([0.0, np.cos(t)])
     u = np.zeros((8, 2))
     for i in range(8):
-        right = rate(t + NODES[i] * h, y + a[i] @ u) + c[i] @ u / h + h * DRIFTS[i] * drift
+        right = (
+            rate(t + rodas5p.NODES[i] * h, y + a[i] @ u) + c[i] @ u / h + h * rodas5p.D[i] * drift
+        )
         u[i] = np.linalg.solve(matrix, right)
     end = y + weights @ u
     return end, end - u[7], DENSE @ u

@@ -6,10 +6,11 @@ import numpy as np
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow, rodas5p
+from deabayes.integrate.arrow import IndexArray
 from deabayes.integrate.compiled import njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, transformed_coefficients
 from deabayes.systems.membrane import kernel as of
-from deabayes.systems.membrane.kernel import IndexArray, resistance, slopes
+from deabayes.systems.membrane.kernel import resistance, slopes
 
 A, C, _ = transformed_coefficients()
 NODES, DRIFTS = np.array(rodas5p.NODES), np.array(rodas5p.D)
@@ -34,7 +35,7 @@ def _force(y: FloatArray, drive: float, draw: FloatArray, units: FloatArray) -> 
     total = drive * lam**3 + draw[of.OF_SIGMA]
     total -= draw[of.OF_MODULUS] * resistance(lam, 1.0, draw[of.OF_INVERSE])
     for n in range(units.shape[0]):
-        total -= units[n, 1] * y[n + 2] * resistance(lam, y[n + 2], units[n, 2])
+        total -= units[n, 2] * y[n + 2] * resistance(lam, y[n + 2], units[n, 3])
     return total
 
 
@@ -61,12 +62,12 @@ def _step(
     solve, below, beside = np.empty(count), np.empty(count), np.empty(count)
     coupled = 0.0
     for n in range(count):
-        xi, rate = y[n + 2], h * units[n, 0]
-        r, by_lam, by_xi = slopes(lam, xi, units[n, 2])
-        stiffness -= units[n, 1] * xi * by_lam
+        xi, rate = y[n + 2], h * units[n, 1]
+        r, by_lam, by_xi = slopes(lam, xi, units[n, 3])
+        stiffness -= units[n, 2] * xi * by_lam
         solve[n] = 1.0 / (1.0 / GAMMA - rate * lam * by_xi)
         below[n] = rate * (r + lam * by_lam)
-        beside[n] = -units[n, 1] * (r + xi * by_xi)
+        beside[n] = -units[n, 2] * (r + xi * by_xi)
         coupled += beside[n] * below[n] * solve[n]
     damping = 1.0 / GAMMA + hm * viscosity
     pivot = damping / (GAMMA * h) - hm * (stiffness + coupled)
@@ -83,8 +84,8 @@ def _step(
         right[1] += hm * (force - viscosity * at[1]) + DRIFTS[s] * drift
         total = right[1] + damping * right[0] / h
         for n in range(count):
-            rate = h * units[n, 0]
-            right[n + 2] += rate * at[0] * resistance(at[0], at[n + 2], units[n, 2])
+            rate = h * units[n, 1]
+            right[n + 2] += rate * at[0] * resistance(at[0], at[n + 2], units[n, 3])
             total += hm * beside[n] * right[n + 2] * solve[n]
         u[s, 0] = total / pivot
         u[s, 1] = (u[s, 0] / GAMMA - right[0]) / h
@@ -105,10 +106,10 @@ def _follow(
 ) -> tuple[int, float]:
     """Compute the stretch (N,) of a draw; return steps tried and time of failure (NaN if none)."""
     count = units.shape[0]
-    y, u, dense = np.full(count + 2, draw[of.OF_START]), np.empty((8, count + 2)), np.empty(3)
+    y, u, dense = np.full(count + 2, draw[arrow.OF_START]), np.empty((8, count + 2)), np.empty(3)
     y[1] = 0.0
     now, piece, output, tried = edges[0], 0, 0, 0
-    first = min(draw[of.OF_STEP], mass * draw[of.OF_FLUIDITY])
+    first = min(draw[arrow.OF_STEP], mass * draw[of.OF_FLUIDITY])
     proposed = first
     while output < times.size:
         if tried > of.MOST_STEPS + 4 * restart.size or proposed < arrow.FINEST * first:
@@ -121,8 +122,8 @@ def _follow(
         _step(y, u, h, (now - edges[piece]) * span, span, volts[piece], draw, units, mass)
         error = abs(u[7, 0])
         for n in range(count):
-            error += units[n, 3] * abs(u[7, n + 2])
-        error *= draw[of.OF_ALLOWED]
+            error += units[n, 4] * abs(u[7, n + 2])
+        error *= draw[arrow.OF_ALLOWED]
         factor = arrow.growth(error)
         if not error <= 1.0:
             proposed = h * min(factor, 0.8)
@@ -141,7 +142,7 @@ def _follow(
         output = arrow.write_outputs(
             times, output, now, h, reached, begin, y[0], dense[0], dense[1], dense[2], stretch
         )
-        if not y[0] <= draw[of.OF_LIMIT]:
+        if not y[0] <= draw[arrow.OF_HIGH]:
             stretch[:] = np.nan
             return tried, reached
         now = reached

@@ -54,7 +54,7 @@ class Initial:
     prestress : nominal stress of the relaxed membrane at the pre-stretch [Pa], (W,).
     fast : time of the fastest mode [s], (W,).
     compliance : change of stretch per squared voltage before the units relax, (W,).
-    units : (W, n, 4) for `kernel.integrate`.
+    units : (W, n, 5) for `kernel.integrate`.
     """
 
     prestress: FloatArray
@@ -107,7 +107,7 @@ class Material:
     def constants(
         self, history: Drive, tolerance: float, limit: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return draws (W, 9) and units (W, n, 4) for `kernel.integrate`.
+        """Return draws (W, 10) and units (W, n, 5) for `kernel.integrate`.
 
         Parameters
         ----------
@@ -120,9 +120,9 @@ class Material:
         scale = scale * np.minimum(1.0, np.ptp(history.edges) / initial.fast)
         estimate = ALLOWED_VARYING if history.varies else ALLOWED_CONSTANT
         allowed = np.maximum(estimate * tolerance * scale, FINEST * self.prestretch)
-        columns = (1.0 / self.viscosity, self.modulus, self.inverse_limit, initial.prestress,
-                   self.gain, 1.0 / allowed, self.prestretch, limit,
-                   FIRST_STEP * initial.fast)  # fmt: skip
+        columns = (self.prestretch, FIRST_STEP * initial.fast, np.zeros_like(limit), limit,
+                   1.0 / allowed, 1.0 / self.viscosity, self.modulus, self.inverse_limit,
+                   initial.prestress, self.gain)  # fmt: skip
         return np.stack(columns, axis=1), initial.units
 
     @cached_property
@@ -132,7 +132,8 @@ class Material:
         prestress, slope = gent_stress(self.prestretch, self.inverse_limit)
         stiffness = self.modulus * slope + 6.0 * self.unit_moduli.sum(axis=1) / square
         weight = self.unit_moduli / column(self.modulus + self.unit_moduli.sum(axis=1))
-        parts = (1.0 / self.unit_times, self.unit_moduli, column(self.unit_inverse_limit), weight)
+        parts = (column(self.prestretch), 1.0 / self.unit_times, self.unit_moduli,
+                 column(self.unit_inverse_limit), weight)  # fmt: skip
         return Initial(
             self.modulus * prestress,
             self.viscosity / stiffness,

@@ -21,18 +21,30 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import literal_unroll
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow
 from deabayes.integrate import rodas5p as t
-from deabayes.integrate.arrow import ARGUMENT, LANES, START
+from deabayes.integrate.arrow import (
+    ARGUMENT,
+    D1,
+    DRIFT,
+    ERROR,
+    FORCE,
+    LAST,
+    PIVOT,
+    SCHUR,
+    START,
+    STEP,
+    U1,
+    IndexArray,
+)
 from deabayes.integrate.compiled import njit
-from deabayes.integrate.rosenbrock import KERNEL_OPTIONS
+from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES
 
-DEGREE = 5
-"""Degree of the voltage as a polynomial in time on a piece."""
-DIFFERENT_NODES = 6
-"""Number of different nodes in the tableau: stages 6 to 8 are at the end of the step."""
+MOST_STEPS = 200_000
+"""Largest number of steps. An oscillation at 60 Hz for 50 s needs 100 000 steps."""
 FILM_DEGREE = 14
 """Degree of P in cos theta. With the Ogden exponents of the paper, its relative error is 3e-10
 from 3 to 70 degrees. `motion.followed` finds the steepest angle for which it is accurate."""
@@ -42,22 +54,15 @@ KINK = 0.03
 """Share of the largest change of omega by dry friction that `doubt` adds to a step's error."""
 (
     INERTIA, TURNING, ELECTRIC, HINGE, GRAVITY, LENGTH, REST, VISCOUS, DRY, UNITS, SLOWNESS,
-    MIDDLE, SCALE, ALLOWED, ROOM, TAKEN, LEAST,
-    STEP, RATE_OF_STEP, D1, D2, D3, D4, D5, D6, DRIFT, SQUARE, FLOW,
-    SINE, COSINE, PLACE, FORCE, SCHUR, COUPLED, SLOPE, LEVER, DAMPING, PIVOT,
-    ERROR, FACTOR, K2, K3, K4, OFFSET, SPAN,
-) = ((arrow.SHARED_ROWS + r) * LANES for r in range(45))  # fmt: skip
-"""Rows of theta's block: constants of the draw, among them 2L, c_0, the sum of k_i, the weight of
-omega's error and the terms of B c^2 = c^2 (ROOM - TAKEN c^2) - LEAST; step, 1/step, squared
-voltage at the nodes; s, c, d at the argument; sums over the units; constants of the Jacobian of a
-step; step control; dense output; position in the piece of the excitation, 1/its duration."""
-V0 = (arrow.SHARED_ROWS + 45) * LANES
-S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14 = (
-    V0 + (DEGREE + 1 + power) * LANES for power in range(FILM_DEGREE + 1)
-)
-"""Coefficients of U on the piece, and of P, in ascending powers."""
-SPEED = (arrow.SHARED_ROWS + 45 + DEGREE + 1 + FILM_DEGREE + 1) * LANES
-"""Start of omega's block. It is in the same array, because otherwise loops are not vectorised."""
+    MIDDLE, SCALE, ROOM, TAKEN, LEAST,
+    S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14,
+    RATE_OF_STEP, SQUARE, FLOW, SINE, COSINE, PLACE, COUPLED, SLOPE, LEVER, DAMPING, SPEED,
+) = (arrow.FIRST_CONSTANT + r * LANES for r in range(42))  # fmt: skip
+"""Rows of theta's block. Constants of the draw: among them 2L, c_0, the sum of k_i, the weight of
+omega's error, the terms of B c^2 = c^2 (ROOM - TAKEN c^2) - LEAST, and the coefficients of P in
+ascending powers. Then 1/step, U^2, h Q/M, s, c and d at the argument, and constants of the Jacobian
+of a step. SPEED starts omega's block. It is in the same array, because otherwise loops are not
+vectorised."""
 ANGLE_ROWS = SPEED // LANES + arrow.SHARED_ROWS
 RATE, STIFFNESS, WEIGHT, SHARE, SOLVE, PULL, LATE = (
     (arrow.SHARED_ROWS + r) * LANES for r in range(7)
@@ -150,22 +155,6 @@ def accelerate(c: FloatArray, dry: bool) -> None:
 
 
 @njit(**KERNEL_OPTIONS)
-def drive(c: FloatArray) -> None:
-    """Compute the squared voltage at the nodes, and h times its slope at the start."""
-    for i in range(LANES):
-        x, dx = c[OFFSET + i], c[STEP + i] * c[SPAN + i]
-        v0, v1, v2 = c[V0 + i], c[V0 + LANES + i], c[V0 + 2 * LANES + i]
-        v3, v4, v5 = c[V0 + 3 * LANES + i], c[V0 + 4 * LANES + i], c[V0 + 5 * LANES + i]
-        v = v0 + x * (v1 + x * (v2 + x * (v3 + x * (v4 + x * v5))))
-        slope = v1 + x * (2.0 * v2 + x * (3.0 * v3 + x * (4.0 * v4 + x * 5.0 * v5)))
-        c[DRIFT + i] = 2.0 * v * slope * dx
-        for node in range(DIFFERENT_NODES):
-            a = x + t.NODES[node] * dx
-            v = v0 + a * (v1 + a * (v2 + a * (v3 + a * (v4 + a * v5))))
-            c[D1 + node * LANES + i] = v * v
-
-
-@njit(**KERNEL_OPTIONS)
 def begin(c: FloatArray) -> None:
     """Compute the lever h^2 2L s/M of the units at the start; clear the sums over the units."""
     for i in range(LANES):
@@ -232,3 +221,176 @@ def doubt(c: FloatArray) -> None:
         bend *= bend * bend
         most = c[DRY + i] * c[LEVER + i] * c[RATE_OF_STEP + i]
         c[ERROR + i] += KINK * c[SLOWNESS + i] * most * bend / (1.0 + bend)
+
+
+@njit(**KERNEL_OPTIONS)
+def _increments(c: FloatArray, i: int, row: int, of_speed: float, of_angle: float) -> None:
+    """Compute the increments of theta and omega in a stage; clear the sums over the units."""
+    right = c[STEP + i] * of_speed + c[DAMPING + i] * of_angle + c[SCHUR + i]
+    c[FORCE + i], c[SCHUR + i] = 0.0, 0.0
+    u = c[PIVOT + i] * right
+    c[row + i], c[SPEED + row + i] = u, c[RATE_OF_STEP + i] * (u / t.GAMMA - of_angle)
+
+
+@njit(**KERNEL_OPTIONS)
+def _move(c: FloatArray, i: int, weights: tuple[float, ...]) -> None:
+    """Set the argument of the next stage for theta and omega."""
+    c[ARGUMENT + i] = arrow.combined(c, i, c[START + i], weights)
+    c[SPEED + ARGUMENT + i] = arrow.combined(c, SPEED + i, c[SPEED + START + i], weights)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_begins(c: FloatArray, dry: bool) -> None:
+    """Compute the first stage of theta and omega."""
+    accelerate(c, dry)
+    jacobian(c)
+    for i in range(LANES):
+        of_angle = c[STEP + i] * c[SPEED + START + i]
+        _increments(c, i, U1, c[FLOW + i] + t.D[0] * c[DRIFT + i], of_angle)
+        _move(c, i, t.A[1])
+        c[SQUARE + i] = c[D1 + LANES + i]
+    place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _angle_stage(
+    c: FloatArray,
+    history: tuple[float, ...],
+    following: tuple[float, ...],
+    of_drift: float,
+    dry: bool,
+) -> None:
+    """Compute the increments of theta and omega in this stage, and the argument of the next stage.
+
+    `history` and `following` are the rows of C for this stage and of A for the next.
+    """
+    stage = len(history) + 1
+    row, node = U1 + (stage - 1) * LANES, D1 + min(stage, arrow.DIFFERENT_NODES - 1) * LANES
+    accelerate(c, dry)
+    for i in range(LANES):
+        moved = c[STEP + i] * c[SPEED + ARGUMENT + i]
+        of_angle = arrow.combined(c, i, moved, history)
+        flow = c[FLOW + i] + of_drift * c[DRIFT + i]
+        _increments(c, i, row, arrow.combined(c, SPEED + i, flow, history), of_angle)
+        if stage >= arrow.FIRST_AT_THE_END:
+            c[ARGUMENT + i] += c[row + i]
+            c[SPEED + ARGUMENT + i] += c[SPEED + row + i]
+        else:
+            _move(c, i, following)
+            c[SQUARE + i] = c[node + i]
+    place(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def _respond(w: FloatArray, c: FloatArray, i: int, y: float, history: float) -> None:
+    """Compute a unit's right-hand side in a stage, and add its terms to the sums over units."""
+    late = history - w[SHARE + i] * (y + c[PLACE + i])
+    w[LATE + i] = late
+    c[FORCE + i] += w[STIFFNESS + i] * y
+    c[SCHUR + i] += w[PULL + i] * late
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_begins(w: FloatArray, c: FloatArray) -> None:
+    """Compute the Jacobian and the first stage of a unit."""
+    for i in range(LANES):
+        share = c[STEP + i] * w[RATE + i]
+        solve = 1.0 / (1.0 / t.GAMMA + share)
+        pull = c[LEVER + i] * w[STIFFNESS + i] * solve
+        w[SHARE + i], w[SOLVE + i], w[PULL + i] = share, solve, pull
+        c[COUPLED + i] += pull * share * c[SLOPE + i]
+        _respond(w, c, i, w[START + i], 0.0)
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_stage(
+    w: FloatArray, c: FloatArray, weights: tuple[float, ...], history: tuple[float, ...]
+) -> None:
+    """Compute a unit's increment of the stage before, and its right-hand side in this stage.
+
+    `weights` and `history` are the rows of A and C for this stage.
+    """
+    stage = len(weights) + 1
+    before = U1 + (stage - 2) * LANES
+    for i in range(LANES):
+        of_angle = w[SHARE + i] * c[SLOPE + i] * c[before + i]
+        w[before + i] = w[SOLVE + i] * (w[LATE + i] + of_angle)
+        if stage > arrow.FIRST_AT_THE_END:
+            y = w[ARGUMENT + i] + w[before + i]
+        else:
+            y = arrow.combined(w, i, w[START + i], weights)
+        if stage >= arrow.FIRST_AT_THE_END:
+            w[ARGUMENT + i] = y
+        _respond(w, c, i, y, arrow.combined(w, i, 0.0, history))
+
+
+@njit(**KERNEL_OPTIONS)
+def _unit_ends(w: FloatArray, c: FloatArray) -> None:
+    """Compute a unit's value at the end of the step and its error."""
+    for i in range(LANES):
+        of_angle = w[SHARE + i] * c[SLOPE + i] * c[LAST + i]
+        increment = w[SOLVE + i] * (w[LATE + i] + of_angle)
+        w[ARGUMENT + i] += increment
+        c[ERROR + i] += w[WEIGHT + i] * abs(increment)
+
+
+@njit(**KERNEL_OPTIONS)
+def step(c: FloatArray, units: FloatArray) -> None:
+    """Make one step in every lane: block `c` of theta and omega, and blocks `units` (n, ...)."""
+    dry = np.any(c[DRY : DRY + LANES] > 0.0)
+    arrow.drive(c)
+    begin(c)
+    for u in range(units.shape[0]):
+        _unit_begins(units[u], c)
+    _angle_begins(c, dry)
+    for stage in literal_unroll(arrow.STAGES):
+        weights, history, following, of_drift = stage
+        for u in range(units.shape[0]):
+            _unit_stage(units[u], c, weights, history)
+        _angle_stage(c, history, following, of_drift, dry)
+    for i in range(LANES):
+        c[ERROR + i] = abs(c[LAST + i]) + c[SLOWNESS + i] * abs(c[SPEED + LAST + i])
+    if dry:
+        doubt(c)
+    for u in range(units.shape[0]):
+        _unit_ends(units[u], c)
+    arrow.finish(c)
+
+
+@njit(**KERNEL_OPTIONS)
+def displacement(angle: FloatArray, length: FloatArray, rest: FloatArray) -> FloatArray:
+    """Displacement (W, N) of the slider at angles (W, N), faster than with numpy's cosine."""
+    found = np.empty_like(angle)
+    for w in range(angle.shape[0]):
+        at_rest = sine_cosine(rest[w])[1]
+        for n in range(angle.shape[1]):
+            found[w, n] = 2.0 * length[w] * (sine_cosine(angle[w, n])[1] - at_rest)
+    return found
+
+
+@njit(**KERNEL_OPTIONS)
+def integrate(
+    edges: FloatArray,
+    volts: FloatArray,
+    restart: FloatArray,
+    times: FloatArray,
+    draws: FloatArray,
+    units: FloatArray,
+    most_steps: int,
+    angle: FloatArray,
+    steps: IndexArray,
+    ended: FloatArray,
+) -> None:
+    """Compute the angle (W, N) of every draw, starting with zero speed; see `arrow.integrate`.
+
+    Parameters
+    ----------
+    draws : (W, columns), see `arrow.OF_START` and the rows from `kernel.INERTIA` to `S14`.
+    units : (W, n, 4): y at the start, 1/tau, k, weight of the error.
+    """
+    c = np.full(ANGLE_ROWS * LANES, 0.5)
+    c[DRY : DRY + LANES] = 0.0
+    arrow.integrate(
+        step, SPEED, c, np.zeros((units.shape[1], UNIT_ROWS * LANES)),
+        edges, volts, restart, times, draws, units, most_steps, angle, steps, ended,
+    )  # fmt: skip

@@ -61,7 +61,7 @@ def follow(
     tolerance : error of the displacement relative to its range.
     most_steps : largest number of steps of a draw; a draw that needs more has failed.
     """
-    from deabayes.systems.minimum_energy_structure.step import MOST_STEPS, integrate
+    from deabayes.systems.minimum_energy_structure.kernel import MOST_STEPS, integrate
 
     walkers = structure.rest.size
     found = Motion(
@@ -78,7 +78,7 @@ def follow(
 def constants_of(
     structure: Structure, history: Drive, tolerance: float, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return draws (W, DRAW_COLUMNS) and units (W, n, 4) for `step.integrate`."""
+    """Return draws (W, columns) and units (W, n, 4) for `kernel.integrate`."""
     model, draws, rest = structure.model, structure.draws, structure.rest
     stiffness, times = model.unit_draws(draws)
     total = positive(stiffness).sum(axis=1)
@@ -91,15 +91,15 @@ def constants_of(
     high, (middle, scale, film, _) = followed(structure, low)
     none = np.zeros_like(rest)
     columns = (
-        start, FIRST_STEP * slow, low, high,
+        start, FIRST_STEP * slow, low, high, 1.0 / allowed,
         structure.inertia, structure.turning, structure.electric, structure.hinge,
         structure.weight, 2.0 * structure.length, np.cos(rest),
         none if model.dry else friction, friction if model.dry else none,
-        total, slow, middle, scale, 1.0 / allowed, *structure.gent_argument,
+        total, slow, middle, scale, *structure.gent_argument,
     )  # fmt: skip
     moved = 2.0 * structure.length * (np.cos(start) - np.cos(rest))
     weight = stiffness * column(lever / stiff)
-    parts = (1.0 / positive(times), stiffness, weight, column(-moved))
+    parts = (column(-moved), 1.0 / positive(times), stiffness, weight)
     units = np.stack(np.broadcast_arrays(*parts), axis=2)
     return np.concatenate([np.stack(columns, axis=1), film], axis=1), np.ascontiguousarray(units)
 

@@ -182,7 +182,7 @@ class MinimumEnergyStructure(System):
         return simulate
 
     def _displacement(self, excitation: Excitation, coordinate: FloatArray) -> Simulator:
-        from deabayes.systems.minimum_energy_structure.step import displacement
+        from deabayes.systems.minimum_energy_structure.kernel import displacement
 
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])

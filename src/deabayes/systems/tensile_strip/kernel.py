@@ -45,6 +45,14 @@ def _stress(stretch: float, xi: float, q: float) -> float:
 
 
 @njit(inline="always", **KERNEL_OPTIONS)
+def _plus(start: float, weights: tuple[float, ...], increments: tuple[float, ...]) -> float:
+    """Return start + sum_j weights_j u_j; the compiler unrolls the loop."""
+    for j in range(len(weights)):
+        start += weights[j] * increments[j]
+    return start
+
+
+@njit(inline="always", **KERNEL_OPTIONS)
 def _step(
     lam: float, change: float, y: float, hr: float, q: float
 ) -> tuple[float, float, float, float, float]:
@@ -65,34 +73,26 @@ def _step(
     drift = hr * change * (3.0 * lam2 - ratio * below_lam) / below
     scale = 1.0 / (1.0 / t.GAMMA - hr * slope)
 
-    u1 = scale * (hr * ratio + t.D1 * drift)
-    f, low2 = _flow(lam + t.NODE2 * change, y + t.A21 * u1, hr, q)
-    u2 = scale * (f + t.C21 * u1 + t.D2 * drift)
-    f, low3 = _flow(lam + t.NODE3 * change, y + t.A31 * u1 + t.A32 * u2, hr, q)
-    u3 = scale * (f + t.C31 * u1 + t.C32 * u2 + t.D3 * drift)
-    f, low4 = _flow(lam + t.NODE4 * change, y + t.A41 * u1 + t.A42 * u2 + t.A43 * u3, hr, q)
-    u4 = scale * (f + t.C41 * u1 + t.C42 * u2 + t.C43 * u3 + t.D4 * drift)
-    y5 = y + t.A51 * u1 + t.A52 * u2 + t.A53 * u3 + t.A54 * u4
-    f, low5 = _flow(lam + t.NODE5 * change, y5, hr, q)
-    u5 = scale * (f + t.C51 * u1 + t.C52 * u2 + t.C53 * u3 + t.C54 * u4 + t.D5 * drift)
-    end = lam + change
-    y6 = y + t.A61 * u1 + t.A62 * u2 + t.A63 * u3 + t.A64 * u4 + t.A65 * u5
+    u1 = scale * (hr * ratio + t.D[0] * drift)
+    f, low2 = _flow(lam + t.NODES[1] * change, _plus(y, t.A[1], (u1,)), hr, q)
+    u2 = scale * (_plus(f, t.C[1], (u1,)) + t.D[1] * drift)
+    f, low3 = _flow(lam + t.NODES[2] * change, _plus(y, t.A[2], (u1, u2)), hr, q)
+    u3 = scale * (_plus(f, t.C[2], (u1, u2)) + t.D[2] * drift)
+    f, low4 = _flow(lam + t.NODES[3] * change, _plus(y, t.A[3], (u1, u2, u3)), hr, q)
+    u4 = scale * (_plus(f, t.C[3], (u1, u2, u3)) + t.D[3] * drift)
+    f, low5 = _flow(lam + t.NODES[4] * change, _plus(y, t.A[4], (u1, u2, u3, u4)), hr, q)
+    u5 = scale * (_plus(f, t.C[4], (u1, u2, u3, u4)) + t.D[4] * drift)
+    end, y6 = lam + change, _plus(y, t.A[5], (u1, u2, u3, u4, u5))
     f, low6 = _flow(end, y6, hr, q)
-    u6 = scale * (f + t.C61 * u1 + t.C62 * u2 + t.C63 * u3 + t.C64 * u4 + t.C65 * u5)
+    u6 = scale * _plus(f, t.C[5], (u1, u2, u3, u4, u5))
     y7 = y6 + u6
     f, low7 = _flow(end, y7, hr, q)
-    u7 = scale * (f + t.C71 * u1 + t.C72 * u2 + t.C73 * u3 + t.C74 * u4 + t.C75 * u5 + t.C76 * u6)
+    u7 = scale * _plus(f, t.C[6], (u1, u2, u3, u4, u5, u6))
     y8 = y7 + u7
     f, low8 = _flow(end, y8, hr, q)
-    u8 = scale * (
-        f + t.C81 * u1 + t.C82 * u2 + t.C83 * u3 + t.C84 * u4 + t.C85 * u5 + t.C86 * u6 + t.C87 * u7
-    )
-    k2 = t.H21 * u1 + t.H22 * u2 + t.H23 * u3 + t.H24 * u4 + t.H25 * u5 + t.H26 * u6
-    k2 += t.H27 * u7 + t.H28 * u8
-    k3 = t.H31 * u1 + t.H32 * u2 + t.H33 * u3 + t.H34 * u4 + t.H35 * u5 + t.H36 * u6
-    k3 += t.H37 * u7 + t.H38 * u8
-    k4 = t.H41 * u1 + t.H42 * u2 + t.H43 * u3 + t.H44 * u4 + t.H45 * u5 + t.H46 * u6
-    k4 += t.H47 * u7 + t.H48 * u8
+    u8 = scale * _plus(f, t.C[7], (u1, u2, u3, u4, u5, u6, u7))
+    u = (u1, u2, u3, u4, u5, u6, u7, u8)
+    k2, k3, k4 = _plus(0.0, t.H2, u), _plus(0.0, t.H3, u), _plus(0.0, t.H4, u)
     error = abs(u8) * (abs(slope) * y + abs(ratio)) / lam
     inside = (below > 0.0) & (low2 > 0.0) & (low3 > 0.0) & (low4 > 0.0) & (low5 > 0.0)
     inside &= (low6 > 0.0) & (low7 > 0.0) & (low8 > 0.0)
