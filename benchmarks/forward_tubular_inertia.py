@@ -7,7 +7,7 @@ for the amplifier's voltage as it is recorded (a knot per sample, with the monit
 noise), and for an ideal one, which leaves RK45 a smooth equation of few steps. RK45 (what
 MATLAB's ode45 is) gets the loosest tolerance that brings its error below 1e-6 of the range;
 ours is exact. Medians. Then the same models on an uneven grid, where steps share no
-propagators, and the closed form of a biased sine.
+propagators.
 """
 
 from __future__ import annotations
@@ -20,11 +20,7 @@ from scipy.integrate import solve_ivp
 from tests.shared import tubes
 
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
-from deabayes.systems.electrostatics import maxwell_pressure
-from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import BiasedSine, SineResponse
 from deabayes.systems.tubular.system import Tubular
-from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 SAMPLES, DRAWS, TARGET, ACCURACY = 5000, 256, 1000, 1e-6
 TIME = 1e-4 * np.arange(SAMPLES)
@@ -101,15 +97,6 @@ def seconds(run: Callable[[], object], repeats: int) -> float:
     return float(np.median(times))
 
 
-def closed_form(draws: dict[str, FloatArray]) -> Callable[[], FloatArray]:
-    """The strain of the 10 Hz sine at all samples."""
-    chain = MovingChain(Chain.from_draws(draws, 2), np.full(DRAWS, INERTIA))
-    circuit = Circuit(*(np.full(DRAWS, value) for value in CIRCUIT.values()))
-    pressure = np.full(DRAWS, maxwell_pressure(1.0, 80e-6, 3.1))
-    tube = SineResponse(circuit, chain, pressure)
-    return lambda: tube.strain(BiasedSine(1250.0, 1250.0, 10.0), TIME)
-
-
 def compare(system: Tubular, excitation: Excitation, draws: dict[str, FloatArray]) -> None:
     """Print one record's times and their ratio."""
     simulate = system.simulator(excitation, TIME, "strain")
@@ -136,7 +123,6 @@ def main() -> None:
         prepared = system.simulator(given["ideal"], uneven, "strain")
         spent = seconds(lambda run=prepared: run(draws), 11) / DRAWS
         print(f"  {label}, {uneven.size} points on an uneven grid: {1e3 * spent:.4f}")
-    print(f"  closed form of a sine: {1e3 * seconds(closed_form(draws), 3) / DRAWS:.4f}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from deabayes.faults import UserError
 from deabayes.posteriors.storage import stacked, write_tree
 from deabayes.systems import build
 from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import SineResponse, fundamental_pressure
+from deabayes.systems.tubular.sine import Harmonic
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 ENDINGS = ("1", "2", "2_inertia", "2_circuit", "2_inertia_circuit")
@@ -108,7 +108,7 @@ def test_transfer_function_of_the_squared_voltage(ending, load, tmp_path):
 def test_linearised_gain_is_the_biased_sines_fundamental(tmp_path):
     model = exported(tree("voigt_kelvin_2_inertia_circuit"), tmp_path, bias="2 kV", load_g=100.0)
     _, moving, circuit, per_square = parts(model, 0.1)
-    wanted = SineResponse(circuit, moving, per_square).harmonic(2000.0, FREQUENCY)
+    wanted = Harmonic(moving, circuit, per_square, 2000.0).per_volt(FREQUENCY)
     np.testing.assert_allclose(transfer(model), wanted, rtol=1e-9)
     assert model["input"] | {"description": ""} == {
         "name": "voltage_deviation", "unit": "V", "description": ""}  # fmt: skip
@@ -118,8 +118,7 @@ def test_linearised_gain_is_the_biased_sines_fundamental(tmp_path):
 def test_linearised_gain_without_mass(tmp_path):
     model = exported(tree("voigt_kelvin_2_circuit"), tmp_path, bias="2 kV")
     chain, _, circuit, per_square = parts(model)
-    pressure = fundamental_pressure(circuit, 1.0, 2000.0, FREQUENCY, per_square)
-    wanted = pressure * chain.complex_compliance(2j * np.pi * FREQUENCY)
+    wanted = Harmonic(chain, circuit, per_square, 2000.0).per_volt(FREQUENCY)
     np.testing.assert_allclose(transfer(model), wanted, rtol=1e-9)
 
 

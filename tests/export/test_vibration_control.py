@@ -15,12 +15,12 @@ from tests.shared.tube_trees import CIRCUIT, specimen, tree
 from deabayes.cli.main import cli
 from deabayes.export import export
 from deabayes.systems.electrostatics import maxwell_pressure
-from deabayes.systems.tubular.base import inertial_parameter
+from deabayes.systems.tubular.base import moving_mass
 from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.sine import Harmonic
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
-MASSES = ("total_mass", "active_mass", "sensor_mass", "cross_section")
+MASSES = ("total_mass", "active_mass", "sensor_mass")
 ROOT = Path(__file__).parents[2]
 
 
@@ -83,10 +83,11 @@ def exact(file):
     held = json.loads(file.read_text())["draws"]["parameters"]
     draws = {name: np.array(p["values"]) for name, p in held.items()}
     fixed = {n: np.full(40, q.value) for n, q in specimen().quantities.items()} | draws
-    mass = inertial_parameter(load=0.3, **{n: fixed[n] for n in ("active_length", *MASSES)})
-    moving = MovingChain(Chain.from_draws(draws, 2), mass)
+    mass = moving_mass(*(fixed[n] for n in MASSES)) + 0.3
+    inertia = mass * fixed["active_length"] / fixed["cross_section"]
+    moving = MovingChain(Chain.from_draws(draws, 2), inertia)
     per_square = maxwell_pressure(1.0, fixed["thickness"], fixed["relative_permittivity"])
-    return SineResponse(Circuit(*(fixed[name] for name in CIRCUIT)), moving, per_square)
+    return Harmonic(moving, Circuit(*(fixed[name] for name in CIRCUIT)), per_square, 2000.0)
 
 
 def test_what_a_shaken_base_passes_on_to_the_mass(example, design, exact):
@@ -101,7 +102,7 @@ def test_the_loop_is_acceleration_integrated_and_delayed(example, design, exact)
     kept = example.FREQUENCY < 500.0
     s = 2j * np.pi * example.FREQUENCY[kept]
     feedback = s / (s + example.HIGH_PASS) ** 2 * np.exp(-4e-4 * s)
-    wanted = s**2 * exact.harmonic(2000.0, example.FREQUENCY[kept]) * feedback
+    wanted = s**2 * exact.per_volt(example.FREQUENCY[kept]) * feedback
     np.testing.assert_allclose(design[2][:, kept], wanted, rtol=1e-3)
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tests.shared.tubes import moving_chain
 
-from deabayes.integrate.charged import charged_response
 from deabayes.integrate.linear import hold
 from deabayes.integrate.modal import LARGEST_RESIDUES, Modes, modal_response
 from deabayes.integrate.state_space import StateSpace
@@ -57,7 +56,7 @@ def test_behind_a_circuit_as_by_its_matrices(units, time):
     gain, decay = np.linspace(0.2, 1.0, 40), np.geomspace(100.0, 1e5, 40)
     voltage = hold(KNOTS, VOLTS, time)
     found = modal_response(space, voltage, gain, decay)
-    assert_close(found, charged_response(space, gain, decay, voltage), 1e-11)
+    assert_close(found, space.response(voltage, gain, decay), 1e-11)
 
 
 def test_without_mass_the_input_goes_through_at_once():
@@ -66,7 +65,7 @@ def test_without_mass_the_input_goes_through_at_once():
     space, gain, decay = chain.state_space(), np.full(40, 0.9), np.full(40, 300.0)
     assert_close(modal_response(space, load), space.response(load), 1e-12)
     found = modal_response(space, voltage, gain, decay)
-    assert_close(found, charged_response(space, gain, decay, voltage), 1e-12)
+    assert_close(found, space.response(voltage, gain, decay), 1e-12)
 
 
 def test_modes_are_what_the_transfer_function_is_made_of():
@@ -89,7 +88,7 @@ def test_a_circuit_as_fast_as_a_mode_is_no_singularity():
     )
     voltage = hold(KNOTS, VOLTS, UNEVEN)
     found = modal_response(many, voltage, np.ones(near.size), near)
-    assert_close(found, charged_response(many, np.ones(near.size), near, voltage), 1e-11)
+    assert_close(found, many.response(voltage, np.ones(near.size), near), 1e-11)
 
 
 def test_modes_that_coincide_or_nearly_do():
@@ -101,7 +100,7 @@ def test_modes_that_coincide_or_nearly_do():
     assert apart.any() and not apart[0] and not apart.all()
     assert_close(modal_response(space, load), space.response(load), 1e-9)
     voltage, gain, decay = hold(KNOTS, VOLTS, EVEN), np.ones(81), np.full(81, 500.0)
-    wanted = charged_response(space, gain, decay, voltage)
+    wanted = space.response(voltage, gain, decay)
     assert_close(modal_response(space, voltage, gain, decay), wanted, 1e-9)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from deabayes.integrate.linear import fill_propagator
+from deabayes.integrate.state_space import fill_propagator
 
 
 def propagators(a, b, length):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from tests.shared.biased_sines import SineResponse
 
 from deabayes.experiment import Quantity
 from deabayes.systems.electrostatics import maxwell_pressure
-from deabayes.systems.tubular.base import inertial_parameter
+from deabayes.systems.tubular.base import moving_mass
 from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.sine import Harmonic
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 QUANTITIES = {
@@ -47,12 +48,9 @@ STAND_INS = {
 def inertia(load):
     """M [kg/m] under a load [g], (1,)."""
     got = STAND_INS
-    return np.atleast_1d(
-        inertial_parameter(
-            got["total_mass_kg"], got["active_mass_kg"], got["sensor_mass_kg"], 1e-3 * load,
-            got["active_length_m"], got["cross_section_m2"],
-        )
-    )  # fmt: skip
+    masses = (got[f"{name}_mass_kg"] for name in ("total", "active", "sensor"))
+    mass = moving_mass(*masses) + 1e-3 * load
+    return np.atleast_1d(mass * got["active_length_m"] / got["cross_section_m2"])
 
 
 def chain(units):
@@ -81,3 +79,8 @@ def pressure_per_square():
 
 def actuator(units, load):
     return SineResponse(circuit(), moving_chain(units, load), pressure_per_square())
+
+
+def harmonic(tube, bias):
+    """The package's harmonic response of a `SineResponse`."""
+    return Harmonic(tube.chain, tube.circuit, tube.pressure_per_square, bias)

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from tests.shared.golden import REPOSITORY
 
 from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import SineResponse
+from deabayes.systems.tubular.sine import Harmonic
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 from deabayes.units import to_si
 
@@ -107,17 +107,18 @@ def test_late_leakage_current_gives_the_resistance():
 def test_harmonic_balance_agrees_with_the_transfer_function(load):
     """The inference's closed form knows no absorption, which takes 1e-5 of the current."""
     one = np.ones(1)
-    actuator = SineResponse(
-        Circuit(1010.0 * one, 1.1e9 * one, 181.2e-9 * one),
+    actuator = Harmonic(
         MovingChain(
             Chain(one / TRUTH.E[0], 1.0 / np.array([TRUTH.E[1:]]), np.array([TRUTH.tau])),
             TRUTH.inertia(load) * one,
         ),
+        Circuit(1010.0 * one, 1.1e9 * one, 181.2e-9 * one),
         TRUTH.pressure(1.0) * one,
+        2000.0,
     )
     frequency = np.array([1.0, 10.0, 22.5, 41.0, 100.0])
     found = [analyser.harmonic(TRUTH, 2000.0, f, load) for f in frequency]
-    expected = actuator.harmonic(2000.0, frequency)[0]
+    expected = actuator.per_volt(frequency)[0]
     assert found == pytest.approx(expected, rel=3e-5)
 
 

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tests.shared.biased_sines import BiasedSine
 from tests.shared.tubes import QUANTITIES, actuator
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.linear import hold
 from deabayes.systems.tubular.circuit import Circuit
-from deabayes.systems.tubular.sine import BiasedSine
 from deabayes.systems.tubular.system import Tubular
 from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
@@ -76,8 +76,7 @@ def test_a_sampled_sine_tends_to_the_closed_form():
 
     def error(samples):
         knots = np.linspace(0.0, 0.2, samples + 1)
-        volts = sine.amplitude * np.sin(sine.angular * knots) + sine.bias
-        excitation = Excitation("voltage", "V", knots, volts, {"load_g": 100})
+        excitation = Excitation("voltage", "V", knots, sine(knots), {"load_g": 100})
         strain = system.predict(excitation, time, "strain", parameters())[0]
         return np.abs(strain - expected).max() / expected.max()
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.integrate.charged import charged_response
 from deabayes.integrate.compiled import njit
 from deabayes.integrate.linear import SERIES, SMALL_STEP, Hold
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES
@@ -19,8 +18,8 @@ from deabayes.integrate.state_space import StateSpace
 
 DIRECT, CHARGED = 3, 6
 """Number of terms of a step's input: three of a parabola, and three more with a circuit."""
-L, L2, L3, L4, L5, L6, L7 = (n * LANES for n in range(1, 8))
-L8, L9, L10, L11, L12, L13 = (n * LANES for n in range(8, 14))
+L, L2, L3, L4, L5 = (n * LANES for n in range(1, 6))
+OF_PARABOLA, OF_CHARGE = (0,) * DIRECT, (0,) * CHARGED
 
 
 @njit(**KERNEL_OPTIONS)
@@ -99,28 +98,17 @@ def _charge(voltage, charges, circuit, charged, x, outputs) -> None:  # type: ig
 
 
 @njit(**KERNEL_OPTIONS)
-def _direct(w, x, residues, q, outputs) -> None:  # type: ignore[no-untyped-def]
-    """Advance the mode q (2 LANES) by one step and add its contribution to the outputs."""
+def _advance_mode(w, x, residues, q, outputs, terms) -> None:  # type: ignore[no-untyped-def]
+    """Advance the mode q (2 LANES) by one step and add its contribution to the outputs.
+
+    `terms` is a tuple with an entry for every term of the input, so the compiler unrolls its loop.
+    """
     for i in range(LANES):
         real = w[i] * q[i] - w[L + i] * q[L + i]
         imaginary = w[i] * q[L + i] + w[L + i] * q[i]
-        real += x[i] * w[L2 + i] + x[L + i] * w[L4 + i] + x[L2 + i] * w[L6 + i]
-        imaginary += x[i] * w[L3 + i] + x[L + i] * w[L5 + i] + x[L2 + i] * w[L7 + i]
-        q[i] = real
-        q[L + i] = imaginary
-        outputs[i] += residues[i] * real - residues[L + i] * imaginary
-
-
-@njit(**KERNEL_OPTIONS)
-def _driven(w, x, residues, q, outputs) -> None:  # type: ignore[no-untyped-def]
-    """Like `_direct`, with the three additional terms of a circuit."""
-    for i in range(LANES):
-        real = w[i] * q[i] - w[L + i] * q[L + i]
-        imaginary = w[i] * q[L + i] + w[L + i] * q[i]
-        real += x[i] * w[L2 + i] + x[L + i] * w[L4 + i] + x[L2 + i] * w[L6 + i]
-        imaginary += x[i] * w[L3 + i] + x[L + i] * w[L5 + i] + x[L2 + i] * w[L7 + i]
-        real += x[L3 + i] * w[L8 + i] + x[L4 + i] * w[L10 + i] + x[L5 + i] * w[L12 + i]
-        imaginary += x[L3 + i] * w[L9 + i] + x[L4 + i] * w[L11 + i] + x[L5 + i] * w[L13 + i]
+        for k in range(len(terms)):
+            real += x[k * L + i] * w[(2 + 2 * k) * L + i]
+            imaginary += x[k * L + i] * w[(3 + 2 * k) * L + i]
         q[i] = real
         q[L + i] = imaginary
         outputs[i] += residues[i] * real - residues[L + i] * imaginary
@@ -158,11 +146,11 @@ def advance_modes(  # type: ignore[no-untyped-def]
             if behind:
                 _charge(polynomials[s], charges[c], circuit, charged, x, y)
                 for i in range(modes):
-                    _driven(weights[c, i], x, residues[block, i], state[i], y)
+                    _advance_mode(weights[c, i], x, residues[block, i], state[i], y, OF_CHARGE)
             else:
                 _parabola(polynomials[s], x)
                 for i in range(modes):
-                    _direct(weights[c, i], x, residues[block, i], state[i], y)
+                    _advance_mode(weights[c, i], x, residues[block, i], state[i], y, OF_PARABOLA)
         for i in range(output_index.size):
             step = output_index[i]
             for lane in range(LANES):
@@ -235,10 +223,8 @@ def modal_response(
     close = ~modes.apart
     if close.any():
         left = StateSpace(space.a[close], space.b[close], space.c[close], space.d[close])
-        if gain is None or decay is None:
-            response[close] = left.response(load)
-        else:
-            response[close] = charged_response(left, gain[close], decay[close], load)
+        circuit = () if gain is None or decay is None else (gain[close], decay[close])
+        response[close] = left.response(load, *circuit)
     return response
 
 

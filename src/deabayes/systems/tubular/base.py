@@ -1,4 +1,4 @@
-"""Base of all tubular actuator candidates: channels, quantities, inertial parameter."""
+"""Base of all tubular actuator candidates: channels, quantities, moving mass."""
 
 from __future__ import annotations
 
@@ -23,29 +23,12 @@ from deabayes.systems.tubular.circuit import Circuit, Supply
 SOURCE = "from total_mass, active_mass and sensor_mass"
 
 
-def inertial_parameter(
-    total_mass: ArrayLike,
-    active_mass: ArrayLike,
-    sensor_mass: ArrayLike,
-    load: ArrayLike,
-    active_length: ArrayLike,
-    cross_section: ArrayLike,
-) -> FloatArray:
-    """Compute M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0 [kg/m], Sarban et al. (2012), (13).
+def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
+    """Compute m_DE + m_LVDT [kg] of (13), the moving mass without a load.
 
     The active part of the actuator and half of its remaining mass move:
-    m_DE = m_active + (m_total - m_active) / 2. Masses in kg, L_0 in m, A_0 in m^2. All arguments
-    broadcast, so that draws of uncertain masses give draws of M.
+    m_DE = m_active + (m_total - m_active) / 2.
     """
-    total, active, sensor, load_mass, length, area = (
-        np.asarray(given, dtype=float)
-        for given in (total_mass, active_mass, sensor_mass, load, active_length, cross_section)
-    )
-    return np.asarray((moving_mass(total, active, sensor) + load_mass) * length / area)
-
-
-def moving_mass(total: ArrayLike, active: ArrayLike, sensor: ArrayLike) -> FloatArray:
-    """Compute m_DE + m_LVDT [kg], the moving mass without a load."""
     total, active, sensor = (np.asarray(given, dtype=float) for given in (total, active, sensor))
     return np.asarray(active + 0.5 * (total - active) + sensor)
 

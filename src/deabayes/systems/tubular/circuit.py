@@ -92,10 +92,6 @@ class Circuit:
         """
         return modal_response(space, voltage, self.gain, 1.0 / self.time_constant)
 
-    def current(self, amplifier: FloatArray, charged: FloatArray) -> FloatArray:
-        """Current of the amplifier, (v_AMP - v_C) / R_S (W, N) [A]."""
-        return (amplifier - charged) / self.series_resistance[:, None]
-
     def supplied(self, supply: Supply) -> FloatArray:
         r"""Exact current of the amplifier, (v_AMP - v_C) / R_S (W, N) [A].
 

@@ -232,7 +232,7 @@ class Tubular(TubularBase):
             )
             if response == "gain":
                 return np.abs(harmonic)
-            lag = phase(harmonic, frequency)
+            lag = phase(harmonic)
             if "sensor_delay" not in self.specimen.quantities:
                 return lag
             return lag - 2.0 * np.pi * self.quantity("sensor_delay", draws)[:, None] * frequency
@@ -324,7 +324,7 @@ class Tubular(TubularBase):
         return MovingChain(chain, self._inertial_parameter(load, draws)).state_space()
 
     def _inertial_parameter(self, load: float, draws: Draws) -> FloatArray:
-        """M (W,) [kg/m] under a load [kg]."""
+        """M = (m_DE + m_LVDT + m_LOAD) L_0 / A_0 (W,) [kg/m], (13), under a load [kg]."""
         moving, area, length = (
             self.quantity(name, draws) for name in (*INERTIA_SYMBOLS, "active_length")
         )

@@ -117,11 +117,6 @@ class Chain:
             self.instantaneous,
         )
 
-    def unit_compliances(self, rate: ComplexArray) -> ComplexArray:
-        """1/(E_n (1 + tau_n s)) (W, K, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
-        rate = rate[..., None, :]
-        return self.compliances[..., None] / (1.0 + self.time_constants[..., None] * rate)
-
     def complex_compliance(self, rate: ComplexArray) -> ComplexArray:
         """D*(s) = 1/E_0 + sum_n 1/(E_n (1 + tau_n s)) (W, R) [1/Pa], s (W, R) or (R,) [1/s]."""
         rate = np.atleast_2d(np.asarray(rate, dtype=complex))
@@ -198,13 +193,6 @@ class MovingChain:
         """Strain per pressure (W, R) [1/Pa] at the complex rates s (W, R) or (R,) [1/s]."""
         compliance = self.chain.complex_compliance(rate)
         return compliance / (1.0 + self.inertia[:, None] * rate**2 * compliance)
-
-    def states(self, rate: ComplexArray) -> ComplexArray:
-        """States (W, n, R) per pressure if both are in proportion to exp(s t), s not -1/tau_n."""
-        strain = self.transfer(rate)
-        stress = strain / self.chain.complex_compliance(rate)
-        units = self.chain.unit_compliances(rate) * stress[:, None]
-        return np.concatenate([strain[:, None], (rate * strain)[:, None], units], axis=1)
 
     def resonance(self) -> tuple[FloatArray, FloatArray]:
         """Frequency [Hz] and height [1/Pa] of the peak of |S/sigma|, (W,).
