@@ -55,9 +55,9 @@ def scipy_response(model, history, time, draws, walker):
         segment = np.searchsorted(knots, time, side="right") - 1
         slopes = np.diff(values) / np.diff(knots)
         total = total + single["zeta_alpha"] * slopes[np.clip(segment, 0, slopes.size - 1)]
-    for modulus, tau in zip(*model.unit_draws(single), strict=True):
+    for modulus, tau in zip(*(values[0] for values in model.unit_draws(single)), strict=True):
         limit = 1.0 / single["J_beta"][0] if model.kelvin else 0.0
-        total = total + modulus * scipy_unit_stress(history, time, tau[0], limit)
+        total = total + modulus * scipy_unit_stress(history, time, tau, limit)
     return total
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from deabayes.prior.distributions import Distribution
@@ -47,6 +47,20 @@ class Parameter:
     reference_stretches: tuple[float, float] | None = None
     part_of: str | None = None
     belongs_to: str | None = None
+
+    def numbered(self, count: int) -> tuple[Parameter, ...]:
+        """Return parameters 1 to `count`; the number replaces `{i}` in names, symbol and text."""
+        return tuple(
+            replace(
+                self,
+                name=self.name.format(i=i),
+                symbol=self.symbol.format(i=i),
+                description=self.description.format(i=i),
+                half_product_with=self.half_product_with and self.half_product_with.format(i=i),
+                belongs_to=self.belongs_to and self.belongs_to.format(i=i),
+            )
+            for i in range(1, count + 1)
+        )
 
     @property
     def is_time_constant(self) -> bool:

@@ -29,8 +29,9 @@ from deabayes.faults import UserError
 from deabayes.integrate.drive import Drive
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
+from deabayes.systems.candidates import kv_gm_examples
 from deabayes.systems.electrostatics import voltage_history
-from deabayes.systems.membrane.candidates import MembraneModel, examples
+from deabayes.systems.membrane.candidates import MembraneModel
 from deabayes.systems.membrane.inertia import integrate_with_inertia
 from deabayes.systems.membrane.kernel import integrate
 from deabayes.systems.membrane.material import FOLD_POINTS, Material, PullIn, solid
@@ -124,7 +125,7 @@ class Membrane(System):
     @classmethod
     def candidates(cls) -> list[str]:
         """Return examples of candidates."""
-        return examples()
+        return kv_gm_examples()
 
     @property
     def time_scale(self) -> float:

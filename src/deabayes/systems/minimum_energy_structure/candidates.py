@@ -3,45 +3,50 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 from typing import Self
 
-import numpy as np
-
 from deabayes.experiment import FloatArray, Quantity, Specimen
-from deabayes.faults import UserError, nearest
+from deabayes.faults import UserError
 from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.parameter import Parameter
-from deabayes.systems.base import Draws, UnknownCandidate
+from deabayes.systems.base import Draws
+from deabayes.systems.candidates import (
+    read_spring,
+    spring_examples,
+    time_parameters,
+    unit_draws,
+)
 from deabayes.systems.springs import REGISTRY as SPRINGS
 from deabayes.systems.springs import Spring
 from deabayes.systems.springs.base import MODULUS_MEDIAN
 
-MAXIMUM = 6
-"""Largest number of relaxation units, and of spring terms."""
 DRY = "_dry"
 PAPER = "minimum-energy structure (2019)"
-PERMITTIVITY = LogNormal(3.0, 0.6)
-PERMITTIVITY_SOURCE = (
-    f"effective value: {PAPER}, Table 3, 1.704; bulk VHB 4.6-4.8; 5-95 % is 1.1 to 8"
+PERMITTIVITY = (
+    LogNormal(3.0, 0.6),
+    f"effective value: {PAPER}, Table 3, 1.704; bulk VHB 4.6-4.8; 5-95 % is 1.1 to 8",
 )
-STRESS = LogNormal(1e6, 1.0)
-STRESS_SOURCE = (
+STRESS = (
+    LogNormal(1e6, 1.0),
     f"true stress of the film at rest: {PAPER}, Table 3, makes 1.3 MPa at 45 degrees; "
-    "5-95 % is 0.19 to 5.2 MPa"
+    "5-95 % is 0.19 to 5.2 MPa",
 )
-STIFFNESS = LogNormal(5.0, 2.0)
-STIFFNESS_SOURCE = f"{PAPER}, Table 4: 0.8-66 N/m; 5-95 % is 0.19 to 134 N/m"
-TIME = LogUniform(1e-3, 500.0)
-TIME_SOURCE = (
-    f"{PAPER}, Table 4: 8.3 ms to 62.5 s; from the sampling interval to ten times 50 s of record"
+STIFFNESS = (
+    LogNormal(5.0, 2.0),
+    f"{PAPER}, Table 4: 0.8-66 N/m; 5-95 % is 0.19 to 134 N/m",
 )
-VISCOUS = LogNormal(0.1, 1.5)
-VISCOUS_SOURCE = f"{PAPER}, Table 4: 0.1 N s/m; 5-95 % is 8.5e-3 to 1.2 N s/m"
-FRICTION = LogNormal(1e-3, 1.5)
-FRICTION_SOURCE = (
-    "stand-in: a hundredth of the blocking force of 0.15 N at 5 kV; 5-95 % is 0.085 to 12 mN"
+TIME = (
+    LogUniform(1e-3, 500.0),
+    f"{PAPER}, Table 4: 8.3 ms to 62.5 s; from the sampling interval to ten times 50 s of record",
+)
+VISCOUS = (
+    LogNormal(0.1, 1.5),
+    f"{PAPER}, Table 4: 0.1 N s/m; 5-95 % is 8.5e-3 to 1.2 N s/m",
+)
+FRICTION = (
+    LogNormal(1e-3, 1.5),
+    "stand-in: a hundredth of the blocking force of 0.15 N at 5 kV; 5-95 % is 0.085 to 12 mN",
 )
 
 
@@ -63,29 +68,13 @@ class StructureModel:
     @classmethod
     def from_name(cls, candidate: str) -> Self:
         """Parse `<spring>[_<terms>][_units_<n>[_dry]]`."""
-        match = re.fullmatch(rf"([a-z_]+?)(?:_(\d+))?(?:_units_(\d+)({DRY})?)?", candidate)
-        if not match or match[1] not in SPRINGS:
-            raise UnknownCandidate(
-                f"unknown candidate {candidate!r} of system 'minimum_energy_structure'"
-                f"{nearest(candidate, examples())}"
-            )
-        spring = SPRINGS[match[1]]
-        if spring.counts_terms != (match[2] is not None):
-            remedy = "needs" if spring.counts_terms else "takes no"
-            raise UserError(f"candidate {candidate!r}: spring {spring.name} {remedy} terms")
-        terms = _count(match[2] or "1", candidate, "terms")
-        units = _count(match[3], candidate, "units") if match[3] else 0
-        return cls(spring, terms, units, match[4] is not None)
+        name = read_spring(candidate, "minimum_energy_structure", examples(), DRY)
+        return cls(name.spring, name.terms, name.units, name.ending == DRY)
 
     @property
     def order(self) -> int:
         """Number of relaxation units, or of spring terms if there are no units."""
         return self.units or self.terms
-
-    @property
-    def numbers(self) -> range:
-        """Numbers of the units, 1 to n."""
-        return range(1, self.units + 1)
 
     def parameters(
         self, permittivity_known: bool, stretches: tuple[float, float]
@@ -101,10 +90,11 @@ class StructureModel:
         """
         permittivity = Parameter(
             "relative_permittivity", r"\varepsilon_r", "1", "effective relative permittivity",
-            PERMITTIVITY, PERMITTIVITY_SOURCE,
+            *PERMITTIVITY,
         )  # fmt: skip
+        prior, source = STRESS
         film = tuple(
-            replace(p, prior=STRESS, source=STRESS_SOURCE, reference_stretches=stretches,
+            replace(p, prior=prior, source=source, reference_stretches=stretches,
                     part_of="film_stress")
             if p.half_product_with else p
             for p in self.spring.parameters(self.terms, MODULUS_MEDIAN)
@@ -114,53 +104,21 @@ class StructureModel:
     def _dissipative(self) -> tuple[Parameter, ...]:
         if self.units == 0:
             return ()
-        friction = Parameter("eta_0", r"\eta_0", "N s/m", "viscous friction at the slider",
-                             VISCOUS, VISCOUS_SOURCE)  # fmt: skip
-        if self.dry:
-            friction = Parameter("friction_force", "F_c", "N", "dry friction at the slider",
-                                 FRICTION, FRICTION_SOURCE)  # fmt: skip
-        return (
-            *(
-                Parameter(f"k_{i}", f"k_{i}", "N/m", f"stiffness of Maxwell unit {i}",
-                          STIFFNESS, STIFFNESS_SOURCE, belongs_to=f"tau_{i}")
-                for i in self.numbers
-            ),
-            *(
-                Parameter(f"tau_{i}", rf"\tau_{i}", "s",
-                          f"viscosity over stiffness of Maxwell unit {i}", TIME, TIME_SOURCE,
-                          ordered="tau")
-                for i in self.numbers
-            ),
-            friction,
-        )  # fmt: skip
+        stiffness = Parameter("k_{i}", "k_{i}", "N/m", "stiffness of Maxwell unit {i}",
+                              *STIFFNESS, belongs_to="tau_{i}")  # fmt: skip
+        times = time_parameters(self.units, TIME, "tau", r"\tau_{i}", "stiffness")
+        viscous = Parameter("eta_0", r"\eta_0", "N s/m", "viscous friction at the slider", *VISCOUS)
+        dry = Parameter("friction_force", "F_c", "N", "dry friction at the slider", *FRICTION)
+        return (*stiffness.numbered(self.units), *times, dry if self.dry else viscous)
 
     def unit_draws(self, draws: Draws) -> tuple[FloatArray, FloatArray]:
         """Return the stiffnesses k_i and the times tau_i, each (W, n)."""
-        stiffness = np.stack([draws[f"k_{i}"] for i in self.numbers], axis=1)
-        times = np.stack([draws[f"tau_{i}"] for i in self.numbers], axis=1)
-        return stiffness.astype(float), times.astype(float)
-
-
-def _count(digits: str, candidate: str, what: str) -> int:
-    """Parse a number of units or terms; it must be 1 to MAXIMUM."""
-    count = int(digits)
-    if not 1 <= count <= MAXIMUM:
-        raise UserError(f"candidate {candidate!r}: {what} must be 1 to {MAXIMUM}, not {count}")
-    return count
-
-
-def _is_series(entry: tuple[str, Spring]) -> bool:
-    return entry[1].counts_terms
+        return unit_draws(draws, ("k", "tau"), self.units)
 
 
 def examples() -> list[str]:
     """Return the candidates with up to four terms and units; springs that are a series first."""
-    found = []
-    for name, spring in sorted(SPRINGS.items(), key=_is_series, reverse=True):
-        heads = [f"{name}_{terms}" for terms in range(1, 5)] if spring.counts_terms else [name]
-        found += heads
-        found += [f"{head}_units_{n}" for head in heads for n in range(1, 5)]
-    return found
+    return spring_examples(sorted(SPRINGS.values(), key=lambda law: not law.counts_terms))
 
 
 FRAME = {

@@ -61,7 +61,7 @@ def _in_motion(structure: Structure) -> dict[str, Derived]:
             np.sqrt(positive(stiff) / structure.mass(rest)) / (2.0 * np.pi),
         )
     }  # fmt: skip
-    for i in structure.model.numbers:
+    for i in range(1, structure.model.units + 1):
         found[f"xi_{i}"] = Derived(
             rf"\xi_{i}", "N s/m", f"viscosity of unit {i}, k tau",
             stiffness[:, i - 1] * times[:, i - 1],
@@ -118,7 +118,7 @@ def _along_the_slider(structure: Structure) -> tuple[Note, ...]:
         Note(UNITS),
         *(
             Note(UNIT.format(i=i), {"k": stiffness[:, i - 1], "tau": times[:, i - 1]})
-            for i in model.numbers
+            for i in range(1, model.units + 1)
         ),
         Note(friction, {"friction": structure.draws[name]}),
     )

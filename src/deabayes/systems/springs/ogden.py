@@ -52,33 +52,26 @@ class Ogden(Spring):
         self, terms: int = 1, modulus_median: float = MODULUS_MEDIAN
     ) -> tuple[Parameter, ...]:
         """Return `mu_1..N` [Pa] (mu_i alpha_i > 0), then `alpha_1..N`, which ascend."""
-        numbers = range(1, terms + 1)
-        coefficients = tuple(
-            Parameter(
-                name=f"mu_{i}",
-                symbol=rf"\mu_{i}",
-                unit="Pa",
-                description=f"coefficient of Ogden term {i}",
-                prior=LogNormal(modulus_median, SHARE_SIGMA),
-                source=SHARE_SOURCE,
-                half_product_with=f"alpha_{i}",
-            )
-            for i in numbers
+        coefficient = Parameter(
+            name="mu_{i}",
+            symbol=r"\mu_{i}",
+            unit="Pa",
+            description="coefficient of Ogden term {i}",
+            prior=LogNormal(modulus_median, SHARE_SIGMA),
+            source=SHARE_SOURCE,
+            half_product_with="alpha_{i}",
         )
-        exponents = tuple(
-            Parameter(
-                name=f"alpha_{i}",
-                symbol=rf"\alpha_{i}",
-                unit="1",
-                description=f"exponent of Ogden term {i}",
-                prior=Uniform(*EXPONENT_BOUNDS),
-                source=EXPONENT_SOURCE,
-                ordered="alpha",
-                ordered_from="largest",
-            )
-            for i in numbers
+        exponent = Parameter(
+            name="alpha_{i}",
+            symbol=r"\alpha_{i}",
+            unit="1",
+            description="exponent of Ogden term {i}",
+            prior=Uniform(*EXPONENT_BOUNDS),
+            source=EXPONENT_SOURCE,
+            ordered="alpha",
+            ordered_from="largest",
         )
-        return coefficients + exponents
+        return coefficient.numbered(terms) + exponent.numbered(terms)
 
     def cauchy_stress(
         self, stretches: PrincipalStretches, draws: Mapping[str, FloatArray]

@@ -183,14 +183,14 @@ class TensileStrip(System):
         from deabayes.systems.tensile_strip.kernel import unit_stress
 
         modulus, time = self.model.unit_draws(draws)
-        units, walkers = modulus.shape
+        walkers, units = modulus.shape
         allowed = np.where(peak > 0.0, self.tolerance * peak, np.inf)
         rows = np.empty((-(-walkers // LANES) * LANES, units, 5))
         rows[:walkers, :, 0] = 1.0 if gauge is None else gauge[:, np.newaxis]
         rows[:walkers, :, 1] = 1.0 / column(draws["J_beta"]) if self.model.kelvin else 0.0
-        rows[:walkers, :, 2] = 1.0 / time.T
-        rows[:walkers, :, 3] = modulus.T
-        rows[:walkers, :, 4] = column(allowed) / (units * np.abs(modulus.T))
+        rows[:walkers, :, 2] = 1.0 / time
+        rows[:walkers, :, 3] = modulus
+        rows[:walkers, :, 4] = column(allowed) / (units * np.abs(modulus))
         rows[walkers:] = rows[0]
         blocks = rows.reshape(-1, LANES, units, 5).transpose(0, 2, 3, 1)
         stress = np.zeros((blocks.shape[0], record.stretch.size, LANES))

@@ -17,50 +17,42 @@ from deabayes.systems.base import Derived, Draws
 from deabayes.systems.curves import peak
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
-INSTANTANEOUS_MODULUS = LogNormal(2e6, 1.0)
-UNIT_MODULUS = LogNormal(1e7, 1.5)
-TIME_CONSTANT = LogUniform(1e-3, 2.0)
 COMPLIANCE_TIMES = {"10ms": 0.01, "100ms": 0.1, "500ms": 0.5}
+
+
+INSTANTANEOUS_MODULUS = Parameter(
+    name="E_0",
+    symbol="E_{0}",
+    unit="Pa",
+    description="instantaneous modulus",
+    prior=LogNormal(2e6, 1.0),
+    source="wide: silicone elastomers, 0.3 to 15 MPa with 95 %",
+)
+UNIT_MODULUS = Parameter(
+    name="E_{i}",
+    symbol="E_{{{i}}}",
+    unit="Pa",
+    description="modulus of Kelvin unit {i}",
+    prior=LogNormal(1e7, 1.5),
+    source="wide: a unit that strains from a hundredth to all of the instantaneous strain",
+    belongs_to="tau_{i}",
+)
+TIME_CONSTANT = Parameter(
+    name="tau_{i}",
+    symbol=r"\tau_{{{i}}}",
+    unit="s",
+    description="retardation time of Kelvin unit {i}",
+    prior=LogUniform(1e-3, 2.0),
+    source=(
+        "from the amplifier's charging time to four times the 0.5 s record of Sarban et al. 2012"
+    ),
+    ordered="tau",
+)
 
 
 def parameters(units: int) -> tuple[Parameter, ...]:
     """Return the parameters `E_0`, `E_1..K` [Pa] and, in ascending order, `tau_1..K` [s]."""
-    return (
-        Parameter(
-            "E_0",
-            "E_{0}",
-            "Pa",
-            "instantaneous modulus",
-            INSTANTANEOUS_MODULUS,
-            "wide: silicone elastomers, 0.3 to 15 MPa with 95 %",
-        ),
-        *(_unit_modulus(n) for n in range(1, units + 1)),
-        *(_time_constant(n) for n in range(1, units + 1)),
-    )
-
-
-def _unit_modulus(n: int) -> Parameter:
-    return Parameter(
-        f"E_{n}",
-        f"E_{{{n}}}",
-        "Pa",
-        f"modulus of Kelvin unit {n}",
-        UNIT_MODULUS,
-        "wide: a unit that strains from a hundredth to all of the instantaneous strain",
-        belongs_to=f"tau_{n}",
-    )
-
-
-def _time_constant(n: int) -> Parameter:
-    return Parameter(
-        f"tau_{n}",
-        rf"\tau_{{{n}}}",
-        "s",
-        f"retardation time of Kelvin unit {n}",
-        TIME_CONSTANT,
-        "from the amplifier's charging time to four times the 0.5 s record of Sarban et al. 2012",
-        ordered="tau",
-    )
+    return (INSTANTANEOUS_MODULUS, *UNIT_MODULUS.numbered(units), *TIME_CONSTANT.numbered(units))
 
 
 @dataclass(frozen=True)
