@@ -176,9 +176,9 @@ def test_a_candidate_of_another_system_is_said_to_be(tmp_path: Path) -> None:
         (fault,) = check_study(Study("s", folder, (candidate,)))[0]
         assert f"candidate '{candidate}' belongs to system 'tubular', and the" in fault
     (fault,) = check_study(Study("s", folder, ("kvgm_2",)))[0]
-    assert "unknown candidate 'kvgm_2'; did you mean 'kv_gm_2'?" in fault
+    assert "unknown candidate 'kvgm_2' of system 'tensile_strip'; did you mean 'kv_gm_2'?" in fault
     (fault,) = check_study(Study("s", folder, ("voigt",)))[0]
-    assert "unknown candidate 'voigt'; known: " in fault
+    assert "unknown candidate 'voigt' of system 'tensile_strip'; known: " in fault
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_error_falls_with_the_tolerance_as_the_order_says():
         # The same pieces of the voltage for all.
         history = membrane("kv_gm_2", 1e-13)._history(sine(0.05), time)
         found = system._followed(history, time, DRAWS)
-        errors.append(np.max(np.abs(found.stretch[0] - exact)) / np.ptp(exact))
+        errors.append(np.max(np.abs(found.values[0] - exact)) / np.ptp(exact))
         steps.append(found.steps[0])
     assert errors[0] < 1e-6
     assert errors[2] < 1e-10

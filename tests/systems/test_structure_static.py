@@ -116,17 +116,6 @@ def test_gravity_can_be_switched_off():
     assert drop[0] == pytest.approx(-weight * np.cos(np.pi / 4) / (np.pi / 4), rel=1e-9)
 
 
-def test_a_measured_hinge_is_a_datum_on_the_derived_one():
-    held = structure(
-        "ogden_4", specimen=specimen(hinge_stiffness=Quantity(0.026, "N*m/rad", 0.001))
-    )
-    stiffness = held.derived(spread_draws(count=5))["hinge_stiffness"].values
-    expected = -0.5 * ((stiffness - 0.026) / 0.001) ** 2 - np.log(0.001 * np.sqrt(2 * np.pi))
-    found = held.log_likelihood_of_quantities(spread_draws(count=5))
-    assert found == pytest.approx(expected)
-    assert np.all(AT_REST.log_likelihood_of_quantities(spread_draws(count=5)) == 0.0)
-
-
 FRAME = {
     "youngs_modulus": Quantity(3e9, "Pa", 3e8),
     "frame_thickness": Quantity(1e-3, "m", 1e-5),

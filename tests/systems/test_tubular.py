@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tests.shared.golden import golden_table, load_golden
+from tests.shared.tubes import QUANTITIES
 
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.faults import UserError
@@ -131,10 +132,11 @@ def test_only_ratios_are_identified():
     assert system.derived(scaled)[key].values == pytest.approx(system.derived(draws())[key].values)
 
 
-def test_failing_draws_are_nan_rows():
+@pytest.mark.parametrize("candidate", ["voigt_kelvin_2", "voigt_kelvin_2_inertia"])
+def test_failing_draws_are_nan_rows(candidate):
     values = draws(4) | {"E_1": np.array([12e6, -1.0, 12e6, 12e6])}
     values["tau_2"] = np.array([0.12, 0.12, 0.0, 0.12])
-    strain = Tubular("voigt_kelvin_2", specimen()).predict(
+    strain = Tubular(candidate, specimen(**QUANTITIES)).predict(
         step(2000.0), np.linspace(0.1, 0.5, 4), "strain", values
     )
     assert np.isnan(strain).all(axis=1).tolist() == [False, True, True, False]

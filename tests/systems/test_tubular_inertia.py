@@ -148,22 +148,6 @@ def test_transfer_functions_agree():
     np.testing.assert_allclose(system.transfer(rates), gain, rtol=1e-12)
 
 
-def test_a_draw_is_computed_alike_in_any_company():
-    load = hold([0.0, 0.1], [0.0, 1e3], np.linspace(0.0, 0.2, 41), power=2)
-    together = moving(11, spread=0.3)
-    all_rows = together.state_space().response(load)
-    for w in (0, 7, 10):
-        alone = MovingChain(
-            Chain(
-                together.chain.instantaneous[[w]],
-                together.chain.compliances[[w]],
-                together.chain.time_constants[[w]],
-            ),
-            together.inertia[[w]],
-        )
-        assert np.array_equal(alone.state_space().response(load)[0], all_rows[w])
-
-
 def test_resonance_is_the_highest_point():
     system = moving(4, spread=0.2)
     frequency, height = system.resonance()
@@ -214,17 +198,6 @@ def test_masses_add_up_and_their_sds_in_squares():
     assert found.value == pytest.approx(0.05 + 0.025 + 0.01)
     assert found.sd == pytest.approx(np.hypot(2e-3, 1e-3))
     assert moving_quantity(*(replace(mass, sd=None) for mass in masses)).sd is None
-
-
-def test_failing_draws_are_nan_rows():
-    draws = parameters(4) | {"E_1": np.array([12e6, -1.0, 12e6, 12e6])}
-    draws["tau_2"] = np.array([0.12, 0.12, 0.0, 0.12])
-    step = Excitation("voltage", "V", np.zeros(2), np.array([0.0, 2e3]))
-    strain = Tubular("voigt_kelvin_2_inertia", specimen()).predict(
-        step, np.linspace(0.1, 0.5, 4), "strain", draws
-    )
-    assert np.isnan(strain).all(axis=1).tolist() == [False, True, True, False]
-    assert np.array_equal(strain[0], strain[3])
 
 
 @pytest.mark.parametrize("load", [-1.0, "100 g", float("nan")])

@@ -23,7 +23,8 @@ compiler then sees that rows do not overlap, and vectorises over the lanes.
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,20 @@ LARGEST_CUT = 0.1
 STRIDE = 16
 FINEST = 1e-10
 """Smallest step relative to the first step; a draw that needs a smaller step has failed."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Values of y_0 (W, N), steps tried (W,), and time when a draw failed (W,), NaN if not."""
+
+    values: FloatArray
+    steps: IndexArray
+    ended: FloatArray
+
+    @classmethod
+    def empty(cls, draws: int, times: int) -> Self:
+        """Return arrays for `integrate` to fill."""
+        return cls(np.empty((draws, times)), np.empty(draws, dtype=np.int64), np.empty(draws))
 
 
 @njit(**KERNEL_OPTIONS)

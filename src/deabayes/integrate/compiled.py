@@ -19,6 +19,9 @@ try:
 except ImportError:  # the operating system has no file locks
     fcntl = None  # type: ignore[assignment]
 
+literal_unroll = numba.literal_unroll
+"""Numba's loop over a tuple of unlike elements."""
+
 
 def njit(**options: Any) -> Callable[[Any], Any]:
     """`numba.njit` that caches in a temporary folder if no other folder can be written.

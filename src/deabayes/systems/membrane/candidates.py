@@ -10,7 +10,7 @@ from deabayes.experiment import FloatArray
 from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Draws
-from deabayes.systems.candidates import (
+from deabayes.systems.spring_candidates import (
     count,
     kv_gm_examples,
     kv_gm_parameters,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import literal_unroll
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow
@@ -22,7 +21,7 @@ from deabayes.integrate.arrow import (
     U1,
     IndexArray,
 )  # fmt: skip
-from deabayes.integrate.compiled import njit
+from deabayes.integrate.compiled import literal_unroll, njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES
 
 FLUIDITY, MODULUS, INVERSE, SIGMA, GAIN, HZ = (arrow.FIRST_CONSTANT + r * LANES for r in range(6))

@@ -18,7 +18,6 @@ have. The paper's t_v = eta/mu is not a time: the relaxation time at xi = lambda
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -26,10 +25,10 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError
+from deabayes.integrate.arrow import Motion
 from deabayes.integrate.drive import Drive
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
-from deabayes.systems.candidates import kv_gm_examples
 from deabayes.systems.electrostatics import voltage_history
 from deabayes.systems.membrane.candidates import MembraneModel
 from deabayes.systems.membrane.inertia import integrate_with_inertia
@@ -37,6 +36,7 @@ from deabayes.systems.membrane.kernel import integrate
 from deabayes.systems.membrane.material import FOLD_POINTS, Material, PullIn, solid
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import filled, quantity, uncertain_quantities
+from deabayes.systems.spring_candidates import kv_gm_examples
 from deabayes.systems.springs.base import column
 from deabayes.systems.springs.stretched import StretchedSpring, equal_biaxial
 
@@ -69,7 +69,6 @@ class Membrane(System):
         inertia need `side_length` L; inertia also needs `density`. `breakdown_stretch` (default 6)
         is the largest stretch.
     tolerance : error of the stretch relative to its range.
-    leave_near_branch : whether a draw continues past pull-in, up to the breakdown stretch.
     """
 
     name = "membrane"
@@ -98,12 +97,10 @@ class Membrane(System):
         candidate: str,
         specimen: Specimen,
         tolerance: float = DEFAULT_TOLERANCE,
-        leave_near_branch: bool = False,
     ) -> None:
         self.candidate = candidate
         self.specimen = specimen
         self.tolerance = tolerance
-        self.leave_near_branch = leave_near_branch
         self.model = MembraneModel.from_name(candidate)
         self.order = self.model.units
         for name in self.required_quantities:
@@ -161,7 +158,7 @@ class Membrane(System):
         history = self._history(excitation, times)
 
         def simulate(draws: Draws) -> FloatArray:
-            ascending = self._followed(history, times, draws).stretch
+            ascending = self._followed(history, times, draws).values
             stretch = ascending
             if not in_order:
                 stretch = np.empty_like(ascending)
@@ -196,13 +193,11 @@ class Membrane(System):
     def _followed(self, history: Drive, times: FloatArray, draws: Draws) -> Motion:
         """Integrate the draws under the voltage history, with outputs at ascending `times`."""
         material = self._material(draws)
-        limit = np.full(material.modulus.size, self.breakdown)
-        if not self.leave_near_branch:
-            limit = once(
-                draws,
-                (self, "limit"),
-                lambda: material.pull_in(self.breakdown, FOLD_POINTS).stretch,
-            )
+        limit = once(
+            draws,
+            (self, "limit"),
+            lambda: material.pull_in(self.breakdown, FOLD_POINTS).stretch,
+        )
         mass = self._mass(draws, material.modulus.size) if self.model.inertia else None
         return follow(material, history, times, self.tolerance, limit, mass)
 
@@ -269,15 +264,6 @@ class Membrane(System):
         return np.asarray((side * stretch) ** 2)
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Stretch (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
-
-    stretch: FloatArray
-    steps: NDArray[np.int64]
-    ended: FloatArray
-
-
 def follow(
     material: Material,
     history: Drive,
@@ -295,12 +281,9 @@ def follow(
     limit : (W,) largest stretch of a draw; beyond it the draw has failed.
     mass : rho L^2/3 of (14), (W,); None without inertia.
     """
-    walkers = material.modulus.size
     constants, units = material.constants(history, tolerance, limit)
-    found = Motion(
-        np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
-    )
-    results = found.stretch, found.steps, found.ended
+    found = Motion.empty(material.modulus.size, times.size)
+    results = found.values, found.steps, found.ended
     pieces = history.edges, history.coefficients, history.restart
     if mass is None:
         integrate(*pieces, times, constants, units, *results)

@@ -11,7 +11,7 @@ from deabayes.faults import UserError
 from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Draws
-from deabayes.systems.candidates import (
+from deabayes.systems.spring_candidates import (
     read_spring,
     spring_examples,
     time_parameters,

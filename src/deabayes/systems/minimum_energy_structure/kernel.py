@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import literal_unroll
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate import arrow
@@ -40,7 +39,7 @@ from deabayes.integrate.arrow import (
     U1,
     IndexArray,
 )
-from deabayes.integrate.compiled import njit
+from deabayes.integrate.compiled import literal_unroll, njit
 from deabayes.integrate.rosenbrock import KERNEL_OPTIONS, LANES
 
 MOST_STEPS = 200_000

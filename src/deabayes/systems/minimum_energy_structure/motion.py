@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
+from deabayes.integrate.arrow import Motion
 from deabayes.integrate.drive import Drive
 from deabayes.systems.minimum_energy_structure.static import FLATTEST, STEEPER, STEEPEST, Structure
 from deabayes.systems.specimen_quantities import positive
@@ -36,15 +36,6 @@ CUT, CUTS = 0.75, 9
 The polynomial is computed at most CUTS times."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Angle (W, N), steps tried (W,), and time when a draw failed (W,), NaN if it did not."""
-
-    angle: FloatArray
-    steps: NDArray[np.int64]
-    ended: FloatArray
-
-
 def follow(
     structure: Structure,
     history: Drive,
@@ -63,14 +54,11 @@ def follow(
     """
     from deabayes.systems.minimum_energy_structure.kernel import MOST_STEPS, integrate
 
-    walkers = structure.rest.size
-    found = Motion(
-        np.empty((walkers, times.size)), np.empty(walkers, dtype=np.int64), np.empty(walkers)
-    )
+    found = Motion.empty(structure.rest.size, times.size)
     constants, units = constants_of(structure, history, tolerance, start)
     integrate(
         history.edges, history.coefficients, history.restart, times, constants, units,
-        most_steps or MOST_STEPS, found.angle, found.steps, found.ended,
+        most_steps or MOST_STEPS, found.values, found.steps, found.ended,
     )  # fmt: skip
     return found
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import Excitation, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
+from deabayes.integrate.arrow import Motion
 from deabayes.integrate.drive import Drive
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
@@ -42,7 +43,7 @@ from deabayes.systems.minimum_energy_structure.candidates import (
     measured_hinge,
 )
 from deabayes.systems.minimum_energy_structure.film import solid
-from deabayes.systems.minimum_energy_structure.motion import Motion, follow
+from deabayes.systems.minimum_energy_structure.motion import follow
 from deabayes.systems.minimum_energy_structure.static import STEEPEST, Structure
 from deabayes.systems.solid import Solid
 from deabayes.systems.specimen_quantities import uncertain_quantities
@@ -192,7 +193,7 @@ class MinimumEnergyStructure(System):
 
         def simulate(draws: Draws) -> FloatArray:
             structure = self.structure(draws)
-            angle = self._follow(structure, history, times, held).angle[:, back]
+            angle = self._follow(structure, history, times, held).values[:, back]
             return np.asarray(displacement(angle, structure.length, structure.rest))
 
         return simulate

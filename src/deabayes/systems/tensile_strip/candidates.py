@@ -12,7 +12,9 @@ from deabayes.experiment import FloatArray
 from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Derived, Draws
-from deabayes.systems.candidates import (
+from deabayes.systems.membrane.material import DASHPOT, LIMITS
+from deabayes.systems.solid import FINITE_STRAIN, Note, Solid, coefficients, no_relaxation
+from deabayes.systems.spring_candidates import (
     count,
     kv_gm_examples,
     kv_gm_parameters,
@@ -22,8 +24,6 @@ from deabayes.systems.candidates import (
     time_parameters,
     unit_draws,
 )
-from deabayes.systems.membrane.material import DASHPOT, LIMITS
-from deabayes.systems.solid import FINITE_STRAIN, Note, Solid, coefficients, no_relaxation
 from deabayes.systems.springs import REGISTRY as SPRINGS
 from deabayes.systems.springs import Spring
 from deabayes.systems.springs.base import MODULUS_MEDIAN

@@ -20,10 +20,11 @@ import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Specimen
 from deabayes.faults import UserError
+from deabayes.integrate.rosenbrock import LANES
 from deabayes.prior.parameter import Parameter
 from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System
 from deabayes.systems.solid import Solid
-from deabayes.systems.specimen_quantities import uncertain_quantities
+from deabayes.systems.specimen_quantities import quantity, uncertain_quantities
 from deabayes.systems.springs.base import (
     DEFORMATIONS,
     column,
@@ -36,6 +37,7 @@ from deabayes.systems.tensile_strip.kernel import (
     StripRecord,
     record_in_time,
     record_without_time,
+    unit_stress,
 )
 
 LEFT = 1e-3
@@ -138,7 +140,7 @@ class TensileStrip(System):
             gauge = self._gauge(draws) if uncertain_gauge else None
             stress = self._nominal_stress(record, draws, gauge, deformation)
             if response == "force":
-                stress = stress * column(self._value("cross_section", draws))
+                stress = stress * column(quantity(self.specimen, "cross_section", draws))
             stress[~np.all(np.isfinite(stress), axis=1)] = np.nan
             return stress
 
@@ -179,9 +181,6 @@ class TensileStrip(System):
         `peak` (W,) is the largest stress of the parallel spring and dashpot. It is a scale of the
         response that is known before integration and depends on this draw only.
         """
-        from deabayes.integrate.rosenbrock import LANES
-        from deabayes.systems.tensile_strip.kernel import unit_stress
-
         modulus, time = self.model.unit_draws(draws)
         walkers, units = modulus.shape
         allowed = np.where(peak > 0.0, self.tolerance * peak, np.inf)
@@ -250,11 +249,6 @@ class TensileStrip(System):
                 f"for uniaxial tension only, not {deformation}: take a candidate without units"
             )
         return deformation
-
-    def _value(self, name: str, draws: Draws) -> FloatArray:
-        """Return a quantity's draws (W,) if it is a parameter, else its value (1,)."""
-        quantity = self.specimen.quantities[name]
-        return draws[name] if quantity.sd is not None else np.array([quantity.value])
 
     def _uncertain_gauge(self, excitation: Excitation) -> bool:
         if excitation.name != "displacement":
