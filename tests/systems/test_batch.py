@@ -3,33 +3,32 @@ import pytest
 from tests.validation.membrane_worlds import membrane
 from tests.validation.tubular_worlds import tubular_full
 
-from deabayes.systems.base import Batch, once
+from deabayes.systems.base import Batch, cached
 
 
-def test_made_once_for_a_batch_and_each_time_for_anything_else():
-    count = []
+def test_a_result_is_computed_once_for_a_batch_and_each_time_otherwise():
     for draws, expected in ((Batch({"a": np.ones(2)}), 1), ({"a": np.ones(2)}, 3)):
-        count.clear()
+        computed = []
         for _ in range(3):
-            assert once(draws, "sum", lambda d=draws: count.append(1) or float(d["a"].sum())) == 2.0
-        assert len(count) == expected
+            cached(draws, "sum", lambda computed=computed: computed.append(1))
+        assert len(computed) == expected
 
 
 def test_another_key_is_another_thing():
     batch = Batch({"a": np.ones(2)})
-    assert [once(batch, key, lambda key=key: key) for key in ("x", "y", "x")] == ["x", "y", "x"]
+    assert [cached(batch, key, lambda key=key: key) for key in ("x", "y", "x")] == ["x", "y", "x"]
 
 
 def test_a_batch_stays_as_it_is_and_what_is_derived_from_it_is_none():
     given = {"a": np.ones(2)}
     batch = Batch(given)
-    once(batch, "sum", lambda: 2.0)
+    cached(batch, "sum", lambda: 2.0)
     given["a"] = np.zeros(2)
     assert np.array_equal(batch["a"], np.ones(2))
     for change in ("__setitem__", "update", "pop", "setdefault", "clear"):
         assert not hasattr(batch, change)
     changed = {**batch, "a": np.zeros(2)}
-    assert once(changed, "sum", lambda: "anew") == "anew"
+    assert cached(changed, "sum", lambda: "anew") == "anew"
 
 
 @pytest.mark.parametrize("world", [membrane(), tubular_full()], ids=["membrane", "tubular"])
@@ -44,4 +43,4 @@ def test_records_answer_a_batch_as_they_answer_its_draws(world):
         wanted = mine.simulate(dict(batch))
         assert np.array_equal(mine.simulate(batch), wanted)
         assert np.array_equal(other.simulate(batch), wanted)
-    assert len(batch.made) > 2
+    assert len(batch.results) > 2

@@ -42,20 +42,20 @@ TEXT, BARE = "a text", "a finite number without a unit (the one of its name, els
 
 
 def condition_faults(
-    system: str, told: Conditions | None, given: Mapping[str, object]
+    system: str, known: Conditions | None, given: Mapping[str, object]
 ) -> list[str]:
-    """Return error messages for conditions; if `told` is None, any condition name is allowed."""
-    unstated = {name: held for names in (told or {}).values() for name, held in names.items()}
-    if told is None:
+    """Return error messages for conditions; if `known` is None, any condition name is allowed."""
+    if known is None:
         return [fault for name in given for fault in _wrong(name, given[name], (BARE, TEXT))]
-    hint = "" if unstated else "; it has none, remove it"
+    defaults = {name: value for names in known.values() for name, value in names.items()}
+    hint = "" if defaults else "; it has none, remove it"
     faults = [
-        f"condition {name!r} is unknown for system {system!r}{hint or nearest(name, unstated)}"
+        f"condition {name!r} is unknown for system {system!r}{hint or nearest(name, defaults)}"
         for name in given
-        if name not in unstated and name != "protocol"
+        if name not in defaults and name != "protocol"
     ]
-    for name in (each for each in given if each in unstated):
-        wanted = TEXT if isinstance(unstated[name], str) else BARE
+    for name in (name for name in given if name in defaults):
+        wanted = TEXT if isinstance(defaults[name], str) else BARE
         faults += _wrong(name, given[name], (wanted,))
     return faults
 
@@ -348,7 +348,7 @@ class System(ABC):
             )
 
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
 class Batch(Mapping[str, FloatArray]):
@@ -356,7 +356,7 @@ class Batch(Mapping[str, FloatArray]):
 
     def __init__(self, draws: Draws) -> None:
         self._draws = dict(draws)
-        self.made: dict[Hashable, Any] = {}
+        self.results: dict[Hashable, Any] = {}
 
     def __getitem__(self, name: str) -> FloatArray:
         return self._draws[name]
@@ -368,14 +368,14 @@ class Batch(Mapping[str, FloatArray]):
         return len(self._draws)
 
 
-def once(draws: Draws, key: Hashable, make: Callable[[], Made]) -> Made:
-    """Return the result of `make`; for a `Batch` the result is computed once and stored."""
+def cached(draws: Draws, key: Hashable, compute: Callable[[], Result]) -> Result:
+    """Return the result of `compute`; for a `Batch` the result is computed once and stored."""
     if not isinstance(draws, Batch):
-        return make()
-    if key not in draws.made:
-        draws.made[key] = make()
-    found: Made = draws.made[key]
-    return found
+        return compute()
+    if key not in draws.results:
+        draws.results[key] = compute()
+    result: Result = draws.results[key]
+    return result
 
 
 class UnknownCandidate(UserError):

@@ -28,7 +28,7 @@ from deabayes.faults import UserError
 from deabayes.integrate.arrow import Motion
 from deabayes.integrate.drive import Drive
 from deabayes.prior.parameter import Parameter
-from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
+from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, cached
 from deabayes.systems.electrostatics import voltage_history
 from deabayes.systems.membrane.candidates import MembraneModel
 from deabayes.systems.membrane.inertia import integrate_with_inertia
@@ -193,7 +193,7 @@ class Membrane(System):
     def _followed(self, history: Drive, times: FloatArray, draws: Draws) -> Motion:
         """Integrate the draws under the voltage history, with outputs at ascending `times`."""
         material = self._material(draws)
-        limit = once(
+        limit = cached(
             draws,
             (self, "limit"),
             lambda: material.pull_in(self.breakdown, FOLD_POINTS).stretch,
@@ -247,7 +247,7 @@ class Membrane(System):
         )
 
     def _material(self, draws: Draws) -> Material:
-        return once(
+        return cached(
             draws,
             (self, "material"),
             lambda: Material.from_draws(self.model, self.specimen, draws),

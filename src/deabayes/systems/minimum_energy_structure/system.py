@@ -31,7 +31,7 @@ from deabayes.faults import UserError
 from deabayes.integrate.arrow import Motion
 from deabayes.integrate.drive import Drive
 from deabayes.prior.parameter import Parameter
-from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, once
+from deabayes.systems.base import Conditions, Derived, Draws, Simulator, System, cached
 from deabayes.systems.electrostatics import voltage_history
 from deabayes.systems.minimum_energy_structure.candidates import (
     MEANINGS,
@@ -188,24 +188,24 @@ class MinimumEnergyStructure(System):
         order = np.argsort(coordinate, kind="stable")
         times = np.ascontiguousarray(coordinate[order])
         back = np.argsort(order)
-        held = self._held(excitation)
-        history = self._history(excitation, times, held)
+        initial = self._initial_voltage(excitation)
+        history = self._history(excitation, times, initial)
 
         def simulate(draws: Draws) -> FloatArray:
             structure = self.structure(draws)
-            angle = self._follow(structure, history, times, held).values[:, back]
+            angle = self._follow(structure, history, times, initial).values[:, back]
             return np.asarray(displacement(angle, structure.length, structure.rest))
 
         return simulate
 
     def _follow(
-        self, structure: Structure, history: Drive, times: FloatArray, held: float
+        self, structure: Structure, history: Drive, times: FloatArray, initial: float
     ) -> Motion:
-        start = structure.rest if held == 0.0 else structure.equilibrium(held)
+        start = structure.rest if initial == 0.0 else structure.equilibrium(initial)
         most = None if self.steps_per_sample is None else self.steps_per_sample * times.size
         return follow(structure, history, times, self.tolerance, start, most)
 
-    def _held(self, excitation: Excitation) -> float:
+    def _initial_voltage(self, excitation: Excitation) -> float:
         """Return the voltage [V] before the start of the record."""
         prehistory = excitation.conditions.get("prehistory", PREHISTORIES[0])
         if prehistory not in PREHISTORIES:
@@ -215,13 +215,13 @@ class MinimumEnergyStructure(System):
             )
         return float(excitation.values[0]) if prehistory == "equilibrium" else 0.0
 
-    def _history(self, excitation: Excitation, times: FloatArray, held: float) -> Drive:
+    def _history(self, excitation: Excitation, times: FloatArray, initial: float) -> Drive:
         if self.model.units == 0:
             raise UserError(
                 f"candidate {self.candidate!r} has no relaxation units, so it does not move in "
                 "time; take one that has, such as ogden_1_units_1"
             )
-        return voltage_history(excitation, times, self.tolerance, before=held)
+        return voltage_history(excitation, times, self.tolerance, before=initial)
 
     def for_likelihood(self, rough: bool = False) -> System:
         """Return the system with less accuracy; unchanged if its tolerance is not the default."""
@@ -232,7 +232,7 @@ class MinimumEnergyStructure(System):
 
     def structure(self, draws: Draws) -> Structure:
         """Return the constants of the structure for the draws."""
-        return once(
+        return cached(
             draws,
             (self, "structure"),
             lambda: Structure.from_draws(self.model, self.specimen, draws),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.prior.parameter import Parameter
-from deabayes.systems.base import Conditions, Draws, Simulator, System, once
+from deabayes.systems.base import Conditions, Draws, Simulator, System, cached
 from deabayes.systems.curves import drive_of
 from deabayes.systems.electrostatics import maxwell_pressure
 from deabayes.systems.specimen_quantities import instrument, uncertain_quantities
@@ -168,7 +168,7 @@ class TubularBase(System):
 
     def circuit_of(self, draws: Draws) -> Circuit:
         """Return the circuit with R_S, R_L and C of the draws."""
-        return once(
+        return cached(
             draws,
             (self, "circuit"),
             lambda: Circuit(*(self.quantity(name, draws) for name in CIRCUIT_SYMBOLS)),

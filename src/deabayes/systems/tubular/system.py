@@ -16,7 +16,7 @@ from deabayes.integrate.linear import Hold, hold, relaxation_response
 from deabayes.integrate.modal import modal_response
 from deabayes.integrate.state_space import StateSpace
 from deabayes.prior.parameter import Parameter
-from deabayes.systems.base import Derived, Draws, Simulator, System, UnknownCandidate, once
+from deabayes.systems.base import Derived, Draws, Simulator, System, UnknownCandidate, cached
 from deabayes.systems.delayed import AtOnce, delayed, shifted
 from deabayes.systems.solid import LinearModel, Solid
 from deabayes.systems.tubular import voigt_kelvin
@@ -227,7 +227,7 @@ class Tubular(TubularBase):
         key = self, "harmonic", *conditions, frequency.tobytes()
 
         def simulate(draws: Draws) -> FloatArray:
-            harmonic = once(
+            harmonic = cached(
                 draws, key, lambda: self.harmonic(excitation, draws).per_volt(frequency)
             )
             if response == "gain":
@@ -313,7 +313,7 @@ class Tubular(TubularBase):
         return modal_response(space, driven)
 
     def _chain(self, draws: Draws) -> voigt_kelvin.Chain:
-        return once(
+        return cached(
             draws, (self, "chain"), lambda: voigt_kelvin.Chain.from_draws(draws, self.order)
         )
 
