@@ -56,11 +56,11 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], str]] = {
     "draw": (named("draw"), f"{CANDIDATE}parameter 'draw': the name is taken"),
     "chain": (named("chain"), f"{CANDIDATE}parameter 'chain': the name is taken"),
     "a channel": (named("voltage"), f"{CANDIDATE}parameter 'voltage': the name is taken"),
-    "slash": (named("tau/x"), f"{CANDIDATE}parameter 'tau/x': a name is of letters"),
-    "noise": (named("creep.sigma_white"), f"{CANDIDATE}parameter 'creep.sigma_white': a name"),
+    "slash": (named("tau/x"), f"{CANDIDATE}parameter 'tau/x': use only letters"),
+    "noise": (named("creep.sigma_white"), f"{CANDIDATE}parameter 'creep.sigma_white': use only"),
     "twice": (
         [('return (modulus, *(lag,) * self.order', "return (modulus, *(lag,) * 2 * self.order")],
-        f"{CANDIDATE}parameter 'tau' is there 2 times",
+        f"{CANDIDATE}parameter 'tau' occurs 2 times",
     ),
     "unit": (
         [(TAU, TAU.replace('"s"', '"ms"'))],
@@ -79,33 +79,33 @@ MISTAKES: dict[str, tuple[list[tuple[str, str]], str]] = {
         [(SET, "self.candidate, self.specimen = candidate, specimen"),
          ("* self.order", "* int(self.candidate[-1])"),
          ("self.order == 0", 'self.candidate == "lag_0"')],
-        f"{CANDIDATE}__init__ sets self.order to a whole number; found none",
+        f"{CANDIDATE}__init__ must set self.order to a whole number; found none",
     ),
     "candidate": (
         [(SET, "self.order, self.specimen = int(candidate[-1]), specimen")],
-        f"{CANDIDATE}__init__ sets self.candidate to the candidate's name; found none",
+        f"{CANDIDATE}__init__ must set self.candidate to the candidate's name; found none",
     ),
-    "list": ([answering("return answer.tolist()")], f"{RECORD}the model answers with a list"),
-    "nothing": ([answering("pass")], f"{RECORD}the model answers with a NoneType; return a numpy"),
+    "list": ([answering("return answer.tolist()")], f"{RECORD}the response is a list"),
+    "nothing": ([answering("pass")], f"{RECORD}the response is a NoneType; return a numpy"),
     "no function": (
         [("        return simulate\n", "        return simulate if self.order == 0 else None\n")],
         f"{RECORD}simulator gives None; return a function of draws",
     ),
     "complex": (
         [answering("return answer + 0j")],
-        f"{RECORD}the model answers with numbers of type complex128; return real ones",
+        f"{RECORD}the response has numbers of type complex128; return real numbers",
     ),
     "first draw for all": (
         [('draws["tau"][:, None]', 'draws["tau"][:1, None]')],
-        f"{RECORD}the model answers a draw differently when others are asked for with it",
+        f"{RECORD}the response to a draw depends on the other draws",
     ),
     "random": (
         [answering(ANOTHER_EACH_TIME)],
-        f"{RECORD}the model answers the same draws differently when asked again",
+        f"{RECORD}the same draws give another response when repeated",
     ),
     "changed draws": (
         [answering('draws["tau"][:] = 1.0; return answer')],
-        f"{RECORD}the model changes the draws it is given (tau); work on a copy",
+        f"{RECORD}the model changes the draws (tau); change a copy instead",
     ),
     "ends Python": (
         [answering("import sys; sys.exit(3)")],
@@ -173,8 +173,8 @@ def test_what_the_package_cannot_do_with_a_call_is_said_of_the_call(
 ) -> None:
     replace_in(MODEL, "LogNormal(1e6, 1.0)", "LogNormal(-1e6, 1.0)")
     told = said(capsys, "check", "stack")
-    assert "models/stack.py, line 37: deabayes.prior.distributions, called" in told
-    assert "correct what it is given" in told and told.count("\n") == 1
+    assert "models/stack.py, line 37: deabayes.prior.distributions raises" in told
+    assert "correct the arguments of this call" in told and told.count("\n") == 1
 
 
 def test_what_fails_in_the_package_is_not_the_models_fault(

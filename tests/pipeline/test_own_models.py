@@ -57,15 +57,18 @@ MISTAKES: dict[str, tuple[tuple[str, str], list[str]]] = {
     "ends Python": (("import numpy as np", "raise SystemExit(3)"), ["line 3: SystemExit: 3"]),
     "no system": (("class Stack(System)", "class Stack"), ["defines no System", "own-model.md"]),
     "taken": (('name = "stack"', 'name = "tubular"'), ["class Stack", "'tubular'", "shipped"]),
-    "no name": (('    name = "stack"\n', ""), ["class Stack: name is", "found none"]),
+    "no name": (('    name = "stack"\n', ""), ["class Stack: name must be", "found none"]),
     "abstract": (("def simulator(", "def simulater("), ["class Stack: lacks simulator"]),
-    "no protocols": (("    protocols =", "    protokols ="), ["protocols is a tuple", "none"]),
+    "no protocols": (("    protocols =", "    protokols ="), ["protocols must be a tuple", "none"]),
     "one protocol": (
         ('protocols = ("creep", "step", "sine")', 'protocols = ("creep")'),
-        ["protocols is a tuple", "'creep'"],
+        ["protocols must be a tuple", "'creep'"],
     ),
     "protocol": (('"step"', '"stp"'), ["unknown protocol 'stp'", "did you mean 'step'?"]),
-    "no responses": (("    responses =", "    answers ="), ["responses maps names", "found none"]),
+    "no responses": (
+        ("    responses =", "    answers ="),
+        ["responses must map", "found none"],
+    ),
     "not SI": (('{"voltage": "V"}', '{"voltage": "kV"}'), ["'kV' is not SI; write 'V'"]),
     "no unit": (('{"voltage": "V"}', '{"voltage": "Vlt"}'), ["excitations, voltage", "Vlt"]),
 }
@@ -97,7 +100,7 @@ def test_the_model_is_tried_on_the_records(place: Path, capsys: pytest.CaptureFi
     replace_in(MODEL, "per_square[:, None] * squared.input", "squared.input")
     told = said(capsys, "check", "stack")
     assert "study stack, lag_0, creep_1000V" in told
-    assert "array (250,); return (3, 250)" in told and told.count("\n") == 1
+    assert "shape (250,); return (3, 250)" in told and told.count("\n") == 1
 
 
 def test_a_missing_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,7 +126,7 @@ def test_an_unnamed_file_is_asked_for(place: Path, capsys: pytest.CaptureFixture
 
 def test_one_system_in_two_files(place: Path) -> None:
     Path("second.py").write_bytes(MODEL.read_bytes())
-    with pytest.raises(Faults, match=r"second\.py: system 'stack' is defined in models/stack\.py"):
+    with pytest.raises(Faults, match=r"second\.py: system .stack. is also defined in models"):
         load_models(MODEL, "second.py")
     assert load_models(MODEL, MODEL) == {"stack": MODEL}
 
@@ -213,7 +216,7 @@ def test_a_posterior_elsewhere_says_which_file_is_missing(
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
     wanted = (
-        rf"models/stack\.py, which is missing seen from {re.escape(str(elsewhere))}; .*load_models"
+        rf"models/stack\.py, which does not exist in {re.escape(str(elsewhere))}; .*load_models"
     )
     with pytest.raises(UserError, match=wanted):
         restore(attributes)

@@ -28,12 +28,12 @@ def system_faults(kind: type[System]) -> list[str]:
     faults = _name_faults(kind) + _protocol_faults(kind)
     if kind.__abstractmethods__:
         methods = ", ".join(sorted(kind.__abstractmethods__))
-        faults.append(f"lacks {methods}; add what deabayes.systems.System asks for")
+        faults.append(f"lacks {methods}; define what deabayes.systems.System requires")
     for attribute, example in UNITS_OF.items():
         value = getattr(kind, attribute, None)
         if not isinstance(value, Mapping):
             found = "none" if value is None else repr(value)
-            faults.append(f"{attribute} maps names to SI units, such as {example}; found {found}")
+            faults.append(f"{attribute} must map names to SI units, as {example}; found {found}")
         else:
             faults += unit_faults(attribute, value)
     faults += unit_faults("optional_quantities", kind.optional_quantities)
@@ -44,7 +44,7 @@ def _name_faults(kind: type[System]) -> list[str]:
     name = getattr(kind, "name", None)
     if not isinstance(name, str) or not name:
         found = "none" if name is None else repr(name)
-        return [f"name is what `system:` in specimen.yaml says, a text; found {found}"]
+        return [f"name must be a text, the one after `system:` in specimen.yaml; found {found}"]
     if name in REGISTRY:
         return [f"name {name!r} is a shipped system's; choose another"]
     return []
@@ -54,7 +54,7 @@ def _protocol_faults(kind: type[System]) -> list[str]:
     protocols = getattr(kind, "protocols", None)
     if not isinstance(protocols, tuple | list) or not protocols:
         found = "none" if protocols is None else repr(protocols)
-        return [f"protocols is a tuple such as ('creep',); found {found}"]
+        return [f"protocols must be a tuple such as ('creep',); found {found}"]
     unknown = [name for name in protocols if name not in PROTOCOLS]
     return [f"unknown protocol {name!r}{nearest(str(name), PROTOCOLS)}" for name in unknown]
 
@@ -86,7 +86,7 @@ def candidate_faults(system: System, candidate: str) -> list[str]:
     if not isinstance(found, Sequence) or not all(isinstance(p, Parameter) for p in found):
         return [*faults, f"{where} gives {found!r:.80}; return a tuple of Parameter"]
     if not found:
-        return [*faults, f"{where} gives none; there is nothing to fit"]
+        return [*faults, f"{where} returns no parameter; return at least one"]
     for parameter in found:
         if not isinstance(parameter.prior, Distribution):
             faults.append(
@@ -105,13 +105,13 @@ def name_faults(kind: str, names: Sequence[object], taken: Iterable[str] = ()) -
     for name in dict.fromkeys(names):
         if not isinstance(name, str) or not name.isidentifier():
             faults.append(
-                f"{kind} {name!r}: a name is of letters, digits and underscores and begins with "
-                "no digit (noise parameters have the dot)"
+                f"{kind} {name!r}: use only letters, digits and underscores, and no digit first "
+                "(only names of noise parameters contain a dot)"
             )
         elif name in known:
             faults.append(f"{kind} {name!r}: the name is taken; choose another")
         elif names.count(name) > 1:
-            faults.append(f"{kind} {name!r} is there {names.count(name)} times; give each a name")
+            faults.append(f"{kind} {name!r} occurs {names.count(name)} times; use other names")
     return faults
 
 
@@ -121,13 +121,13 @@ def _attribute_faults(system: System, candidate: str) -> list[str]:
     faults = []
     if getattr(system, "candidate", None) != candidate:
         found = _found(system, "candidate")
-        faults.append(f"__init__ sets self.candidate to the candidate's name; found {found}")
+        faults.append(f"__init__ must set self.candidate to the candidate's name; found {found}")
     if not isinstance(order, Integral):
         found = _found(system, "order")
-        faults.append(f"__init__ sets self.order to a whole number; found {found}")
+        faults.append(f"__init__ must set self.order to a whole number; found {found}")
     if not isinstance(specimen, Specimen):
         found = _found(system, "specimen")
-        faults.append(f"__init__ sets self.specimen to the specimen it is given; found {found}")
+        faults.append(f"__init__ must set self.specimen to its argument specimen; found {found}")
     return faults
 
 
@@ -163,7 +163,7 @@ def fault_of(error: BaseException, path: Path) -> str | None:
         return None
     called = Path(frames[-1].filename).relative_to(PACKAGE).with_suffix("")
     module = ".".join(("deabayes", *called.parts))
-    return f"{place}: {module}, called there, raises {said(error)}; correct what it is given"
+    return f"{place}: {module} raises {said(error)}; correct the arguments of this call"
 
 
 def said(error: BaseException) -> str:

@@ -19,7 +19,7 @@ from deabayes.records.schema import read_yaml, violations
 from deabayes.records.specimen import system_named
 from deabayes.systems import OWN, REGISTRY, System
 
-REMEDY = "docs/how-to/own-model.md has one to start from"
+REMEDY = "docs/how-to/own-model.md has an example"
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ def load_models(*files: str | Path) -> dict[str, Path]:
         for kind in systems:
             if kind.name in read:
                 faults.append(
-                    f"{path}: system {kind.name!r} is defined in {read[kind.name].path} too; "
-                    "give one of them another name"
+                    f"{path}: system {kind.name!r} is also defined in {read[kind.name].path}; "
+                    "rename one of them"
                 )
             found[kind.name] = kind
             read[kind.name] = ModelFile(path, hashlib.sha256(source).hexdigest())
@@ -100,13 +100,13 @@ def restore(attributes: Mapping[str, str]) -> None:
     fitted = f"{attributes['study_name']}, {attributes['candidate']}: fitted with {path}"
     if not path.is_file():
         raise UserError(
-            f"{fitted}, which is missing seen from {Path.cwd()}; work in the folder it was fitted "
-            "in, or load a copy first: deabayes.load_models(FILE)"
+            f"{fitted}, which does not exist in {Path.cwd()}; work in the folder of the fit, "
+            "or load a copy first: deabayes.load_models(FILE)"
         )
     if hashlib.sha256(_text_of(path)).hexdigest() != wanted:
         raise UserError(
-            f"{fitted}, which has changed since (SHA-256 then {wanted[:12]}); fit again, or "
-            "bring back the file as it was"
+            f"{fitted}, which has changed since (SHA-256 was {wanted[:12]}); fit again, or "
+            "restore the file"
         )
     load_models(path)
 

@@ -75,13 +75,13 @@ def _try_on(system: System, experiment: Experiment, draws: Draws) -> tuple[str, 
 def _kind_fault(found: Any, points: int) -> str:
     """Fault if a response is no array of real numbers of the right shape."""
     if not isinstance(found, np.ndarray):
-        return f"the model answers with a {type(found).__name__}; return a numpy array"
+        return f"the response is a {type(found).__name__}; return a numpy array"
     if found.dtype.kind not in "fiu":
-        return f"the model answers with numbers of type {found.dtype}; return real ones"
+        return f"the response has numbers of type {found.dtype}; return real numbers"
     if found.shape != (TRIAL_DRAWS, points):
         return (
-            f"the model answers {TRIAL_DRAWS} draws at {points} points with an array "
-            f"{found.shape}; return {(TRIAL_DRAWS, points)}, a row per draw"
+            f"the response to {TRIAL_DRAWS} draws at {points} points has shape {found.shape}; "
+            f"return {(TRIAL_DRAWS, points)}, one row per draw"
         )
     return ""
 
@@ -89,7 +89,7 @@ def _kind_fault(found: Any, points: int) -> str:
 def _changed(given: Draws, draws: Draws) -> str:
     changed = [n for n in draws if n not in given or not np.array_equal(given[n], draws[n])]
     named = ", ".join(changed)
-    return f"the model changes the draws it is given ({named}); work on a copy" if changed else ""
+    return f"the model changes the draws ({named}); change a copy instead" if changed else ""
 
 
 def _repeat_fault(simulate: Simulator, draws: Draws, found: FloatArray) -> str:
@@ -97,13 +97,13 @@ def _repeat_fault(simulate: Simulator, draws: Draws, found: FloatArray) -> str:
     kept = found.copy()
     again = simulate({name: values.copy() for name, values in draws.items()})
     if not _same(again, kept):
-        return "the model answers the same draws differently when asked again; nothing is random"
+        return "the same draws give another response when repeated; remove what is random or kept"
     for row in range(TRIAL_DRAWS):
         alone = simulate({name: values[row : row + 1].copy() for name, values in draws.items()})
         if not _same(alone, kept[row : row + 1]):
             return (
-                "the model answers a draw differently when others are asked for with it; a row is "
-                'of its own draw only, as draws["NAME"][:, None] has it'
+                "the response to a draw depends on the other draws; compute each row from its own "
+                'draw, for example with draws["NAME"][:, None]'
             )
     return ""
 
