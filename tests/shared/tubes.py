@@ -84,3 +84,10 @@ def actuator(units, load):
 def harmonic(tube, bias):
     """The package's harmonic response of a `SineResponse`."""
     return Harmonic(tube.chain, tube.circuit, tube.pressure_per_square, bias)
+
+
+def transfer(space, rate):
+    """C (s - A)^-1 B + D (W, R) of a `StateSpace` at the complex rates s (R,) [1/s]."""
+    resolvent = rate[:, None, None] * np.eye(space.b.shape[1]) - space.a[:, None]
+    states = np.linalg.solve(resolvent, space.b[:, None, :, None])[..., 0]
+    return np.einsum("wn,wrn->wr", space.c, states) + space.d[:, None]

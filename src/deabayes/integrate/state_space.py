@@ -24,7 +24,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.integrate.compiled import njit
@@ -54,13 +53,6 @@ class StateSpace:
     b: FloatArray
     c: FloatArray
     d: FloatArray
-
-    def transfer(self, rate: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """C (s - A)^-1 B + D (W, R) at the complex rates s (R,) [1/s]."""
-        resolvent = rate[:, None, None] * np.eye(self.b.shape[1]) - self.a[:, None]
-        column = np.broadcast_to(self.b[:, None, :, None], (*resolvent.shape[:3], 1))
-        states = np.linalg.solve(resolvent, column)[..., 0]
-        return np.einsum("wn,wrn->wr", self.c, states) + self.d[:, None]
 
     def zero_order_hold(self, step: float) -> StateSpace:
         """Exact systems z[k+1] = A' z[k] + B' w[k] for an input held for `step` [s].
