@@ -117,7 +117,13 @@ def fitted_step(proposed: float, remaining: float) -> float:
 @njit(**KERNEL_OPTIONS)
 def usable(draw: FloatArray, units: FloatArray) -> bool:
     """Whether all constants of a draw and of its units are finite."""
-    return bool(np.all(np.isfinite(draw)) and np.all(np.isfinite(units)))
+    total = 0.0
+    for value in draw:
+        total += 0.0 * value
+    for n in range(units.shape[0]):
+        for value in units[n]:
+            total += 0.0 * value
+    return total == 0.0
 
 
 @njit(**KERNEL_OPTIONS)
