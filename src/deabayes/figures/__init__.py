@@ -4,9 +4,9 @@ Figures of a paper's results are in the package `papers`.
 
 A figure module defines `SCOPE` (candidate | study | population), `TITLE`, `CAPTION` and
 `draw(results)`. `draw` takes a `CandidateResults`, a `StudyResults` or a `PopulationResults`
-and returns a Figure or a list of figures (one per sheet). A module that draws an analysis names
-it in `ANALYSIS`, and returns no figure if the analysis was not computed. A module for
-particular systems lists them in `SYSTEMS`.
+and returns a list of figures, one per sheet. A module that draws an analysis names it in
+`ANALYSIS`, and defines `draw(results, analysis)`; it is called only if the analysis was computed.
+A module for particular systems lists them in `SYSTEMS`.
 """
 
 from __future__ import annotations
@@ -121,13 +121,8 @@ def draw(name: str, results: Results) -> list[Figure]:
     from deabayes.figures import style
     from deabayes.figures.results import StudyResults
 
-    systems = getattr(module(name), "SYSTEMS", ())
-    drawn_as_computed = hasattr(module(name), "ANALYSIS")
-    if systems and not drawn_as_computed and results.study.system not in systems:
-        return []
     with style.applied():
-        drawn = module(name).draw(results)
-        figures = list(drawn) if isinstance(drawn, list | tuple) else [drawn]
+        figures = _drawn(module(name), results)
         for figure in figures:
             candidate = "" if results is results.study else f"  ·  {results.name}"
             style.header(figure, f"{results.study.name}{candidate}")
@@ -136,6 +131,15 @@ def draw(name: str, results: Results) -> list[Figure]:
             if not isinstance(results, StudyResults) and not results.converged:
                 style.watermark_unconverged(figure)
     return figures
+
+
+def _drawn(source: ModuleType, results: Results) -> list[Figure]:
+    """Figures of a module; none for another system, or if its analysis was not computed."""
+    if hasattr(source, "ANALYSIS"):
+        analysis = results.study.analysis(source.ANALYSIS)  # type: ignore[union-attr]
+        return source.draw(results, analysis) if analysis else []
+    systems = getattr(source, "SYSTEMS", ())
+    return source.draw(results) if not systems or results.study.system in systems else []
 
 
 def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
@@ -198,18 +202,13 @@ def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
 
 
-def _titles(source: ModuleType) -> tuple[str, str]:
-    """Title and caption of a figure; FIGURE_TITLE and FIGURE_CAPTION take precedence."""
-    title, caption = (
-        getattr(source, f"FIGURE_{n}", None) or getattr(source, n) for n in ("TITLE", "CAPTION")
-    )
-    return title, caption
-
-
 def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
     from deabayes.figures import style
 
     source = module(name)
+    # a paper's module has one title for its table and one for its figure
+    title, caption = (getattr(source, f"FIGURE_{n}", None) or getattr(source, n)
+                      for n in ("TITLE", "CAPTION"))  # fmt: skip
     candidate = "" if results is results.study else results.name
     figures = draw(name, results)
     saved = []
@@ -218,7 +217,6 @@ def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
         svg, png = out / f"{stem}.svg", out / f"{stem}.png"
         with style.applied():
             style.write(figure, svg, png)
-        labels = _titles(source)
         analysis = getattr(source, "ANALYSIS", "")
-        saved.append(SavedFigure(name, candidate, sheet, *labels, svg, png, analysis))
+        saved.append(SavedFigure(name, candidate, sheet, title, caption, svg, png, analysis))
     return saved

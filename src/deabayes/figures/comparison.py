@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.comparison.verdicts import NOT_RANKED
-from deabayes.figures import style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -52,13 +52,12 @@ def draw(results: StudyResults) -> list[Figure]:
     shown = [c for c in CRITERIA if c[0] in table and np.isfinite(table.loc[reference, c[0]])]
     if not shown:
         return []
-    height = 0.24 * len(table) + 0.65 + style.HEADER + 0.13 * len(table)
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    height = 0.24 * len(table) + 0.65 + 0.13 * len(table)
+    figure, (axes,) = panels.grid(1, len(shown), height, sharey=True)
     for ax, criterion in zip(axes, shown, strict=True):
         _criterion(ax, table, reference, *criterion)
-    axes[0].set_yticks(range(len(table)), [_name(n, row) for n, row in table.iterrows()])
-    axes[0].set_ylim(len(table) - 0.5, -0.5)
+    sizes = table["n_parameters"].astype(int)
+    panels.name_rows(axes[0], [f"{name} ({size} par.)" for name, size in sizes.items()])
     figure.supxlabel(_verdict(table, reference), fontsize=6.5, x=0.01, ha="left")
     return [figure]
 
@@ -79,11 +78,11 @@ def _criterion(
         ax.errorbar(difference[name], row, xerr=width[name] or None, fmt="o", color=colour,
                     capsize=2, elinewidth=0.8)  # fmt: skip
     shown = difference[converged].dropna()
-    if not shown.empty:
-        ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
     if shown.empty:
         ax.set_xticks([])
-    elif np.ptp(np.append(shown, 0)) > WIDE:
+    else:
+        ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
+    if np.ptp(np.append(shown, 0)) > WIDE:
         ax.set_xscale("symlog", linthresh=LINEAR)
         ax.set_xticks(_three(shown))
         label += " (log. beyond ±10)"
@@ -112,10 +111,6 @@ def _three(shown: pd.Series) -> list[float]:
     ends = [-shown.min(), shown.max()]
     powers = [10.0 ** np.floor(np.log10(end)) if end > LINEAR else 0.0 for end in ends]
     return sorted({-powers[0], 0.0, powers[1]})
-
-
-def _name(name: object, row: pd.Series) -> str:
-    return f"{name} ({int(row['n_parameters'])} par.)"
 
 
 def _verdict(table: pd.DataFrame, reference: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
@@ -42,36 +42,34 @@ def _runs(results: CandidateResults, name: str) -> FloatArray:
 
 
 def _gates(results: CandidateResults, table: pd.DataFrame) -> Figure:
-    height = 0.135 * len(table) + 0.9 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    left, right, runs = figure.subplots(1, 3, width_ratios=(1, 1, 0.6))
+    height = 0.135 * len(table) + 0.9
+    figure, ((left, right, runs),) = panels.grid(1, 3, height, width_ratios=(1, 1, 0.6))
     rows = np.arange(len(table))
     r_hat, ess = results.gate("r_hat", 1.01), results.gate("ess", 400.0)
-    failed = ~(table["r_hat"] < r_hat)
-    colours = np.where(failed, style.VERMILLION, style.BLUE)
-    left.scatter(table["r_hat"], rows, c=colours, s=9)
-    left.axvline(r_hat, color=style.BLACK, linestyle="--", linewidth=0.8)
+    left.scatter(table["r_hat"], rows, c=_colours(table["r_hat"] < r_hat), s=9)
+    panels.mark_limit(left, r_hat)
     left.set_xlabel(f"R-hat (limit {r_hat:g}; red: not kept)")
     left.set_xlim(min(0.998, table["r_hat"].min() - 0.001))
     for column, marker, text in (("ess_bulk", "o", "bulk"), ("ess_tail", "^", "tails")):
-        low = ~(table[column] >= ess)
-        right.scatter(table[column], rows, c=np.where(low, style.VERMILLION, style.BLUE),
-                      s=9, marker=marker)  # fmt: skip
+        colours = _colours(table[column] >= ess)
+        right.scatter(table[column], rows, c=colours, s=9, marker=marker)
         right.scatter([], [], c=style.BLUE, s=9, marker=marker, label=text)
-    right.axvline(ess, color=style.BLACK, linestyle="--", linewidth=0.8)
+    panels.mark_limit(right, ess)
     sizes = table[["ess_bulk", "ess_tail"]].to_numpy(dtype=float)
     panels.logarithmic(right, np.append(sizes[np.isfinite(sizes)], ess))
     right.set_xlabel(f"effective sample size (limit {ess:g})")
     figure.legend(loc="outside lower right", ncols=2)
-    left.set_yticks(rows, [_name(results, n) for n in table.index], fontsize=6.0)
+    panels.name_rows(left, [_name(results, name) for name in table.index], fontsize=6.0)
     right.set_yticks(rows, [])
-    for ax in (left, right):
-        ax.set_ylim(len(table) - 0.5, -0.5)
+    right.set_ylim(left.get_ylim())
     _lengths(runs, results)
     for ax in (left, right, runs):
-        ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
-        ax.set_axisbelow(True)
+        panels.rule(ax)
     return figure
+
+
+def _colours(passed: pd.Series) -> NDArray[np.str_]:
+    return np.where(passed, style.BLUE, style.VERMILLION)
 
 
 def _lengths(ax: Axes, results: CandidateResults) -> None:
@@ -81,7 +79,7 @@ def _lengths(ax: Axes, results: CandidateResults) -> None:
     rows = np.arange(lengths.size)
     long_enough = results.convergence["length"] >= limit
     ax.scatter(lengths, rows, c=style.BLUE if long_enough else style.VERMILLION, s=9)
-    ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
+    panels.mark_limit(ax, limit)
     if panels.spans_much(np.append(lengths, limit)):
         panels.logarithmic(ax, np.append(lengths, limit), ticks=3)
     else:
@@ -97,9 +95,8 @@ def _name(results: CandidateResults, name: str) -> str:
 
 
 def _traces(results: CandidateResults, names: list[str]) -> Figure:
-    height = 26 * style.MILLIMETRE * len(names) + 0.45 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(len(names), 2, squeeze=False, width_ratios=(2, 1), sharex="col")
+    height = 26 * style.MILLIMETRE * len(names) + 0.45
+    figure, axes = panels.grid(len(names), 2, height, width_ratios=(2, 1), sharex="col")
     for (trace, rank), name in zip(axes, names, strict=True):
         runs = _runs(results, name)
         unit = display_unit(results.label(name)["unit"], np.nanmedian(runs), name)
@@ -108,10 +105,8 @@ def _traces(results: CandidateResults, names: list[str]) -> Figure:
         _ranks(rank, runs)
     axes[-1, 0].set_xlabel("draw (kept, thinned)")
     axes[-1, 1].set_xlabel("rank among all draws")
-    handles = [
-        Line2D([], [], color=style.SERIES[i % len(style.SERIES)], label=f"run {i + 1}")
-        for i in range(results.posterior.sizes["chain"])
-    ]
+    count = results.posterior.sizes["chain"]
+    handles = [panels.key(f"run {k + 1}", panels.colour(k)) for k in range(count)]
     figure.legend(handles=handles, loc="outside lower center", ncols=8)
     return figure
 
@@ -120,21 +115,16 @@ def _trace(ax: Axes, runs: FloatArray) -> None:
     step = max(runs.shape[1] // TRACE_POINTS, 1)
     for index, values in enumerate(runs):
         ax.plot(np.arange(values.size)[::step], values[::step], linewidth=0.4, alpha=0.8,
-                color=style.SERIES[index % len(style.SERIES)])  # fmt: skip
+                color=panels.colour(index))  # fmt: skip
 
 
 def _ranks(ax: Axes, runs: FloatArray) -> None:
     """Draw rank counts per run, relative to the count expected if all runs agree."""
-    for values in _average_ranks(runs) / runs.size:
+    from scipy.stats import rankdata
+
+    for values in rankdata(runs).reshape(runs.shape) / runs.size:
         counts, edges = np.histogram(values, RANK_BINS, range=(0, 1))
         ax.stairs(counts * RANK_BINS / values.size, edges, linewidth=0.9)
     ax.axhline(1.0, color=style.BLACK, linewidth=0.6, linestyle="--")
     ax.set_ylim(0, max(2.0, ax.get_ylim()[1]))
     ax.set_ylabel("count / expected")
-
-
-def _average_ranks(values: FloatArray) -> FloatArray:
-    """Ranks among all values, from 1; equal values share their mean rank."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    ranks = np.cumsum(counts) - 0.5 * (counts - 1)
-    return np.asarray(ranks[place.reshape(values.shape)])

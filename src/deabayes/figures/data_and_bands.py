@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import bands, panels, style
@@ -31,13 +30,8 @@ def draw(
     `log_time` forces or forbids a logarithmic time axis. A non-empty `role` replaces the records'
     own roles in their titles. `observed` is the legend's label of the points.
     """
-    records = panels.side_by_side(results.predictions.values(), log_time)
-    return [_sheet(group, role, observed) for group in panels.batches(records) if group]
 
-
-def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure:
-    figure, axes = panels.sheet(len(records), 44 * style.MILLIMETRE + panels.room(records))
-    for ax, record in zip(axes, records, strict=True):
+    def panel(ax: Axes, record: panels.Record) -> None:
         x = record.horizontal()
         bands.draw(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
@@ -50,5 +44,6 @@ def _sheet(records: Sequence[panels.Record], role: str, observed: str) -> Figure
             ax.set_yscale("log")
         panels.set_horizontal(ax, x)
         panels.title(ax, record, role=role)
-    panels.legend_below(figure, bands.handles(observed))
-    return figure
+
+    records = panels.side_by_side(results.predictions.values(), log_time)
+    return panels.record_sheets(records, 44, panel, bands.handles(observed))

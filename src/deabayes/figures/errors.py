@@ -33,28 +33,26 @@ def draw(results: StudyResults) -> list[Figure]:
     present = [(role, text) for role, text in ROLES if role in roles.values()]
     counts = [sum(r == role for r in roles.values()) for role, _ in present]
     step = 0.10 + 0.05 * len(tables)
-    height = step * sum(counts) + 0.45 * len(counts) + 0.5 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(len(present), 1, squeeze=False, height_ratios=counts, sharex=True)[:, 0]
+    height = step * sum(counts) + 0.45 * len(counts) + 0.5
+    figure, axes = panels.grid(len(present), 1, height, height_ratios=counts, sharex=True)
     unconverged = {c.name for c in results.candidates if not c.converged}
-    for ax, (role, text) in zip(axes, present, strict=True):
+    for ax, (role, text) in zip(axes[:, 0], present, strict=True):
         _panel(ax, tables, [n for n, r in roles.items() if r == role], unconverged)
         ax.set_title(text, loc="left", weight="bold")
     errors = pd.concat([table[COLUMNS] for table in tables.values()]).to_numpy(dtype=float)
     if panels.spans_much(errors[:, 0]):
-        for ax in axes:
+        for ax in axes[:, 0]:
             panels.logarithmic(ax, errors)
     else:
-        axes[0].set_xlim(left=0)  # last, because it stops autoscaling to the data of all panels
-    axes[-1].set_xlabel("rms error (% of the record's range)")
-    panels.legend_below(figure, panels.labelled(axes[0]), 4)
+        axes[0, 0].set_xlim(left=0)  # last, because it stops autoscaling to the data of all panels
+    axes[-1, 0].set_xlabel("rms error (% of the record's range)")
+    panels.legend_below(figure, panels.labelled(axes[0, 0]), 4)
     return [figure]
 
 
 def _panel(
     ax: Axes, tables: dict[str, pd.DataFrame], experiments: list[str], unconverged: set[str]
 ) -> None:
-    offsets = np.linspace(-0.25, 0.25, len(tables)) if len(tables) > 1 else [0.0]
     flagged: set[str] = set()
     failed: dict[int, list[str]] = {}
     for index, (candidate, table) in enumerate(tables.items()):
@@ -63,24 +61,19 @@ def _panel(
         for row, name in enumerate(experiments):
             if name in table.index and np.isnan(rows.loc[name, "e_rms_percent"]):
                 failed.setdefault(row, []).append(candidate)
-        place = np.arange(len(rows)) + offsets[index]
+        place = np.arange(len(rows)) + panels.spread(index, len(tables), 0.25)
         ax.hlines(place, rows["e_rms_q05"], rows["e_rms_q95"], color=panels.colour(index),
                   linewidth=0.8)  # fmt: skip
         ax.plot(
             rows["e_rms_percent"], place, panels.marker(index), color=panels.colour(index),
             markerfacecolor="white" if candidate in unconverged else None,
             clip_on=False, in_layout=False,
-            label=candidate + (" (not converged)" if candidate in unconverged else ""),
+            label=panels.marked(candidate, candidate not in unconverged),
         )  # fmt: skip
     for row, candidates in failed.items():
         words = panels.wrapped(f"{', '.join(candidates)}: {panels.NO_RESPONSE}", 36)
         ax.text(1.01, row, words, fontsize=6, va="center", style="italic",
                 color=style.VERMILLION, transform=ax.get_yaxis_transform())  # fmt: skip
-    ax.set_yticks(
-        range(len(experiments)), [n + (" ✕" if n in flagged else "") for n in experiments]
-    )
-    for row in range(0, len(experiments), 2):
-        ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
-    ax.set_ylim(len(experiments) - 0.5, -0.5)
-    ax.grid(axis="x", color=style.LIGHT_GREY, linewidth=0.4)
-    ax.set_axisbelow(True)
+    panels.shade_rows(ax, len(experiments))
+    panels.name_rows(ax, [name + (" ✕" if name in flagged else "") for name in experiments])
+    panels.rule(ax, "x")

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import style
+from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 
 SCOPE = "study"
@@ -32,17 +32,15 @@ def draw(results: StudyResults) -> list[Figure]:
     table = table.head(MOST_SHOWN)
     candidates = str(table["candidates"].iloc[0]).split(", ")
     several = len(candidates) > 1
-    height = 0.2 * len(table) + 0.75 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(1, 3 if several else 1, sharey=True, squeeze=False)[0]
+    figure, (axes,) = panels.grid(
+        1, 3 if several else 1, 0.2 * len(table) + 0.75, sharey=True
+    )  # fmt: skip
     if several:
         _told_apart(axes[0], axes[1], table, len(candidates))
     _parameters(axes[-1], table, candidates)
-    axes[0].set_yticks(range(len(table)), [_name(row) for _, row in table.iterrows()])
-    axes[0].set_ylim(len(table) - 0.5, -0.5)
+    panels.name_rows(axes[0], [_name(row) for _, row in table.iterrows()])
     for ax in axes:
-        for row in range(0, len(table), 2):
-            ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
+        panels.shade_rows(ax, len(table))
     if several:
         figure.legend(*axes[-1].get_legend_handles_labels(), loc="outside lower right", ncols=4)
     return [figure]
@@ -52,9 +50,8 @@ def _told_apart(left: Axes, right: Axes, table: pd.DataFrame, count: int) -> Non
     """Draw the probability of naming the right candidate, and the information about it."""
     left.axvline(1.0 / count, color=style.GREY, linestyle=":", linewidth=0.8)
     right.axvline(np.log(count), color=style.GREY, linestyle="--", linewidth=0.8)
-    colours = (style.BLUE, style.BLUE)
-    _dots(left, table, "probability_right", "probability_right_error", *colours)
-    _dots(right, table, "information_candidate_nats", "information_candidate_error_nats", *colours)
+    _dots(left, table, "probability_right", "probability_right_error")
+    _dots(right, table, "information_candidate_nats", "information_candidate_error_nats")
     left.set_xlim(1.0 / count - 0.05, 1.02)
     left.set_xlabel("probability of deciding rightly")
     right.set_xlim(-0.03 * np.log(count), 1.05 * np.log(count))
@@ -63,13 +60,13 @@ def _told_apart(left: Axes, right: Axes, table: pd.DataFrame, count: int) -> Non
 
 def _parameters(ax: Axes, table: pd.DataFrame, candidates: list[str]) -> None:
     """Draw the information about the parameters of each candidate."""
-    offsets = np.linspace(-0.2, 0.2, len(candidates)) if len(candidates) > 1 else [0.0]
-    for index, (candidate, offset) in enumerate(zip(candidates, offsets, strict=True)):
-        colour = style.SERIES[(index + 1) % len(style.SERIES)]
-        name = f"information_{candidate}"
-        _dots(ax, table, f"{name}_nats", f"{name}_error_nats", colour, colour, index + 1, offset)
-        ax.plot([], [], style.MARKERS[(index + 1) % len(style.MARKERS)], color=colour,
-                label=candidate)  # fmt: skip
+    for index, candidate in enumerate(candidates):
+        offset, name = panels.spread(index, len(candidates), 0.2), f"information_{candidate}"
+        # blue circles are the information about the candidate
+        point = {"color": panels.colour(index + 1),
+                 "marker": style.MARKERS[(index + 1) % len(style.MARKERS)]}  # fmt: skip
+        _dots(ax, table, f"{name}_nats", f"{name}_error_nats", offset, **point)
+        ax.plot([], [], linestyle="none", label=candidate, **point)
     ax.set_xlim(left=0.0)
     owner = f"parameters of {candidates[0]}" if len(candidates) == 1 else "each one's parameters"
     ax.set_xlabel(f"about {owner} (nats)")
@@ -80,16 +77,15 @@ def _dots(
     table: pd.DataFrame,
     column: str,
     error: str,
-    colour: str,
-    edge: str,
-    marker: int = 0,
     offset: float = 0.0,
+    color: str = style.BLUE,
+    marker: str = "o",
 ) -> None:
     for row, (_, values) in enumerate(table.iterrows()):
         ax.errorbar(
-            values[column], row + offset, xerr=2.0 * values[error], color=colour, elinewidth=0.8,
-            fmt=style.MARKERS[marker % len(style.MARKERS)], markeredgecolor=edge,
-            markerfacecolor="white" if values["held_out"] else colour,
+            values[column], row + offset, xerr=2.0 * values[error], color=color, elinewidth=0.8,
+            fmt=marker, markeredgecolor=color,
+            markerfacecolor="white" if values["held_out"] else color,
         )  # fmt: skip
 
 

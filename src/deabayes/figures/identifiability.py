@@ -7,8 +7,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
-from deabayes.figures import style
+from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 from deabayes.posteriors.sensitivity import SENSITIVE, SET_BY_PRIOR, SMALLEST_CONTRACTION, in_words
 from deabayes.quantities import symbol_text
@@ -40,57 +41,50 @@ def draw(results: CandidateResults) -> list[Figure]:
     names = [n for kind in COLOURS for n in results.names(kind) if n in table.index]
     table = table.loc[names]
     kinds = [results.kind(name) for name in names]
-    height = 0.135 * len(table) + 0.75 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    left, middle, right = figure.subplots(1, 3, sharey=True)
-    _contraction(left, table, kinds)
-    _sensitivity(middle, table, kinds)
-    _width(right, table, kinds)
+    colours = np.array([COLOURS[kind] for kind in kinds])
+    height = 0.135 * len(table) + 0.75
+    figure, ((left, middle, right),) = panels.grid(1, 3, height, sharey=True)
+    _contraction(left, table, colours)
+    _sensitivity(middle, table, colours)
+    _width(right, table, colours)
     labels = [symbol_text(name, results.label(name)["symbol"]) for name in names]
-    left.set_yticks(range(len(names)), labels, fontsize=6.0)
-    left.set_ylim(len(names) - 0.5, -0.5)
-    handles = [Patch(color=c, label=k) for k, c in COLOURS.items() if k in kinds]
+    panels.name_rows(left, labels, fontsize=6.0)
+    handles = [Patch(color=colour, label=k) for k, colour in COLOURS.items() if k in kinds]
     set_by_prior = Patch(facecolor="white", edgecolor=style.VERMILLION, label=SET_BY_PRIOR)
     figure.legend(handles=[*handles, set_by_prior], loc="outside lower center", ncols=5)
     return [figure]
 
 
-def _contraction(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
-    values = table["contraction"].to_numpy(dtype=float)
+def _contraction(ax: Axes, table: pd.DataFrame, colours: NDArray[np.str_]) -> None:
     limit = 100 * SMALLEST_CONTRACTION
-    for row, (value, kind) in enumerate(zip(values, kinds, strict=True)):
+    for row, (value, colour) in enumerate(zip(table["contraction"], colours, strict=True)):
         if not np.isfinite(value):
             continue
-        ax.barh(row, 100 * np.clip(value, 0, 1), color=COLOURS[kind], height=0.65)
+        ax.barh(row, 100 * np.clip(value, 0, 1), color=colour, height=0.65)
         if in_words(table.iloc[row]) == SET_BY_PRIOR:
             ax.barh(row, limit, facecolor="none", edgecolor=style.VERMILLION, height=0.65,
                     linewidth=0.8)  # fmt: skip
-    ax.axvline(limit, color=style.BLACK, linestyle="--", linewidth=0.8)
+    panels.mark_limit(ax, limit)
     ax.set_xlim(0, 102)
     ax.set_xlabel("contraction (%)")
 
 
-def _sensitivity(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
+def _sensitivity(ax: Axes, table: pd.DataFrame, colours: NDArray[np.str_]) -> None:
     rows = np.arange(len(table))
-    colours = [COLOURS[k] for k in kinds]
     if "prior_sensitivity" in table:
         ax.scatter(table["prior_sensitivity"], rows, s=10, marker="D", c=colours, zorder=3)
         ax.scatter(table["likelihood_sensitivity"], rows, s=24, facecolors="none",
                    edgecolors=colours, linewidths=0.8, zorder=3)  # fmt: skip
-    ax.axvline(SENSITIVE, color=style.BLACK, linestyle="--", linewidth=0.8)
+    panels.mark_limit(ax, SENSITIVE)
     ax.set_xlim(left=0)
     ax.set_xlabel("moved by prior (◆), by data (○)")
-    ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
-    ax.set_axisbelow(True)
+    panels.rule(ax)
 
 
-def _width(ax: Axes, table: pd.DataFrame, kinds: list[str]) -> None:
+def _width(ax: Axes, table: pd.DataFrame, colours: NDArray[np.str_]) -> None:
     relative = 100 * (table["q95"] - table["q05"]) / 2 / table["median"].abs()
-    rows = np.arange(len(table))
-    kept = np.isfinite(relative) & (relative > 0)
-    colours = np.array([COLOURS[k] for k in kinds])
-    ax.scatter(relative[kept], rows[kept], c=colours[kept], s=10, zorder=3)
+    shown = np.isfinite(relative) & (relative > 0)
+    ax.scatter(relative[shown], np.flatnonzero(shown), c=colours[shown], s=10, zorder=3)
     ax.set_xscale("log")
     ax.set_xlabel("half width of 90 % interval\n(% of the median)")
-    ax.grid(axis="y", color=style.LIGHT_GREY, linewidth=0.4)
-    ax.set_axisbelow(True)
+    panels.rule(ax)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -33,17 +32,13 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(results: CandidateResults, names: Sequence[str]) -> Figure:
-    rows = -(-len(names) // COLUMNS)
-    size = (style.DOUBLE_COLUMN, 29 * style.MILLIMETRE * rows + 0.3 + style.HEADER)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
-    for ax in axes[len(names) :]:
-        ax.remove()
-    for ax, name in zip(axes, names, strict=False):
+    height = 29 * style.MILLIMETRE * -(-len(names) // COLUMNS) + 0.3
+    figure, axes = panels.cells(len(names), COLUMNS, height)
+    for ax, name in zip(axes, names, strict=True):
         _marginal(ax, results, name)
     handles = [
         Patch(color=style.BLUE, alpha=0.6, label="posterior"),
-        Line2D([], [], color=style.VERMILLION, linestyle="--", label="prior"),
+        panels.key("prior", style.VERMILLION, linestyle="--"),
     ]
     panels.legend_below(figure, handles)
     return figure

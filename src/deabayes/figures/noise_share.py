@@ -31,21 +31,19 @@ def draw(results: CandidateResults) -> list[Figure]:
     shares = correlated_shares(results)
     if not shares:
         return []
-    height = 0.17 * len(shares) + 0.75 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    height = 0.17 * len(shares) + 0.75
+    figure, ((left, right),) = panels.grid(1, 2, height, sharey=True, width_ratios=(3, 2))
     units, label = _coordinates(results, list(shares))
     for row, name in enumerate(shares):
         _shares(left, row, shares[name])
         _times(right, row, results, name, units[name])
-    left.axvline(100 * ALARMING, color=style.BLACK, linestyle="--", linewidth=0.8)
+    panels.mark_limit(left, 100 * ALARMING)
     left.set_xscale("log")
     left.set_xlabel("share of the record's variance (%)")
     right.set_xscale("log")
     panels.logarithmic(right, np.array(right.get_xlim()))
     right.set_xlabel(label)
-    left.set_yticks(range(len(shares)), list(shares))
-    left.set_ylim(len(shares) - 0.5, -0.5)
+    panels.name_rows(left, list(shares))
     panels.legend_below(figure, panels.labelled(left, right), 4)
     return [figure]
 
@@ -105,9 +103,8 @@ def _quantiles(values: FloatArray) -> FloatArray:
 def _shares(ax: Axes, row: int, shares: Mapping[str, FloatArray]) -> None:
     for kind, colour, shift in (("correlated", style.ORANGE, -0.12), ("white", style.GREY, 0.12)):
         if kind in shares:
-            low, median, high = 100 * np.maximum(shares[kind], 1e-9)
-            ax.errorbar(median, row + shift, xerr=[[median - low], [high - median]], fmt="o",
-                        color=colour, elinewidth=0.9, label=f"{kind} noise")  # fmt: skip
+            ends = 100 * np.maximum(shares[kind], 1e-9)
+            _interval(ax, ends, row + shift, fmt="o", color=colour, label=f"{kind} noise")
 
 
 def _coordinates(results: CandidateResults, names: list[str]) -> tuple[dict[str, float], str]:
@@ -130,6 +127,11 @@ def _times(ax: Axes, row: int, results: CandidateResults, name: str, unit: float
     length = coordinate.size - 1 if _along_grid(results) else np.ptp(coordinate) / unit
     ax.plot(length, row, "|", color=style.BLACK, markersize=6, label="record's length")
     if results.noise.length:
-        low, median, high = _quantiles(results.noise_draws(name)[results.noise.length] / unit)
-        ax.errorbar(median, row, xerr=[[median - low], [high - median]], fmt="s", color=style.BLUE,
-                    elinewidth=0.9, label="correlation time or length")  # fmt: skip
+        ends = _quantiles(results.noise_draws(name)[results.noise.length] / unit)
+        label = "correlation time or length"
+        _interval(ax, ends, row, fmt="s", color=style.BLUE, label=label)
+
+
+def _interval(ax: Axes, ends: FloatArray, row: float, **settings: str) -> None:
+    low, median, high = ends
+    ax.errorbar(median, row, xerr=[[median - low], [high - median]], elinewidth=0.9, **settings)

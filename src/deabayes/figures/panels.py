@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ from matplotlib.ticker import (
     MaxNLocator,
     NullFormatter,
 )
+from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
@@ -47,19 +49,69 @@ def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequenc
     return [items[a:b] for a, b in pairwise(edges)]
 
 
+def grid(
+    rows: int, columns: int, height: float, width: float = 1.0, **options: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure with a grid of panels, and its axes (rows, columns).
+
+    Parameters
+    ----------
+    height : of all rows together, without the header, in inches.
+    width : share of the width of two columns of a journal.
+    options : further arguments of matplotlib's `Figure.subplots`.
+    """
+    size = (width * style.DOUBLE_COLUMN, height + style.HEADER)
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def cells(
+    count: int, columns: int, height: float, width: float = 1.0, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` panels in rows of `columns`, and its axes (see `grid`)."""
+    figure, axes = grid(-(-count // columns), columns, height, width, **options)
+    for ax in axes.ravel()[count:]:
+        ax.remove()
+    return figure, list(axes.ravel()[:count])
+
+
 def sheet(count: int, panel_height: float) -> tuple[Figure, list[Axes]]:
     """Return a figure with `count` panels, at most three in a row, and its axes."""
     columns = min(count, 3) if count != 4 else 2
-    rows = -(-count // columns)
-    width = style.DOUBLE_COLUMN if columns > 1 else 0.7 * style.DOUBLE_COLUMN
     if columns < 3:
         panel_height *= 1.25
-    height = rows * panel_height + style.HEADER + 0.35
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for ax in axes[count:]:
-        ax.remove()
-    return figure, list(axes[:count])
+    height = -(-count // columns) * panel_height + 0.35
+    return cells(count, columns, height, 1.0 if columns > 1 else 0.7)
+
+
+def name_rows(ax: Axes, names: Sequence[str], **text: Any) -> None:
+    """Give every row of a panel its name; the first row is on top."""
+    ax.set_yticks(range(len(names)), names, **text)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+
+
+def shade_rows(ax: Axes, count: int) -> None:
+    """Shade every second row of a panel."""
+    for row in range(0, count, 2):
+        ax.axhspan(row - 0.5, row + 0.5, color="#f4f4f4", zorder=0)
+
+
+def rule(ax: Axes, axis: Literal["x", "y"] = "y") -> None:
+    """Draw light lines across the panel at the ticks of an axis."""
+    ax.grid(axis=axis, color=style.LIGHT_GREY, linewidth=0.4)
+    ax.set_axisbelow(True)
+
+
+def mark_limit(ax: Axes, value: float) -> None:
+    """Draw a dashed vertical line at a limit."""
+    ax.axvline(value, color=style.BLACK, linestyle="--", linewidth=0.8)
+
+
+def key(label: str, colour: str = style.BLACK, **settings: Any) -> Line2D:
+    """Return a legend entry: a line, or points if `marker` is given without `linestyle`."""
+    if "marker" in settings:
+        settings.setdefault("linestyle", "none")
+    return Line2D([], [], color=colour, label=label, **settings)
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist], columns: int = 3) -> None:
@@ -113,6 +165,11 @@ class Record:
         return str(self.prediction.attrs["experiment"])
 
     @property
+    def role(self) -> str:
+        """Role of the record in words."""
+        return ROLES[str(self.prediction.attrs["role"])]
+
+    @property
     def protocol(self) -> str:
         return str(self.prediction.attrs["protocol"])
 
@@ -161,6 +218,14 @@ class Record:
         """Variable `name` over the part of the record that is shown, in display units."""
         return self.whole(name, **selection)[..., self.shown]
 
+    def whole_band(self, name: str) -> FloatArray:
+        """Lower and upper end (2, N) of a 90 % band over the whole record, in display units."""
+        return np.stack([self.whole(name, level=0.9, bound=b) for b in ("lower", "upper")])
+
+    def band(self, name: str) -> FloatArray:
+        """Lower and upper end (2, N) of a 90 % band over the part of the record that is shown."""
+        return self.whole_band(name)[:, self.shown]
+
     @property
     def shown(self) -> slice:
         time = self.prediction["coordinate"].values
@@ -204,6 +269,29 @@ def side_by_side(predictions: Iterable[xr.Dataset], log_time: bool | None = None
         name = each.response_name
         largest[name] = max(each.largest, largest.get(name, 0.0))
     return [replace(each, beside=largest[each.response_name]) for each in alone]
+
+
+def record_sheets(
+    records: Sequence[Record],
+    millimetres: float,
+    draw: Callable[[Axes, Record], None],
+    entries: Sequence[Artist],
+) -> list[Figure]:
+    """Return sheets of at most nine records, with one legend below each sheet.
+
+    Parameters
+    ----------
+    millimetres : height of a panel.
+    draw : function that draws the panel of a record.
+    """
+    figures = []
+    for group in batches(records) if records else []:
+        figure, axes = sheet(len(group), millimetres * style.MILLIMETRE + room(group))
+        for ax, record in zip(axes, group, strict=True):
+            draw(ax, record)
+        legend_below(figure, entries)
+        figures.append(figure)
+    return figures
 
 
 def _unit(variable: xr.DataArray) -> str:
@@ -273,10 +361,15 @@ def marker(index: int) -> str:
     return style.MARKERS[(index + index // len(style.SERIES)) % len(style.MARKERS)]
 
 
+def marked(name: str, converged: bool) -> str:
+    """Name of a candidate, marked if it did not converge."""
+    return name if converged else f"{name} (not converged)"
+
+
 def names(curves: xr.Dataset) -> list[str]:
     """Names of a data set's candidates, marked if they did not converge."""
     pairs = zip(curves["candidate"].values, curves["converged"].values, strict=True)
-    return [str(name) + ("" if converged else " (not converged)") for name, converged in pairs]
+    return [marked(str(name), converged) for name, converged in pairs]
 
 
 def draw_candidate(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> None:
@@ -286,29 +379,66 @@ def draw_candidate(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> No
     ax.plot(x, median, color=colour(index), linestyle=line(index), linewidth=1.0)
 
 
-def fill_loop(ax: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, index: int) -> None:
-    """Fill the band of a loop for each branch separately; the two bands may overlap."""
+def draw_candidates(ax: Axes, x: FloatArray, bands: FloatArray) -> None:
+    """Draw median and band of every candidate; `bands` is (candidate, 3, N)."""
+    for index, of_candidate in enumerate(bands):
+        draw_candidate(ax, x, of_candidate, index)
+
+
+def draw_loop(ax: Axes, x: FloatArray, bands: FloatArray, index: int) -> None:
+    """Draw median and band (3, N) of a loop; its branches are filled separately, for overlap."""
+    lower, median, upper = bands
     for part in branches(x):
         ax.fill_between(x[part], lower[part], upper[part], color=colour(index), alpha=0.22,
                         linewidth=0)  # fmt: skip
+    ax.plot(x, median, color=colour(index), linestyle=line(index))
+
+
+def draw_by_role(
+    ax: Axes, x: FloatArray, y: FloatArray, calibrated: NDArray[np.bool_], **settings: Any
+) -> None:
+    """Draw points: filled for calibration records, open for held-out records."""
+    settings = {"linestyle": "none", "markersize": 3.5, **settings}
+    for part, fill in ((calibrated, settings["color"]), (~calibrated, "white")):
+        ax.plot(x[part], y[part], markerfacecolor=fill, **settings)
 
 
 def handles(curves: xr.Dataset, measured: bool = True) -> list[Line2D | Patch]:
     """Legend entries: measured, each candidate, the band."""
-    entries: list[Line2D | Patch] = []
-    if measured:
-        entries.append(Line2D([], [], color=style.BLACK, marker="o", markersize=2.5,
-                              linestyle="none", label="measured"))  # fmt: skip
+    entries = [key("measured", marker="o", markersize=2.5)] if measured else []
     entries += [
-        Line2D([], [], color=colour(k), linestyle=line(k), linewidth=1.0, label=name)
+        key(name, colour(k), linestyle=line(k), linewidth=1.0)
         for k, name in enumerate(names(curves))
     ]
     return [*entries, Patch(color=style.GREY, alpha=0.25, label=BAND)]
 
 
-def by_size(curves: Sequence[xr.Dataset], key: str) -> list[xr.Dataset]:
-    """Data sets sorted by the attribute `key`, largest first."""
-    return sorted(curves, key=lambda each: -float(each.attrs[key]))
+def candidate_handles(table: pd.DataFrame) -> list[Line2D]:
+    """Legend entries: the marker of each candidate in a table, and whether it converged."""
+    pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
+    return [
+        key(marked(name, converged), colour(k), marker=marker(k))
+        for k, (name, converged) in enumerate(pairs)
+    ]
+
+
+def role_handles(colour: str = style.BLACK, before: str = "", **settings: Any) -> list[Line2D]:
+    """Legend entries of `draw_by_role`: filled points for calibration, open ones for held out."""
+    return [
+        key(before + words, colour, marker="o", markerfacecolor=fill, **settings)
+        for words, fill in zip(ROLES.values(), (colour, "white"), strict=True)
+    ]
+
+
+def by_size(curves: Iterable[xr.Dataset], attribute: str) -> list[xr.Dataset]:
+    """Data sets sorted by an attribute, largest first."""
+    return sorted(curves, key=lambda each: -float(each.attrs[attribute]))
+
+
+def place_of(name: str, curves: xr.Dataset) -> int:
+    """Place of a candidate in a data set; 0 if the data set does not hold it."""
+    candidates = curves["candidate"].values.tolist()
+    return candidates.index(name) if name in candidates else 0
 
 
 def spread(index: int, count: int, width: float = 0.22) -> float:
@@ -332,14 +462,18 @@ def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None
     `whole` leaves out the note on which cycles are shown. A non-empty `role` replaces the
     record's own role.
     """
-    attributes = record.prediction.attrs
-    words = role or str(ROLES.get(str(attributes["role"]), attributes["role"]))
+    words = role or record.role
     if not record.name.startswith(record.protocol):
         words += f", {plain(record.protocol)}"
     if record.shown.start and not whole:
         gaps = after_last_gap(record.prediction["coordinate"].values) > 0
         words += ", last cycle kept" if gaps else f", last {CYCLES_SHOWN} cycles"
     heading(ax, record.name, words, EXTRAPOLATION if record.extrapolation else "")
+
+
+def name_and_role(record: xr.Dataset) -> str:
+    """Name and role of the record of a prediction or of an analysis' data set."""
+    return f"{record.attrs['experiment']}, {ROLES[str(record.attrs['role'])]}"
 
 
 def heading(ax: Axes, name: str, words: str, flag: str = "") -> None:

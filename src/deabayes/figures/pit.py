@@ -36,9 +36,7 @@ def draw(results: CandidateResults) -> list[Figure]:
     if not shown:
         return []
     rows = sum(min(sum(map(_leaves, lines.values())), NAMED) for lines in shown.values())
-    height = 2.1 + 0.13 * max(rows, 1) + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    figure, (axes,) = panels.grid(1, len(shown), 2.1 + 0.13 * max(rows, 1), sharey=True)
     reach = max(_reach(line) for lines in shown.values() for line in lines.values())
     axes[0].set_ylim(np.array([-1.05, 1.05]) * max(reach, 1.5))
     for k, (ax, (role, lines)) in enumerate(zip(axes, shown.items(), strict=True)):

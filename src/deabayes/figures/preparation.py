@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -46,20 +47,18 @@ class PreparedRecord:
 
     @property
     def excitation_unit(self) -> DisplayUnit:
-        excitation = self.experiment.excitation
-        return display_unit(excitation.unit, excitation.values, excitation.name)
+        drive = self.experiment.excitation
+        return display_unit(drive.unit, drive.values, drive.name)
 
     @property
     def response_unit(self) -> DisplayUnit:
-        return display_unit(
-            self.experiment.response_unit, self.experiment.response, self.experiment.response_name
-        )
+        e = self.experiment
+        return display_unit(e.response_unit, e.response, e.response_name)
 
     @property
     def coordinate_unit(self) -> DisplayUnit:
-        """Display unit of the coordinate."""
-        unit, values = self.experiment.coordinate_unit, self.experiment.coordinate
-        return display_unit(unit, values, self.experiment.coordinate_name)
+        e = self.experiment
+        return display_unit(e.coordinate_unit, e.coordinate, e.coordinate_name)
 
     @property
     def is_curve(self) -> bool:
@@ -71,17 +70,26 @@ class PreparedRecord:
         """Whether the response is drawn against the excitation, as for protocol `load_unload`."""
         return self.experiment.protocol == "load_unload"
 
-    def turn(self) -> float | None:
+    @property
+    def ends(self) -> tuple[float, float]:
+        """First and last coordinate of the excitation."""
+        first, last = self.experiment.excitation.coordinate[[0, -1]].tolist()
+        return first, last
+
+    @cached_property
+    def hold_start(self) -> float | None:
         """Coordinate at which the final long hold begins; None if the record has none."""
-        if self.is_curve:
-            return None
         knots, values = self.experiment.excitation.coordinate, self.experiment.excitation.values
         far = np.abs(values - values[-1]) > 0.05 * max(float(np.ptp(values)), 1e-300)
-        if not far.any():
+        if self.is_curve or not far.any():
             return None
         start = float(knots[int(np.flatnonzero(far)[-1]) + 1])
-        ramp, hold = start - float(knots[0]), float(knots[-1]) - start
-        return start if hold > LONG_HOLD * max(ramp, 0.0) else None
+        first, last = self.ends
+        return start if last - start > LONG_HOLD * max(start - first, 0.0) else None
+
+    def since_hold(self, coordinate: FloatArray) -> FloatArray:
+        """Coordinate in display units, counted from the start of the final hold if there is one."""
+        return (coordinate - (self.hold_start or 0.0)) / self.coordinate_unit.factor
 
 
 def draw(results: StudyResults | str | Path) -> list[Figure]:
@@ -116,69 +124,63 @@ def _sheet(records: Sequence[PreparedRecord]) -> Figure:
 
 def _draw_response(ax: Axes, record: PreparedRecord) -> None:
     """Draw the raw samples, the hidden samples and the points of the likelihood."""
-    experiment, unit = record.experiment, record.response_unit
-    loop = record.is_loop
-    at = experiment.excitation.at(experiment.coordinate)
-    points = _across(record, at if loop else experiment.coordinate, loop)
-    if record.raw is not None:
-        x = _across(record, record.raw.excitation if loop else record.raw.coordinate, loop)
-        y, hidden = record.raw.response / unit.factor, record.raw.masked
+    experiment, unit, raw = record.experiment, record.response_unit, record.raw
+
+    def across(coordinate: FloatArray, excitation: FloatArray) -> FloatArray:
+        if record.is_loop:
+            return excitation / record.excitation_unit.factor
+        return record.since_hold(coordinate)
+
+    if raw is not None:
+        x, y, hidden = (
+            across(raw.coordinate, raw.excitation),
+            raw.response / unit.factor,
+            raw.masked,
+        )
         ax.plot(x, y, color=style.GREY, alpha=0.55, linewidth=0.7, zorder=1)
         ax.plot(x[hidden], y[hidden], linestyle="none", marker="x", color=style.ORANGE,
                 markersize=2.6, markeredgewidth=0.7, zorder=2)  # fmt: skip
-    ax.plot(points, experiment.response / unit.factor, linestyle="none", marker="o",
-            color=style.BLUE, markersize=1.8, markeredgewidth=0, zorder=3)  # fmt: skip
+    x = across(experiment.coordinate, experiment.excitation.at(experiment.coordinate))
+    ax.plot(x, experiment.response / unit.factor, linestyle="none", marker="o", color=style.BLUE,
+            markersize=1.8, markeredgewidth=0, zorder=3)  # fmt: skip
     ax.set_ylabel(plain(experiment.response_name) + unit.suffix)
-    _label_across(ax, record, loop, labelled=loop or record.is_curve)
+    if record.is_loop:
+        ax.set_xlabel(plain(experiment.excitation.name) + record.excitation_unit.suffix)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+    else:
+        _label_coordinate(ax, record, record.is_curve)
 
 
 def _draw_excitation(ax: Axes, record: PreparedRecord) -> None:
     """Draw the excitation as recorded and as it drives the model."""
     excitation, unit = record.experiment.excitation, record.excitation_unit
+    knots = excitation.coordinate
     if record.raw is not None:
-        ax.plot(_across(record, record.raw.coordinate), record.raw.excitation / unit.factor,
+        ax.plot(record.since_hold(record.raw.coordinate), record.raw.excitation / unit.factor,
                 color=style.GREY, alpha=0.55, linewidth=2.0)  # fmt: skip
     # the axis is not linear between knots, so the straight piece needs more points
-    dense = np.unique(np.concatenate([excitation.coordinate, _spread(record)]))
-    ax.plot(_across(record, dense), excitation.at(dense) / unit.factor,
+    dense, (first, last), start = knots, record.ends, record.hold_start
+    if start is not None and last > start:
+        later = start + np.geomspace(1e-4 * (last - start), last - start, 100)
+        dense = np.unique(np.concatenate([knots, later]))
+    ax.plot(record.since_hold(dense), excitation.at(dense) / unit.factor,
             color=style.VERMILLION, linewidth=0.7)  # fmt: skip
-    if excitation.coordinate.size <= MARKED_KNOTS:
-        ax.plot(_across(record, excitation.coordinate), excitation.values / unit.factor,
-                linestyle="none", marker="s", color=style.VERMILLION, markersize=2.2,
+    if knots.size <= MARKED_KNOTS:
+        ax.plot(record.since_hold(knots), excitation.values / unit.factor, linestyle="none",
+                marker="s", color=style.VERMILLION, markersize=2.2,
                 markeredgewidth=0)  # fmt: skip
     ax.set_ylabel(f"{plain(excitation.name)}\n{unit.suffix.strip()}".strip())
     ax.yaxis.set_major_locator(MaxNLocator(3))
-    _label_across(ax, record, loop=False, labelled=True)
+    _label_coordinate(ax, record, labelled=True)
 
 
-def _across(record: PreparedRecord, values: FloatArray, excitation: bool = False) -> FloatArray:
-    """Values for the horizontal axis in display units: excitation, time, or time since the hold."""
-    if excitation:
-        return values / record.excitation_unit.factor
-    return (values - (record.turn() or 0.0)) / record.coordinate_unit.factor
-
-
-def _spread(record: PreparedRecord) -> FloatArray:
-    """Coordinate values that are dense near the start of the final hold."""
-    first, last = record.experiment.excitation.coordinate[[0, -1]]
-    turn = record.turn()
-    if turn is None or last <= turn:
-        return np.linspace(first, last, 2)
-    return turn + np.geomspace(1e-4 * (last - turn), last - turn, 100)
-
-
-def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) -> None:
-    """Set scale, ticks and label of the horizontal axis."""
-    experiment, turn = record.experiment, record.turn()
-    if loop:
-        ax.set_xlabel(plain(experiment.excitation.name) + record.excitation_unit.suffix)
-        ax.xaxis.set_major_locator(MaxNLocator(5))
-        return
-    name, suffix = plain(experiment.coordinate_name), record.coordinate_unit.suffix
-    if turn is None:
+def _label_coordinate(ax: Axes, record: PreparedRecord, labelled: bool) -> None:
+    """Set scale, ticks and label of the coordinate's axis."""
+    name, suffix = plain(record.experiment.coordinate_name), record.coordinate_unit.suffix
+    if record.hold_start is None:
         ax.xaxis.set_major_locator(MaxNLocator(5))
     else:
-        linear = _bend(ax, record, turn)
+        linear = _scale_hold(ax, record, record.hold_start)
         name = f"{name} since the hold began"
         # on a separate line, because three such labels stand side by side
         suffix += f"\nlogarithmic beyond {linear:.2g}"
@@ -188,14 +190,14 @@ def _label_across(ax: Axes, record: PreparedRecord, loop: bool, labelled: bool) 
         ax.tick_params(labelbottom=False)
 
 
-def _bend(ax: Axes, record: PreparedRecord, turn: float) -> float:
-    """Make the axis linear within the ramp's length of the turn, and logarithmic beyond.
+def _scale_hold(ax: Axes, record: PreparedRecord, start: float) -> float:
+    """Make the axis linear within the ramp's length of the hold's start, and logarithmic beyond.
 
     Return the length of the linear part on either side, in display units.
     """
-    first, last = record.experiment.excitation.coordinate[[0, -1]]
+    first, last = record.ends
     factor = record.coordinate_unit.factor
-    ramp, hold = (turn - float(first)) / factor, (float(last) - turn) / factor
+    ramp, hold = (start - first) / factor, (last - start) / factor
     linear = ramp or 1e-3 * hold
     # the ramp gets about as much room as two decades of the hold
     ax.set_xscale("symlog", linthresh=linear, linscale=1.2)
@@ -227,13 +229,10 @@ def _title(ax: Axes, experiment: Experiment) -> None:
 def _handles(curves: bool) -> list[Line2D]:
     """Legend entries."""
     handles = [
-        Line2D([], [], color=style.GREY, alpha=0.55, label="as recorded"),
-        Line2D([], [], color=style.ORANGE, marker="x", linestyle="none", label=HIDDEN),
-        Line2D([], [], color=style.BLUE, marker="o", linestyle="none", label=POINTS),
+        panels.key("as recorded", style.GREY, alpha=0.55),
+        panels.key(HIDDEN, style.ORANGE, marker="x"),
+        panels.key(POINTS, style.BLUE, marker="o"),
     ]
-    if not curves:
-        label = "excitation of the model, with its knots"
-        handles.append(
-            Line2D([], [], color=style.VERMILLION, marker="s", linewidth=0.7, label=label)
-        )
-    return handles
+    label = "excitation of the model, with its knots"
+    drive = panels.key(label, style.VERMILLION, marker="s", linestyle="-", linewidth=0.7)
+    return handles if curves else [*handles, drive]

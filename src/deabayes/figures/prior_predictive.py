@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
+from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
 
@@ -22,16 +21,10 @@ CURVES = 50
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Return sheets of the records with prior curves."""
-    known = results.prior_predictive
-    records = panels.side_by_side(p for n, p in results.predictions.items() if n in known)
-    return [_sheet(results, group) for group in panels.batches(records) if group]
 
-
-def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + panels.room(records))
-    for ax, record in zip(axes, records, strict=True):
+    def panel(ax: Axes, record: panels.Record) -> None:
         x = record.horizontal()
-        curves = results.prior_predictive[record.name].values
+        curves = drawn[record.name].values
         curves = curves.reshape(-1, curves.shape[-1])[:CURVES, record.shown] / record.unit.factor
         ax.plot(x.values, curves.T, color=style.GREY, linewidth=0.5, alpha=0.45, rasterized=True)
         observed = record.response("observed")
@@ -40,17 +33,17 @@ def _sheet(results: CandidateResults, records: Sequence[panels.Record]) -> Figur
         ax.set_ylabel(record.label)
         panels.set_horizontal(ax, x)
         panels.title(ax, record)
-    panels.legend_below(
-        figure,
-        [
-            Line2D([], [], color=style.GREY, linewidth=0.8, label="drawn from the prior"),
-            Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
-        ],
-    )
-    return figure
+
+    drawn = results.prior_predictive
+    records = panels.side_by_side(p for n, p in results.predictions.items() if n in drawn)
+    entries = [
+        panels.key("drawn from the prior", style.GREY, linewidth=0.8),
+        panels.key("observed", marker="."),
+    ]
+    return panels.record_sheets(records, 38, panel, entries)
 
 
-def _limits(observed: np.ndarray, curves: np.ndarray) -> tuple[float, float]:
+def _limits(observed: FloatArray, curves: FloatArray) -> tuple[float, float]:
     """Vertical limits that show the data and most curves, but not the extreme ones."""
     finite = curves[np.isfinite(curves).all(axis=1)]
     low, high = float(observed.min()), float(observed.max())

@@ -25,31 +25,23 @@ CAPTION = (
 def draw(results: CandidateResults) -> list[Figure]:
     """Return sheets of residuals along the coordinate, then their spread by noise group."""
     records = panels.side_by_side(results.predictions.values())
-    sheets = [_sheet(group) for group in panels.batches(records) if group]
-    return [*sheets, _spread(results, records)] if records else sheets
+    sheets = panels.record_sheets(records, 38, _panel, bands.handles())
+    return [*sheets, _spread(results, records)] if records else []
 
 
-def _sheet(records: Sequence[panels.Record]) -> Figure:
-    figure, axes = panels.sheet(len(records), 38 * style.MILLIMETRE + panels.room(records))
-    for ax, record in zip(axes, records, strict=True):
-        x = record.against_coordinate()
-        if record.responds:
-            _along(ax, record, x)
-        else:
-            ax.set(xlabel=x.label, xticks=[], yticks=[])
-            panels.say(ax, panels.NO_RESPONSE)
-        ax.set_ylabel(f"residual{record.unit.suffix}")
-        panels.title(ax, record)
-    panels.legend_below(figure, bands.handles())
-    return figure
-
-
-def _along(ax: Axes, record: panels.Record, x: panels.Axis) -> None:
-    median = record.response("median")
-    bands.draw(ax, record, x, minus=median)
-    panels.draw_observed(ax, x.values, record.response("observed") - median)
-    ax.axhline(0, color=style.BLUE, linewidth=1.1)
-    panels.set_horizontal(ax, x)
+def _panel(ax: Axes, record: panels.Record) -> None:
+    x = record.against_coordinate()
+    if record.responds:
+        median = record.response("median")
+        bands.draw(ax, record, x, minus=median)
+        panels.draw_observed(ax, x.values, record.response("observed") - median)
+        ax.axhline(0, color=style.BLUE, linewidth=1.1)
+        panels.set_horizontal(ax, x)
+    else:
+        ax.set(xlabel=x.label, xticks=[], yticks=[])
+        panels.say(ax, panels.NO_RESPONSE)
+    ax.set_ylabel(f"residual{record.unit.suffix}")
+    panels.title(ax, record)
 
 
 def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
@@ -57,9 +49,7 @@ def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figu
     groups = {r.name: results.noise_group(r.name) for r in records}
     order = sorted(records, key=lambda r: (groups[r.name], r.name))
     present = list(dict.fromkeys(groups[r.name] for r in order))
-    height = 0.16 * len(order) + 0.75 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    ax = figure.subplots()
+    figure, ((ax,),) = panels.grid(1, 1, 0.16 * len(order) + 0.75)
     for row, record in enumerate(order):
         _box(ax, row, record, present.index(groups[record.name]), groups[record.name])
     ax.axvline(0, color=style.GREY, linewidth=0.6)

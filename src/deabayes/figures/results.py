@@ -41,6 +41,10 @@ class AnalysisResults:
     def name(self) -> str:
         return self.folder.name
 
+    @property
+    def is_empty(self) -> bool:
+        return not (self.table_names or self.curve_names)
+
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
         import pandas as pd
@@ -121,8 +125,8 @@ class StudyResults:
         return tuple(AnalysisResults.of(folder, entry) for entry in entries)
 
     def analysis(self, name: str) -> AnalysisResults | None:
-        """Return an analysis by its name; None if it was not computed."""
-        return next((each for each in self.analyses if each.name == name), None)
+        """Return an analysis by its name; None if it was not computed or found nothing."""
+        return next((a for a in self.analyses if a.name == name and not a.is_empty), None)
 
     @property
     def provenance(self) -> str:

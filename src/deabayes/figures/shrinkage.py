@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -39,20 +38,17 @@ def _sheet(results: PopulationResults, table: pd.DataFrame, names: Sequence[str]
     members = list(dict.fromkeys(table["study"]))
     across = min(len(names), MOST_ACROSS)
     down = -(-len(names) // across)
-    height = down * (0.19 * (len(members) + 1) + 0.55) + style.HEADER + 0.5
-    width = style.DOUBLE_COLUMN if across > 1 else 0.7 * style.DOUBLE_COLUMN
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
-    for ax in axes[len(names) :]:
-        ax.remove()
-    for ax, name in zip(axes, names, strict=False):
+    height = down * (0.19 * (len(members) + 1) + 0.55) + 0.5
+    width = 1.0 if across > 1 else 0.7
+    figure, axes = panels.cells(len(names), across, height, width, sharey=True)
+    for ax, name in zip(axes, names, strict=True):
         _panel(ax, results, table[table["parameter"] == name], name)
         ax.set_yticks(range(len(members)), members, fontsize=6.0)
         ax.set_ylim(len(members) - 0.4, -0.6)
     handles = [
-        Line2D([], [], color=style.GREY, marker="o", label="by itself"),
-        Line2D([], [], color=style.BLUE, marker="D", label="with the population"),
-        Line2D([], [], color=style.VERMILLION, linestyle="--", label="population's mean"),
+        panels.key("by itself", style.GREY, marker="o", linestyle="-"),
+        panels.key("with the population", style.BLUE, marker="D", linestyle="-"),
+        panels.key("population's mean", style.VERMILLION, linestyle="--"),
         Patch(color=style.VERMILLION, alpha=0.28, linewidth=0, label="mean, 90 %"),
         Patch(color=style.VERMILLION, alpha=0.12, linewidth=0, label="new specimen, 90 %"),
     ]

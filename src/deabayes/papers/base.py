@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+Row = dict[str, object]
+QUANTILES = (0.05, 0.95)
+
 
 @dataclass(frozen=True)
 class Analysis:
@@ -34,6 +37,17 @@ class Analysis:
 
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     curves: Mapping[str, xr.Dataset] = field(default_factory=dict)
+
+    @classmethod
+    def of_rows(
+        cls,
+        tables: Mapping[str, Sequence[Mapping[str, object]]],
+        curves: Mapping[str, xr.Dataset] | None = None,
+    ) -> Analysis:
+        """Return an analysis whose tables are given as rows; a table without rows is left out."""
+        import pandas as pd
+
+        return cls({name: pd.DataFrame(r) for name, r in tables.items() if r}, curves or {})
 
     def write(self, folder: Path) -> None:
         """Write `{table}.csv` and `{curve}.nc` into a folder."""
@@ -101,8 +115,13 @@ class StudyContext:
             if each.protocol in protocols and each.response_name == response
         ]
 
-
-QUANTILES = (0.05, 0.95)
+    def predicted(
+        self, records: Sequence[Experiment]
+    ) -> Iterator[tuple[Row, Experiment, FloatArray]]:
+        """Yield first columns, record and responses (S, N) for every candidate and record."""
+        for name, fitted in self.candidates.items():
+            for record in records:
+                yield labels(name, fitted), record, self.responses(name, record)
 
 
 def interval(
@@ -117,13 +136,26 @@ def interval(
 
     Draws that are not finite are left out.
     """
-    found = np.asarray(draws, dtype=float)
-    found = found[np.isfinite(found)]
-    low, high = np.quantile(found, QUANTILES) if found.size else (np.nan, np.nan)
+    finite = np.asarray(draws, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    low, high = np.quantile(finite, QUANTILES) if finite.size else (np.nan, np.nan)
     if value is None:
-        value = float(np.median(found)) if found.size else np.nan
+        value = float(np.median(finite)) if finite.size else np.nan
     column = f"{name}_{unit}" if unit else name
     return {column: float(value), f"{name}_q05": float(low), f"{name}_q95": float(high)}
+
+
+def error_interval(
+    name: str, curves: FloatArray, error: Callable[[FloatArray], FloatArray]
+) -> dict[str, float]:
+    """Return the columns of an error in percent: of the median curve, and of the draws' own.
+
+    Parameters
+    ----------
+    curves : curves (S, N), one per draw.
+    error : function from curves (..., N) to their errors (...) in percent.
+    """
+    return interval(name, "percent", error(curves), float(error(np.median(curves, axis=0))))
 
 
 def band(draws: FloatArray) -> FloatArray:
@@ -131,41 +163,76 @@ def band(draws: FloatArray) -> FloatArray:
     return np.quantile(draws, [QUANTILES[0], 0.5, QUANTILES[1]], axis=0)
 
 
-def labels(name: str, fitted: Fitted) -> dict[str, object]:
+def bands(
+    context: StudyContext,
+    experiment: Experiment,
+    change: Callable[[FloatArray], FloatArray] = np.asarray,
+) -> FloatArray:
+    """Bands (candidate, bound, ...) of each candidate's responses (S, N) after `change`."""
+    return np.array([band(change(context.responses(c, experiment))) for c in context.candidates])
+
+
+def curve_set(
+    context: StudyContext,
+    coordinates: Mapping[str, tuple[ArrayLike, str]],
+    variables: Mapping[str, tuple[ArrayLike, str]],
+    record: Experiment | None = None,
+    **attributes: object,
+) -> xr.Dataset:
+    """Data set of curves along coordinates, each given as values and unit.
+
+    The dimensions of a variable are those of the coordinates, preceded by `candidate` if it has
+    one more, and by (`candidate`, `bound`) if it has two more. Name and role of a `record` become
+    attributes.
+    """
+    import xarray as xr
+
+    along, fitted = tuple(coordinates), context.candidates
+    content: dict[str, tuple[object, ...]] = {}
+    for name, (values, unit) in variables.items():
+        before = ("candidate", "bound")[: np.ndim(values) - len(along)]
+        content[name] = ((*before, *along), np.asarray(values), {"units": unit})
+    axes: dict[str, object] = {
+        "candidate": list(fitted),
+        "converged": ("candidate", [int(each.converged) for each in fitted.values()]),
+        "bound": ["lower", "median", "upper"],
+    }
+    axes |= {name: (name, values, {"units": unit}) for name, (values, unit) in coordinates.items()}
+    named = {} if record is None else {"experiment": record.name, "role": record.role}
+    return xr.Dataset(content, axes, named | attributes)
+
+
+def labels(name: str, fitted: Fitted) -> Row:
     """First columns of a candidate's row: name, order and convergence."""
     return {"candidate": name, "order": fitted.system.order, "converged": fitted.converged}
 
 
-def beside(rows: Sequence[Mapping[str, object]], unit: str = "kV") -> list[dict[str, object]]:
+FIRST_COLUMNS = ("candidate", "order", "converged", "frequency_Hz")
+
+
+def beside(rows: Sequence[Row]) -> list[Row]:
     """Join the rows of a candidate at one frequency, with the voltage in the column names.
 
-    The voltage is that of the column `voltage_{unit}`. `x_mm` at 5 kV becomes `x_5kV_mm`, and
+    The voltage is that of the column `voltage_kV`. `x_mm` at 5 kV becomes `x_5kV_mm`, and
     `x_q05` becomes `x_5kV_q05`. The lowest frequency and the highest voltage come first. If a
     voltage is repeated at a frequency, the repetition gets its own row below, in the given order.
     """
-    same = ("candidate", "order", "converged", "frequency_Hz")
-    voltage = f"voltage_{unit}"
     candidates = list(dict.fromkeys(row["candidate"] for row in rows))
 
-    def place(row: Mapping[str, object]) -> tuple[float, ...]:
-        frequency, volts = float(str(row["frequency_Hz"])), float(str(row[voltage]))
+    def place(row: Row) -> tuple[float, ...]:
+        frequency, volts = (float(str(row[name])) for name in ("frequency_Hz", "voltage_kV"))
         return candidates.index(row["candidate"]), frequency, -volts
 
-    joined: dict[tuple[object, ...], dict[str, object]] = {}
-    times: Counter[tuple[object, ...]] = Counter()
+    joined: dict[tuple[object, ...], Row] = {}
+    repetitions: Counter[tuple[object, ...]] = Counter()
     for row in sorted(rows, key=place):
-        key = tuple(row[name] for name in same)
-        told = f"{float(str(row[voltage])):.3g}{unit}"
-        times[*key, told] += 1
-        one = joined.setdefault((*key, times[*key, told]), dict(zip(same, key, strict=True)))
-        one |= {
-            _told(column, told): value
-            for column, value in row.items()
-            if column not in (*same, voltage)
-        }
+        first = {name: row[name] for name in FIRST_COLUMNS}
+        voltage = f"{float(str(row['voltage_kV'])):.3g}kV"
+        key = tuple(first.values())
+        repetitions[*key, voltage] += 1
+        line = joined.setdefault((*key, repetitions[*key, voltage]), first)
+        for column, value in row.items():
+            if column not in (*FIRST_COLUMNS, "voltage_kV"):
+                name, _, last = column.rpartition("_")
+                line[f"{name}_{voltage}_{last}" if name else f"{column}_{voltage}"] = value
     return list(joined.values())
-
-
-def _told(column: str, told: str) -> str:
-    name, _, last = column.rpartition("_")
-    return f"{name}_{told}_{last}" if name else f"{column}_{told}"

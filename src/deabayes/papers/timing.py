@@ -31,6 +31,11 @@ def amplitude(excitation: Excitation) -> float:
     return float(np.max(np.abs(excitation.values)))
 
 
+def near(value: float, printed: float, tolerance: float = 0.02) -> bool:
+    """Whether a record's voltage or frequency equals a printed value within `tolerance`."""
+    return abs(value - printed) <= tolerance * printed
+
+
 @dataclass(frozen=True)
 class Cycles:
     """Whole cycles of a sine within a record.

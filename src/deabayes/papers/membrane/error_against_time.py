@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -11,10 +9,9 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import Experiment
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
-from deabayes.papers.base import Analysis, StudyContext, band
+from deabayes.figures.results import AnalysisResults, StudyResults
+from deabayes.papers.base import Analysis, StudyContext, bands, curve_set
 from deabayes.papers.timing import amplitude, since_step
-from deabayes.quantities import ROLES
 
 SYSTEMS = ("membrane",)
 TITLE = "Error against time (Fig. 13)"
@@ -35,24 +32,16 @@ def error_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
 
     The range of y includes zero, the value at rest.
     """
-    size = np.ptp(np.append(experiment.response, 0.0))
-    names = list(context.candidates)
-    errors = [
-        band(100.0 * (experiment.response - context.responses(name, experiment)) / size)
-        for name in names
-    ]
-    return xr.Dataset(
-        {"error": (("candidate", "bound", "time"), np.array(errors), {"units": "%"})},
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "time": ("time", since_step(experiment), {"units": "s"}),
-        },
-        attrs={"experiment": experiment.name, "role": experiment.role,
-               "protocol": experiment.protocol,
-               "amplitude_kV": amplitude(experiment.excitation) / 1e3},
-    )  # fmt: skip
+    y = experiment.response
+    size = np.ptp(np.append(y, 0.0))
+    return curve_set(
+        context,
+        {"time": (since_step(experiment), "s")},
+        {"error": (bands(context, experiment, lambda c: 100.0 * (y - c) / size), "%")},
+        experiment,
+        protocol=experiment.protocol,
+        amplitude_kV=amplitude(experiment.excitation) / 1e3,
+    )
 
 
 SCOPE = "study"
@@ -67,35 +56,32 @@ FIGURE_CAPTION = (
 )
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return a sheet of steps and a sheet of sines, with one row per record."""
-    found = results.analysis(ANALYSIS)
-    if found is None:
-        return []
-    records = sorted(found.curves.values(), key=_name)
-    records = panels.by_size(records, "amplitude_kV")
-    steps = [each for each in records if each.attrs["protocol"] != "sine"]
-    sines = [each for each in records if each.attrs["protocol"] == "sine"]
-    sheets = [_sheet(steps, first=True)] if steps else []
-    return sheets + ([_sheet(sines, first=False)] if sines else [])
+    by_name = sorted(analysis.curves.values(), key=lambda record: record.attrs["experiment"])
+    steps: list[xr.Dataset] = []
+    sines: list[xr.Dataset] = []
+    for record in panels.by_size(by_name, "amplitude_kV"):
+        (sines if record.attrs["protocol"] == "sine" else steps).append(record)
+    return [_sheet(records) for records in (steps, sines) if records]
 
 
-def _sheet(records: Sequence[xr.Dataset], first: bool) -> Figure:
-    height = 1.25 * len(records) + 0.6 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    ratios = (3, 2) if first else (1,)
-    axes = figure.subplots(
-        len(records), len(ratios), squeeze=False, width_ratios=ratios, sharey="row"
-    )
+def _sheet(records: list[xr.Dataset]) -> Figure:
+    sines = records[0].attrs["protocol"] == "sine"
+    ratios = (1,) if sines else (3, 2)
+    height = 1.25 * len(records) + 0.6
+    figure, axes = panels.grid(
+        len(records), len(ratios), height, width_ratios=ratios, sharey="row"
+    )  # fmt: skip
     for row, record in zip(axes, records, strict=True):
         _panel(row[0], record, np.inf)
         row[0].set_ylabel("error (% of range)")
-        row[0].set_title(_title(record), loc="left")
-        if first:
+        row[0].set_title(panels.name_and_role(record), loc="left")
+        if not sines:
             _panel(row[1], record, FIRST)
             row[1].set_title("first 50 s", loc="left", color=style.GREY)
     for ax in axes[-1]:
-        ax.set_xlabel("time since the step (s)" if first else "time since the sine's start (s)")
+        ax.set_xlabel("time since the sine's start (s)" if sines else "time since the step (s)")
     panels.legend_below(figure, panels.handles(records[0], measured=False), 4)
     return figure
 
@@ -103,18 +89,8 @@ def _sheet(records: Sequence[xr.Dataset], first: bool) -> Figure:
 def _panel(ax: Axes, record: xr.Dataset, until: float) -> None:
     time = record["time"].values
     shown = (time >= 0.0) & (time <= until)
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, time[shown], record["error"].values[k][:, shown], k)
+    panels.draw_candidates(ax, time[shown], record["error"].values[..., shown])
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     if record.attrs["protocol"] != "sine":
         ax.axvspan(0.0, OVERSHOOT, color="#ececec", zorder=0, linewidth=0)
     ax.set_xlim(0.0, min(until, float(time[-1])))
-
-
-def _name(record: xr.Dataset) -> str:
-    return str(record.attrs["experiment"])
-
-
-def _title(record: xr.Dataset) -> str:
-    role = str(record.attrs["role"])
-    return f"{_name(record)}, {ROLES.get(role, role)}"

@@ -6,8 +6,8 @@ import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.papers import membrane as paper
-from deabayes.papers.base import Analysis, StudyContext, interval, labels
-from deabayes.papers.timing import STEPS, amplitude, since_step
+from deabayes.papers.base import Analysis, StudyContext, error_interval
+from deabayes.papers.timing import STEPS, amplitude, near, since_step
 
 SYSTEMS = ("membrane",)
 TITLE = "Largest error of the area (Table 2)"
@@ -21,35 +21,31 @@ CAPTION = (
 
 def compute(context: StudyContext) -> Analysis:
     """Return one row per candidate and area record."""
-    import pandas as pd
-
-    rows = [
-        labels(name, fitted)
-        | {"experiment": each.name, "voltage_kV": amplitude(each.excitation) / 1e3}
-        | area_errors(each, context.responses(name, each))
-        | _printed(each)
-        for name, fitted in context.candidates.items()
-        for each in context.records("area", *STEPS)
-    ]
-    return Analysis({"table_2_area": pd.DataFrame(rows)} if rows else {})
+    rows = []
+    for first, record, curves in context.predicted(context.records("area", *STEPS)):
+        volts = amplitude(record.excitation) / 1e3
+        printed = [values for kilovolts, values in paper.AREA.items() if near(volts, kilovolts)]
+        largest, camera = printed[0] if printed else (np.nan, np.nan)
+        rows.append(
+            first
+            | {"experiment": record.name, "voltage_kV": volts}
+            | area_errors(record, curves)
+            | {"paper_percent": largest, "paper_camera_percent": camera}
+        )
+    return Analysis.of_rows({"table_2_area": rows})
 
 
 def area_errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
     """max |(S_measured - S_estimated)/S_measured| in percent (Error_m_e of the paper's Table 2)."""
-    relative = 100.0 * np.abs(1.0 - curves / experiment.response)
-    median = 100.0 * np.abs(1.0 - np.median(curves, axis=0) / experiment.response)
     late = since_step(experiment) > paper.OVERSHOOT
-    every = np.ones_like(late)
-    found: dict[str, float] = {}
-    for name, part in (("after_overshoot", late), ("overall", every)):
+    parts = {"after_overshoot": late, "overall": np.ones_like(late)}
+    columns: dict[str, float] = {}
+    for name, part in parts.items():
+        y = experiment.response[part]
+
+        def largest(c: FloatArray, y: FloatArray = y) -> FloatArray:
+            return np.asarray((100.0 * np.abs(1.0 - c / y)).max(axis=-1))
+
         if part.any():
-            largest = relative[:, part].max(axis=1)
-            found |= interval(name, "percent", largest, float(median[part].max()))
-    return found
-
-
-def _printed(experiment: Experiment) -> dict[str, float]:
-    volts = amplitude(experiment.excitation) / 1e3
-    printed = [each for kv, each in paper.AREA.items() if paper.near(volts, kv)]
-    largest, camera = printed[0] if printed else (np.nan, np.nan)
-    return {"paper_percent": largest, "paper_camera_percent": camera}
+            columns |= error_interval(name, curves[:, part], largest)
+    return columns

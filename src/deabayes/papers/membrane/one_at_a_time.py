@@ -7,9 +7,8 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from deabayes.figures import panels, style
-from deabayes.figures.results import CandidateResults
-from deabayes.papers.membrane import prior_axes as moved
-from deabayes.papers.membrane.prior_axes import drive, head, horizontal, vertical
+from deabayes.figures.results import AnalysisResults, CandidateResults
+from deabayes.papers.membrane import prior_axes
 
 SCOPE = "candidate"
 ANALYSIS = "influence"
@@ -21,28 +20,24 @@ CAPTION = (
 )
 
 
-def draw(results: CandidateResults) -> list[Figure]:
+def draw(results: CandidateResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one sheet per record, with one panel per parameter."""
-    found = results.study.analysis(ANALYSIS)
-    if found is None:
-        return []
     start = f"one_at_a_time_{results.name}_"
-    return [_sheet(c) for name, c in found.curves.items() if name.startswith(start)]
+    return [_sheet(c) for name, c in analysis.curves.items() if name.startswith(start)]
 
 
 def _sheet(curves: xr.Dataset) -> Figure:
     figure, axes = panels.sheet(curves.sizes["parameter"], 36 * style.MILLIMETRE)
-    head(figure, drive(curves))
-    shown, x = horizontal(curves)
+    prior_axes.head(figure, prior_axes.drive(curves))
+    shown, x = prior_axes.horizontal(curves)
     values = curves["curve"].values[..., shown]
-    unit, label = vertical(curves, values)
-    shared = moved.limits(values / unit.factor)
+    unit, label = prior_axes.vertical(curves, values)
+    colours = prior_axes.colours(curves)
     for k, ax in enumerate(axes):
-        for row, colour in zip(values[k], moved.colours(len(values[k])), strict=True):
+        for row, colour in zip(values[k], colours, strict=True):
             ax.plot(x.values, row / unit.factor, color=colour, linewidth=0.9)
-        ax.set_ylim(shared)
         panels.set_horizontal(ax, x)
-        moved.words(ax, curves.isel(parameter=k), np.isnan(values[k, :, 0]))
-    moved.label_outer(axes, label)
-    panels.legend_below(figure, moved.handles(curves), columns=curves.sizes["quantile"])
+        prior_axes.words(ax, curves.isel(parameter=k), np.isnan(values[k, :, 0]))
+    prior_axes.share(axes, label, values / unit.factor)
+    panels.legend_below(figure, prior_axes.handles(curves), columns=curves.sizes["quantile"])
     return figure

@@ -6,14 +6,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import CandidateResults
-from deabayes.papers.membrane import prior_axes as moved
-from deabayes.papers.membrane.prior_axes import drive, head, vertical
+from deabayes.figures.results import AnalysisResults, CandidateResults
+from deabayes.papers.membrane import prior_axes
 from deabayes.quantities import display_unit, plain
 
 SCOPE = "candidate"
@@ -32,32 +30,28 @@ ROUNDING = 0.01
 """Tolerance of the peak, because noise and even phases slightly shift a peak of 2 kV."""
 
 
-def draw(results: CandidateResults) -> list[Figure]:
+def draw(results: CandidateResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one sheet per record, with one panel per parameter."""
-    found = results.study.analysis(ANALYSIS)
-    if found is None:
-        return []
     start = f"loops_{results.name}_"
-    return [_sheet(c) for name, c in found.curves.items() if name.startswith(start)]
+    return [_sheet(c) for name, c in analysis.curves.items() if name.startswith(start)]
 
 
 def _sheet(curves: xr.Dataset) -> Figure:
     figure, axes = panels.sheet(curves.sizes["parameter"], 38 * style.MILLIMETRE)
     first, last = curves["cycle"].values[[FIRST, LAST]]
-    head(figure, f"{drive(curves)}, cycle {last}")
+    prior_axes.head(figure, f"{prior_axes.drive(curves)}, cycle {last}")
     values = curves["curve"].values[:, :, LAST]
-    unit, label = vertical(curves, values)
-    every = np.concatenate([values.ravel(), curves["mean"].values.ravel()])
-    shared = moved.limits(every / unit.factor)
+    unit, label = prior_axes.vertical(curves, values)
     for k, ax in enumerate(axes):
         parameter = curves.isel(parameter=k)
         _panel(ax, parameter, unit.factor)
-        ax.set_ylim(shared)
-        moved.words(ax, parameter, np.isnan(values[k, :, 0]))
-    moved.label_outer(axes, label)
-    creep = Line2D([], [], color=style.GREY, marker="o", markersize=2.2, linewidth=0.9,
-                   label=f"mean of the cycle, {first} to {last} (dot)")  # fmt: skip
-    panels.legend_below(figure, [*moved.handles(curves), creep], curves.sizes["quantile"] + 1)
+        prior_axes.words(ax, parameter, np.isnan(values[k, :, 0]))
+    shown = np.concatenate([values.ravel(), curves["mean"].values.ravel()])
+    prior_axes.share(axes, label, shown / unit.factor)
+    creep = panels.key(f"mean of the cycle, {first} to {last} (dot)", style.GREY, marker="o",
+                       markersize=2.2, linestyle="-", linewidth=0.9)  # fmt: skip
+    columns = curves.sizes["quantile"] + 1
+    panels.legend_below(figure, [*prior_axes.handles(curves), creep], columns)
     return figure
 
 
@@ -66,7 +60,7 @@ def _panel(ax: Axes, parameter: xr.Dataset, factor: float) -> None:
     name = str(parameter.attrs["excitation_name"])
     unit = display_unit(str(parameter.attrs["excitation_unit"]), volts, name)
     loops, means = parameter["curve"].values[:, LAST] / factor, parameter["mean"].values / factor
-    shades = moved.colours(len(loops))
+    shades = prior_axes.colours(parameter)
     for response, colour in zip(loops, shades, strict=True):
         ax.plot(volts / unit.factor, response, color=colour, linewidth=0.9)
     peak = float(np.abs(volts).max()) / unit.factor

@@ -60,21 +60,19 @@ DARKEST, LIGHTEST = 0.0, 0.88
 MARGIN = 0.04
 
 
-def colours(quantiles: int) -> FloatArray:
+def colours(curves: xr.Dataset) -> FloatArray:
     """Colours (Q, 4), one per quantile, from dark to light.
 
     Their order stays visible in print and to colour-blind readers.
     """
-    return np.asarray(colormaps["viridis"](np.linspace(DARKEST, LIGHTEST, quantiles)))
+    places = np.linspace(DARKEST, LIGHTEST, curves.sizes["quantile"])
+    return np.asarray(colormaps["viridis"](places))
 
 
 def handles(curves: xr.Dataset) -> list[Line2D]:
     """Legend entries of the quantiles."""
-    quantiles = curves["quantile"].values
-    return [
-        Line2D([], [], color=colour, label=f"{100 * quantile:.0f} %")
-        for quantile, colour in zip(quantiles, colours(len(quantiles)), strict=True)
-    ]
+    pairs = zip(curves["quantile"].values, colours(curves), strict=True)
+    return [panels.key(f"{100 * quantile:.0f} %", colour) for quantile, colour in pairs]
 
 
 def words(ax: Axes, parameter: xr.Dataset, lost: NDArray[np.bool_]) -> None:
@@ -82,31 +80,27 @@ def words(ax: Axes, parameter: xr.Dataset, lost: NDArray[np.bool_]) -> None:
     name, values = str(parameter["parameter"].values), parameter["value"].values
     unit = display_unit(str(parameter["unit"].values), values, name)
     shown = values / unit.factor
-    text = f"{short(shown[0], 2)} to {short(shown[-1], 2)} {unit.label}".rstrip()
-    ax.set_title(
-        f"{symbol_text(name, str(parameter['symbol'].values))}: {text}", loc="left", fontsize=7
-    )
+    text = f"{short(shown[0], 2)} to {short(shown[-1], 2)}{unit.behind}"
+    symbol = symbol_text(name, str(parameter["symbol"].values))
+    ax.set_title(f"{symbol}: {text}", loc="left", fontsize=7)
     if lost.any():
         which = ", ".join(short(value, 2) for value in shown[lost])
-        ax.text(
-            0.03, 0.95, f"no response at {which} {unit.label}".rstrip(), transform=ax.transAxes,
-            va="top", fontsize=6.0, color=style.GREY,
-        )  # fmt: skip
+        place = {"transform": ax.transAxes, "va": "top"}
+        text = f"no response at {which}{unit.behind}"
+        ax.text(0.03, 0.95, text, fontsize=6.0, color=style.GREY, **place)
 
 
-def limits(values: FloatArray) -> tuple[float, float]:
-    """Limits of the vertical axis that all panels share; NaN of failed curves is ignored."""
+def share(axes: list[Axes], label: str, values: FloatArray) -> None:
+    """Give all panels the vertical axis of these values, and label only the outer panels.
+
+    NaN of failed curves is ignored.
+    """
     finite = values[np.isfinite(values)]
-    if finite.size == 0:
-        return 0.0, 1.0
-    margin = MARGIN * float(np.ptp(finite))
-    return float(finite.min()) - margin, float(finite.max()) + margin
-
-
-def label_outer(axes: list[Axes], label: str) -> None:
-    """Label shared axes only below the lowest panels and to the left of the leftmost ones."""
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+    margin = MARGIN * (high - low) if finite.size else 0.0
     columns = axes[0].get_gridspec().ncols
     for k, ax in enumerate(axes):
+        ax.set_ylim(low - margin, high + margin)
         if k + columns < len(axes):
             ax.set_xlabel("")
             ax.tick_params(labelbottom=False)

@@ -8,11 +8,10 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers.membrane.prior_axes import drive, head, horizontal, vertical
 from deabayes.quantities import short
 
@@ -28,13 +27,10 @@ CAPTION = (
 WIDE, NARROW = "#dbe9f4", "#a9cce6"
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one sheet per record, with one panel per candidate."""
-    found = results.analysis(ANALYSIS)
-    if found is None:
-        return []
     by_record: dict[str, list[xr.Dataset]] = {}
-    for name, curves in found.curves.items():
+    for name, curves in analysis.curves.items():
         if name.startswith("prior_"):
             by_record.setdefault(str(curves.attrs["experiment"]), []).append(curves)
     return [_sheet(candidates) for candidates in by_record.values()]
@@ -51,16 +47,13 @@ def _sheet(candidates: Sequence[xr.Dataset]) -> Figure:
         _panel(ax, curves, unit.factor)
         ax.set_ylim((low - 0.03 * (top - low)) / unit.factor, top / unit.factor)
     axes[0].set_ylabel(label)
-    panels.legend_below(
-        figure,
-        [
-            Line2D([], [], color=style.BLUE, linewidth=0.7, label="20 random draws"),
-            Patch(color=NARROW, label="central 50 % of draws"),
-            Patch(color=WIDE, label="central 90 %"),
-            Line2D([], [], color=style.BLACK, marker=".", linestyle="none", label="observed"),
-        ],
-        columns=4,
-    )
+    entries = [
+        panels.key("20 random draws", style.BLUE, linewidth=0.7),
+        Patch(color=NARROW, label="central 50 % of draws"),
+        Patch(color=WIDE, label="central 90 %"),
+        panels.key("observed", marker="."),
+    ]
+    panels.legend_below(figure, entries, columns=4)
     return figure
 
 

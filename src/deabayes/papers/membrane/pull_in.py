@@ -9,13 +9,12 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import membrane as paper
-from deabayes.papers.base import Analysis, StudyContext, band, interval, labels
+from deabayes.papers.base import Analysis, Row, StudyContext, band, curve_set, interval, labels
 from deabayes.papers.timing import STEPS, amplitude, since_step
 from deabayes.posteriors.fitted import Fitted
 from deabayes.quantities import short
@@ -43,15 +42,16 @@ def compute(context: StudyContext) -> Analysis:
     """Return pull-in and steady stretch per candidate, and steady stretch against voltage."""
     ends, steady = [], []
     for name, fitted in context.candidates.items():
-        found = membrane(fitted).pull_in(fitted.draws)
+        found, first = membrane(fitted).pull_in(fitted.draws), labels(name, fitted)
         ends.append(
-            labels(name, fitted) | interval("pull_in", "kV", found.voltage / 1e3)
+            first
+            | interval("pull_in", "kV", found.voltage / 1e3)
             | interval("stretch_there", "", found.stretch)
             | {"fold_percent": 100.0 * float(np.mean(found.fold))}
-        )  # fmt: skip
-        steady += [labels(name, fitted) | steady_row(fitted, kilovolt) for kilovolt in VOLTAGES]
-    tables = {"pull_in": pd.DataFrame(ends), "steady_stretch": pd.DataFrame(steady)}
-    return Analysis(tables, {"steady_stretch": steady_curves(context)})
+        )
+        steady += [first | steady_row(fitted, kilovolt) for kilovolt in VOLTAGES]
+    tables = {"pull_in": ends, "steady_stretch": steady}
+    return Analysis.of_rows(tables, {"steady_stretch": steady_curves(context)})
 
 
 def membrane(fitted: Fitted) -> Membrane:
@@ -62,7 +62,7 @@ def membrane(fitted: Fitted) -> Membrane:
     return fitted.system
 
 
-def steady_row(fitted: Fitted, kilovolt: float) -> dict[str, object]:
+def steady_row(fitted: Fitted, kilovolt: float) -> Row:
     """Row of the steady stretch at one voltage, and of the share of draws that have none."""
     stretch = membrane(fitted).steady_stretch(fitted.draws, 1e3 * kilovolt)
     return {
@@ -79,30 +79,20 @@ def steady_curves(context: StudyContext) -> xr.Dataset:
     The data set also holds the stretch at the end of each step record, which is not yet steady.
     """
     records = context.records("displacement", *STEPS)
-    highest = max([amplitude(each.excitation) for each in records], default=4e3)
-    grid = np.linspace(0.0, BEYOND * highest, POINTS)
-    names = list(context.candidates)
-    found = [steady_band(context.candidates[name], grid) for name in names]
+    volts = np.array([amplitude(each.excitation) for each in records])
+    grid = np.linspace(0.0, BEYOND * (volts.max() if volts.size else 4e3), POINTS)
+    bands, shares = zip(*(steady_band(f, grid) for f in context.candidates.values()), strict=True)
     size, rest = (context.specimen.quantities[n].value for n in ("side_length", "prestretch"))
-    last = [rest + float(each.response[-1]) / size for each in records]
-    return xr.Dataset(
-        {
-            "stretch": (("candidate", "bound", "voltage"), np.array([b for b, _ in found])),
-            "share": (("candidate", "voltage"), np.array([s for _, s in found])),
-            "record_stretch": ("record", np.array(last)),
-            "record_voltage": (
-                "record", np.array([amplitude(each.excitation) for each in records])
-            ),
-            "record_duration": ("record", np.array([since_step(each)[-1] for each in records])),
-        },
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "voltage": ("voltage", grid, {"units": "V"}),
-            "record": [each.name for each in records],
-        },
-    )  # fmt: skip
+    last = np.array([rest + float(each.response[-1]) / size for each in records])
+    return curve_set(
+        context,
+        {"voltage": (grid, "V")},
+        {"stretch": (np.array(bands), "1"), "share": (np.array(shares), "1")},
+    ).assign(
+        record_stretch=("record", last),
+        record_voltage=("record", volts),
+        record_duration=("record", np.array([since_step(each)[-1] for each in records])),
+    ).assign_coords(record=[each.name for each in records])  # fmt: skip
 
 
 def steady_band(fitted: Fitted, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,26 +119,18 @@ FIGURE_CAPTION = (
 HALF = 0.5
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return two panels: steady stretch against voltage, and end of the near equilibrium."""
-    found = results.analysis(ANALYSIS)
-    if found is None:
-        return []
-    steady, ends = found.curves["steady_stretch"], found.tables["pull_in"]
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, 2.5 + style.HEADER), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    steady, ends = analysis.curves["steady_stretch"], analysis.tables["pull_in"]
+    figure, ((left, right),) = panels.grid(1, 2, 2.5, width_ratios=(3, 2))
     _steady(left, steady)
-    _ends(right, ends, float(steady["record_voltage"].max()) / 1e3 if steady["record"].size else 0)
+    _ends(right, ends)
     entries = panels.handles(steady, measured=False)
     if steady["record"].size:
+        highest = float(steady["record_voltage"].max()) / 1e3
+        right.axvline(highest, color=style.GREY, linestyle=":", linewidth=0.8)
         last = short(float(steady["record_duration"].max()), 3)
-        entries.insert(
-            0,
-            Line2D(
-                [], [], color=style.BLACK, marker="o", markersize=3, linestyle="none",
-                label=f"record at its end, {last} s",
-            ),
-        )  # fmt: skip
+        entries.insert(0, panels.key(f"record at its end, {last} s", marker="o", markersize=3))
     panels.legend_below(figure, entries, 5)
     return [figure]
 
@@ -165,15 +147,14 @@ def _steady(ax: Axes, steady: xr.Dataset) -> None:
     ax.set_xlim(left=0.0)
 
 
-def _ends(ax: Axes, ends: pd.DataFrame, highest: float) -> None:
-    for k, (_, row) in enumerate(ends.iterrows()):
-        reach = [[row["pull_in_kV"] - row["pull_in_q05"]], [row["pull_in_q95"] - row["pull_in_kV"]]]
-        ax.errorbar(row["pull_in_kV"], k, xerr=np.abs(reach), fmt=panels.marker(k), capsize=2,
+def _ends(ax: Axes, ends: pd.DataFrame) -> None:
+    for k, row in enumerate(ends.itertuples()):
+        middle = row.pull_in_kV
+        reach = np.abs([[middle - row.pull_in_q05], [row.pull_in_q95 - middle]])
+        ax.errorbar(middle, k, xerr=reach, fmt=panels.marker(k), capsize=2,
                     color=panels.colour(k), elinewidth=0.9)  # fmt: skip
-        ax.text(row["pull_in_kV"], k - 0.18, f"{short(row['fold_percent'], 2)} % fold",
-                ha="center", va="bottom", fontsize=6.0, color=style.GREY)  # fmt: skip
-    if highest:
-        ax.axvline(highest, color=style.GREY, linestyle=":", linewidth=0.8)
-    ax.set_yticks(range(len(ends)), ends["candidate"])
-    ax.set_ylim(len(ends) - 0.5, -0.6)
+        ax.text(middle, k - 0.18, f"{short(row.fold_percent, 2)} % fold", ha="center",
+                va="bottom", fontsize=6.0, color=style.GREY)  # fmt: skip
+    panels.name_rows(ax, ends["candidate"])
+    ax.set_ylim(top=-0.6)
     ax.set_xlabel("end of the near equilibrium (kV)")

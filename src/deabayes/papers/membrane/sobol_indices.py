@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
-from deabayes.figures.results import CandidateResults
+from deabayes.figures.results import AnalysisResults, CandidateResults
 from deabayes.papers.membrane.prior_axes import head
 from deabayes.quantities import symbol_text
 
@@ -31,32 +31,28 @@ END = 1.05
 FIRST, TOTAL = style.BLUE, "#b9d4ea"
 
 
-def draw(results: CandidateResults) -> list[Figure]:
+def draw(results: CandidateResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one sheet per record, with one panel per stage."""
-    found = results.study.analysis(ANALYSIS)
-    if found is None or "sobol" not in found.tables:
+    if "sobol" not in analysis.tables:
         return []
-    table = found.tables["sobol"]
+    table = analysis.tables["sobol"]
     table = table[table["candidate"] == results.name]
     return [_sheet(rows) for _, rows in table.groupby("record", sort=False)]
 
 
 def _sheet(rows: pd.DataFrame) -> Figure:
-    stages = list(dict.fromkeys(rows["stage"]))
+    stages = list(rows.groupby("stage", sort=False))
     symbols = dict(zip(rows["parameter"], rows["symbol"], strict=True))
-    names, labels = list(symbols), [symbol_text(n, s) for n, s in symbols.items()]
+    labels = [symbol_text(name, symbol) for name, symbol in symbols.items()]
     lines = -(-len(stages) // COLUMNS)
-    height = lines * (0.35 + 0.15 * len(names)) + 0.75
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height + style.HEADER), layout="constrained")
-    axes = figure.subplots(lines, COLUMNS, squeeze=False, sharex=True).ravel()
-    for ax in axes[len(stages) :]:
-        ax.remove()
-    for k, stage in enumerate(stages):
-        _bars(axes[k], rows[rows["stage"] == stage].set_index("parameter").loc[names])
-        axes[k].set_title(stage.replace("lost", "draw fails (whole prior)"), loc="left")
-        axes[k].set_yticks(range(len(names)), labels if k % COLUMNS == 0 else [])
-        axes[k].tick_params(axis="x", labelbottom=k + COLUMNS >= len(stages))
-        axes[k].set_xlabel("share of the variance" if k >= (lines - 1) * COLUMNS else "")
+    height = lines * (0.35 + 0.15 * len(symbols)) + 0.75
+    figure, axes = panels.cells(len(stages), COLUMNS, height, sharex=True)
+    for k, (ax, (stage, of_stage)) in enumerate(zip(axes, stages, strict=True)):
+        _bars(ax, of_stage)
+        ax.set_title(stage.replace("lost", "draw fails (whole prior)"), loc="left")
+        ax.set_yticks(range(len(symbols)), labels if k % COLUMNS == 0 else [])
+        ax.tick_params(axis="x", labelbottom=k + COLUMNS >= len(stages))
+        ax.set_xlabel("share of the variance" if k >= (lines - 1) * COLUMNS else "")
     region = rows.loc[rows["stage"] != "lost", "region_percent"].iloc[0]
     text = f"{rows['record'].iloc[0]}, central {region:.0f} % of the prior in each coordinate"
     head(figure, text)

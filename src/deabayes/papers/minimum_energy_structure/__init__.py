@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
-from deabayes.experiment import Experiment
+import numpy as np
+
+from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.papers.timing import amplitude, near
+from deabayes.systems.base import System
 
 NAME = "paper"
 FILM = {
@@ -33,25 +36,30 @@ SHOWN = (1.0, 5.0, 10.0)
 """Frequencies [Hz] of the records in Figs 4(D), 8 and 10."""
 
 
+def film_of(specimen: Specimen) -> tuple[System, dict[str, FloatArray]]:
+    """Film of the paper's Table 3 in a specimen: its system, and its parameters as one draw."""
+    from deabayes.systems import build
+
+    draws = {name: np.array([value]) for name, value in FILM.items()}
+    return build(specimen.system, f"ogden_{TERMS}", specimen), draws
+
+
+def count_of(symbol: str, names: Iterable[str]) -> int:
+    """Number of parameters `{symbol}_1`, `{symbol}_2`, ... among these names."""
+    return sum(name.startswith(f"{symbol}_") for name in names)
+
+
 def e_rms(kilovolts: float, hertz: float) -> float:
     """Entry of Table 5 for a sine; NaN if the table has none or `hertz` is not finite."""
-    if not math.isfinite(hertz):
-        return float("nan")
     for voltage, row in E_RMS.items():
-        nearest = round(hertz)
-        if near(kilovolts, voltage) and near(hertz, nearest) and 1 <= nearest <= len(row):
-            return row[nearest - 1]
+        for printed, value in enumerate(row, start=1):
+            if near(kilovolts, voltage) and near(hertz, printed):
+                return value
     return float("nan")
-
-
-def near(value: float, printed: float, tolerance: float = 0.02) -> bool:
-    """Whether a record's voltage or frequency equals a printed value within `tolerance`."""
-    return abs(value - printed) <= tolerance * printed
 
 
 def kilovolts(experiment: Experiment) -> float:
     """Highest voltage of a sine, or constant voltage of a force record [kV]."""
     driven = experiment.excitation
-    if driven.name == "voltage":
-        return float(abs(driven.values).max()) / 1e3
-    return float(driven.conditions["voltage"]) / 1e3
+    volts = amplitude(driven) if driven.name == "voltage" else float(driven.conditions["voltage"])
+    return volts / 1e3

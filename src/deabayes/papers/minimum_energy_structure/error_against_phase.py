@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import Analysis, StudyContext, band, beside, interval, labels
-from deabayes.papers.timing import Cycles, IntArray
+from deabayes.papers.base import Analysis, StudyContext, bands, beside, curve_set, error_interval
+from deabayes.papers.timing import Cycles, IntArray, near
 from deabayes.quantities import ROLES, short
 
 SYSTEMS = ("minimum_energy_structure",)
@@ -30,19 +30,22 @@ CAPTION = (
 
 def compute(context: StudyContext) -> Analysis:
     """Return one data set per sine of the paper's figures, and a table of their errors."""
-    import pandas as pd
-
-    rows, curves = [], {}
-    for each in context.records("displacement", "sine"):
-        frequency, points = Cycles.of(each).frequency, stable_points(each)
-        if points.size < FEWEST or not any(paper.near(frequency, f) for f in paper.SHOWN):
-            continue
-        curves[each.name] = phase_curves(context, each, points)
-        place = {"frequency_Hz": round(frequency, 3), "voltage_kV": paper.kilovolts(each)}
-        for name, fitted in context.candidates.items():
-            error = relative(each, context.responses(name, each))[:, points]
-            rows.append(labels(name, fitted) | place | {"role": each.role} | of_cycle(error))
-    return Analysis({"phase_errors": pd.DataFrame(beside(rows, "kV"))} if rows else {}, curves)
+    records = {
+        record.name: points
+        for record in context.records("displacement", "sine")
+        if (points := stable_points(record)).size >= FEWEST
+        and any(near(Cycles.of(record).frequency, shown) for shown in paper.SHOWN)
+    }
+    sines = [record for record in context.experiments if record.name in records]
+    rows = [
+        first
+        | {"frequency_Hz": round(Cycles.of(record).frequency, 3)}
+        | {"voltage_kV": paper.kilovolts(record), "role": record.role}
+        | of_cycle(relative(record, curves)[:, records[record.name]])
+        for first, record, curves in context.predicted(sines)
+    ]
+    curves = {r.name: phase_curves(context, r, records[r.name]) for r in sines}
+    return Analysis.of_rows({"phase_errors": beside(rows)}, curves)
 
 
 def stable_points(experiment: Experiment) -> IntArray:
@@ -70,33 +73,30 @@ def relative(experiment: Experiment, curves: FloatArray) -> FloatArray:
 
 def of_cycle(error: FloatArray) -> dict[str, float]:
     """Largest magnitude and mean of errors (S, P) over a cycle."""
-    middle = np.median(error, axis=0)
-    found = interval("largest", "percent", np.abs(error).max(axis=1), np.abs(middle).max())
-    return found | interval("mean", "percent", error.mean(axis=1), middle.mean())
+    return {
+        **error_interval("largest", error, lambda e: np.abs(e).max(axis=-1)),
+        **error_interval("mean", error, lambda e: e.mean(axis=-1)),
+    }
 
 
 def phase_curves(context: StudyContext, experiment: Experiment, points: IntArray) -> xr.Dataset:
     """Data set of measured displacement, and bands of predicted displacement and error."""
-    names = list(context.candidates)
-    moved = [context.responses(name, experiment) for name in names]
-    errors = np.array([band(relative(experiment, m)[:, points]) for m in moved])
-    along = ("candidate", "bound", "phase")
-    return xr.Dataset(
+
+    def error(curves: FloatArray) -> FloatArray:
+        return relative(experiment, curves)[:, points]
+
+    return curve_set(
+        context,
+        {"phase": (phase(experiment)[points], "1")},
         {
-            "measured": ("phase", experiment.response[points], {"units": "m"}),
-            "predicted": (along, np.array([band(m[:, points]) for m in moved]), {"units": "m"}),
-            "error": (along, errors, {"units": "%"}),
+            "measured": (experiment.response[points], "m"),
+            "predicted": (bands(context, experiment, lambda c: c[:, points]), "m"),
+            "error": (bands(context, experiment, error), "%"),
         },
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "phase": ("phase", phase(experiment)[points], {"units": "1"}),
-        },
-        attrs={"experiment": experiment.name, "role": experiment.role,
-               "frequency_Hz": Cycles.of(experiment).frequency,
-               "amplitude_kV": paper.kilovolts(experiment)},
-    )  # fmt: skip
+        experiment,
+        frequency_Hz=Cycles.of(experiment).frequency,
+        amplitude_kV=paper.kilovolts(experiment),
+    )
 
 
 SCOPE = "study"
@@ -109,24 +109,19 @@ FIGURE_CAPTION = (
 )
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one sheet per voltage, with one column per frequency."""
-    found = results.analysis(ANALYSIS)
-    if found is None or not found.curves:
-        return []
-    records = panels.by_size(list(found.curves.values()), "frequency_Hz")[::-1]
-    voltages = sorted({round(float(r.attrs["amplitude_kV"]), 1) for r in records}, reverse=True)
-    return [
-        _sheet([r for r in records if round(float(r.attrs["amplitude_kV"]), 1) == voltage])
-        for voltage in voltages
-    ]
+    records = panels.by_size(analysis.curves.values(), "frequency_Hz")[::-1]
+    by_voltage: dict[float, list[xr.Dataset]] = {}
+    for record in records:
+        by_voltage.setdefault(round(float(record.attrs["amplitude_kV"]), 1), []).append(record)
+    return [_sheet(by_voltage[voltage]) for voltage in sorted(by_voltage, reverse=True)]
 
 
 def _sheet(records: list[xr.Dataset]) -> Figure:
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, 3.9 + style.HEADER), layout="constrained")
-    axes = figure.subplots(2, len(records), squeeze=False, sharex=True, sharey="row")
+    figure, axes = panels.grid(2, len(records), 3.9, sharex=True, sharey="row")
     for (above, below), record in zip(axes.T, records, strict=True):
-        _moved(above, record)
+        _displacement(above, record)
         _error(below, record)
         below.set_xlabel("phase of the voltage (°)")
         below.set_xticks(range(0, 361, 90))
@@ -136,18 +131,15 @@ def _sheet(records: list[xr.Dataset]) -> Figure:
     return figure
 
 
-def _moved(ax: Axes, record: xr.Dataset) -> None:
-    phase = 360.0 * record["phase"].values
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, phase, 1e3 * record["predicted"].values[k], k)
-    ax.plot(phase, 1e3 * record["measured"].values, "o", color=style.BLACK, markersize=2.5)
+def _displacement(ax: Axes, record: xr.Dataset) -> None:
+    degrees = 360.0 * record["phase"].values
+    panels.draw_candidates(ax, degrees, 1e3 * record["predicted"].values)
+    ax.plot(degrees, 1e3 * record["measured"].values, "o", color=style.BLACK, markersize=2.5)
     hertz, volts = (short(float(record.attrs[n]), 2) for n in ("frequency_Hz", "amplitude_kV"))
     ax.set_title(f"{volts} kV, {hertz} Hz, {ROLES[str(record.attrs['role'])]}", loc="left")
 
 
 def _error(ax: Axes, record: xr.Dataset) -> None:
-    phase = 360.0 * record["phase"].values
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, phase, record["error"].values[k], k)
+    panels.draw_candidates(ax, 360.0 * record["phase"].values, record["error"].values)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     ax.set_xlim(0.0, 360.0)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import Analysis, StudyContext, band, interval, labels
+from deabayes.papers.base import Analysis, StudyContext, bands, curve_set, error_interval
 from deabayes.prediction.errors import relative_maximum_error, relative_rms_error
 from deabayes.quantities import ROLES, short
 
@@ -28,62 +26,47 @@ PERCENT = 100.0
 
 def compute(context: StudyContext) -> Analysis:
     """Return errors per candidate and voltage, and measured and predicted forces per record."""
-    import pandas as pd
-
     records = sorted(context.records("force", "quasi_static"), key=paper.kilovolts)
     rows = [
-        labels(name, fitted)
-        | {"experiment": each.name, "voltage_kV": paper.kilovolts(each), "role": each.role}
-        | errors(each, context.responses(name, each))
+        first
+        | {"experiment": record.name, "voltage_kV": paper.kilovolts(record), "role": record.role}
+        | errors(record, curves)
         | {"paper_below_percent": paper.FORCE_ERROR}
-        for name, fitted in context.candidates.items()
-        for each in records
+        for first, record, curves in context.predicted(records)
     ]
-    curves = {each.name: force_curves(context, each) for each in records}
-    return Analysis({"force_errors": pd.DataFrame(rows)} if rows else {}, curves)
+    curves = {record.name: force_curves(context, record) for record in records}
+    return Analysis.of_rows({"force_errors": rows}, curves)
 
 
 def errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
     """e_m and e_rms in percent of the record's range (equations.md section 4)."""
-    middle = np.median(curves, axis=0)
-    found: dict[str, float] = {}
-    for name, measure in (("e_m", relative_maximum_error), ("e_rms", relative_rms_error)):
-        of_draws = PERCENT * measure(experiment.response, curves)
-        of_median = PERCENT * float(measure(experiment.response, middle))
-        found |= interval(name, "percent", of_draws, of_median)
-    return found
+    y = experiment.response
+    return {
+        **error_interval("e_m", curves, lambda c: PERCENT * relative_maximum_error(y, c)),
+        **error_interval("e_rms", curves, lambda c: PERCENT * relative_rms_error(y, c)),
+    }
 
 
 def force_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     """Data set of forces and errors, with bands (candidate, bound, displacement)."""
-    names = list(context.candidates)
-    forces = [context.responses(name, experiment) for name in names]
-    share = [PERCENT * (experiment.response - f) / experiment.response_range for f in forces]
-    along = ("candidate", "bound", "displacement")
-    return xr.Dataset(
+    y, size = experiment.response, experiment.response_range
+    return curve_set(
+        context,
+        {"displacement": (experiment.coordinate, "m")},
         {
-            "measured": ("displacement", experiment.response, {"units": "N"}),
-            "predicted": (along, np.array([band(f) for f in forces]), {"units": "N"}),
-            "error": (along, np.array([band(e) for e in share]), {"units": "%"}),
-            "paper": ("displacement", of_paper(context, experiment), {"units": "N"}),
+            "measured": (y, "N"),
+            "predicted": (bands(context, experiment), "N"),
+            "error": (bands(context, experiment, lambda c: PERCENT * (y - c) / size), "%"),
+            "paper": (of_paper(context, experiment), "N"),
         },
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "displacement": ("displacement", experiment.coordinate, {"units": "m"}),
-        },
-        attrs={"experiment": experiment.name, "role": experiment.role,
-               "voltage_kV": paper.kilovolts(experiment)},
-    )  # fmt: skip
+        experiment,
+        voltage_kV=paper.kilovolts(experiment),
+    )
 
 
 def of_paper(context: StudyContext, experiment: Experiment) -> FloatArray:
     """Force (N,) of this specimen with the parameters of the paper's Table 3 [N]."""
-    from deabayes.systems import build
-
-    system = build(context.specimen.system, f"ogden_{paper.TERMS}", context.specimen)
-    draws = {name: np.array([value]) for name, value in paper.FILM.items()}
+    system, draws = paper.film_of(context.specimen)
     return system.predict(experiment.excitation, experiment.coordinate, "force", draws)[0]
 
 
@@ -91,6 +74,7 @@ SCOPE = "study"
 ANALYSIS = "force_curve"
 FIGURE_TITLE = "Force against displacement"
 LIMIT = 6.0
+DOTTED = (0, (1, 1))
 FIGURE_CAPTION = (
     "Left: force on a slider held at rest at constant voltages, measured and as the recommended "
     "candidate predicts it (median and interval of the draws); grey: the paper's Table 3 in this "
@@ -99,39 +83,32 @@ FIGURE_CAPTION = (
 )
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one panel with the forces of all voltages, and one panel of errors per voltage."""
-    found = results.analysis(ANALYSIS)
-    if found is None or not found.curves:
-        return []
-    records = panels.by_size(list(found.curves.values()), "voltage_kV")
-    names = [str(name) for name in records[0]["candidate"].values]
-    best = results.recommended.name
-    shown = names.index(best) if best in names else 0
-    height = 0.95 * len(records) + 0.7 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, max(height, 3.0)), layout="constrained")
-    axes = figure.subplot_mosaic(
-        [["forces", f"error {k}"] for k in range(len(records))], width_ratios=(5, 4)
-    )
-    for record in records:
+    records = panels.by_size(analysis.curves.values(), "voltage_kV")
+    shown = panels.place_of(results.recommended.name, records[0])
+    height = max(0.95 * len(records) + 0.7 + style.HEADER, 3.0)
+    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
+    names = [f"error {k}" for k in range(len(records))]
+    axes = figure.subplot_mosaic([["forces", name] for name in names], width_ratios=(5, 4))
+    for name, record in zip(names, records, strict=True):
         _forces(axes["forces"], record, shown)
-    axes["forces"].set_xlabel("displacement (mm)")
+        _error(axes[name], record)
+        axes[name].tick_params(labelbottom=name == names[-1])
     axes["forces"].set_ylabel("force on the slider, outwards (mN)")
-    axes["forces"].set_title(f"predicted by {names[shown]}", loc="left", color=style.GREY)
-    for k, record in enumerate(records):
-        _error(axes[f"error {k}"], record)
-    for k in range(len(records) - 1):
-        axes[f"error {k}"].tick_params(labelbottom=False)
-    axes[f"error {len(records) - 1}"].set_xlabel("displacement (mm)")
-    paper = Line2D([], [], color=style.GREY, linestyle=(0, (1, 1)), label="paper's Table 3")
-    panels.legend_below(figure, [*panels.handles(records[0]), paper], 4)
+    candidate = str(records[0]["candidate"].values[shown])
+    axes["forces"].set_title(f"predicted by {candidate}", loc="left", color=style.GREY)
+    for name in ("forces", names[-1]):
+        axes[name].set_xlabel("displacement (mm)")
+    of_paper = panels.key("paper's Table 3", style.GREY, linestyle=DOTTED)
+    panels.legend_below(figure, [*panels.handles(records[0]), of_paper], 4)
     return [figure]
 
 
 def _forces(ax: Axes, record: xr.Dataset, shown: int) -> None:
     place = 1e3 * record["displacement"].values
-    ax.plot(place, 1e3 * record["paper"].values, color=style.GREY, linestyle=(0, (1, 1)),
-            linewidth=0.9)  # fmt: skip
+    of_paper = 1e3 * record["paper"].values
+    ax.plot(place, of_paper, color=style.GREY, linestyle=DOTTED, linewidth=0.9)
     panels.draw_candidate(ax, place, 1e3 * record["predicted"].values[shown], shown)
     fitted = record.attrs["role"] == "calibrate"
     measured = 1e3 * record["measured"].values
@@ -143,8 +120,7 @@ def _forces(ax: Axes, record: xr.Dataset, shown: int) -> None:
 
 def _error(ax: Axes, record: xr.Dataset) -> None:
     place = 1e3 * record["displacement"].values
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, place, record["error"].values[k], k)
+    panels.draw_candidates(ax, place, record["error"].values)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     for limit in (-LIMIT, LIMIT):
         ax.axhline(limit, color=style.GREY, linestyle=":", linewidth=0.8)

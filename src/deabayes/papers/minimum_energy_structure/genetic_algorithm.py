@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import Analysis, StudyContext, band, labels
+from deabayes.papers.base import Analysis, Row, StudyContext, band, labels
 from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.base import System
 
@@ -51,37 +51,33 @@ class Optimum:
 
 def compute(context: StudyContext) -> Analysis:
     """Return runs, their terms and posterior draws of every candidate without Maxwell units."""
-    import pandas as pd
-
     records = [e for e in context.records("force", "quasi_static") if e.role == "calibrate"]
-    if not records:
-        return Analysis()
     runs, terms, curves = [], [], {}
     for name, fitted in context.candidates.items():
-        if "alpha_1" not in fitted.draws or "tau_1" in fitted.draws:
+        if not records or "alpha_1" not in fitted.draws or "tau_1" in fitted.draws:
             continue
-        found = [optimum(fitted.system, records, seed) for seed in SEEDS]
-        head, posterior = labels(name, fitted), posterior_rms(context, name, records)
-        runs += [head | run_row(fitted, each, posterior) for each in found]
-        terms += [head | row for each in found for row in term_rows(fitted, each)]
-        curves[name] = draws_and_optima(fitted, found, posterior)
+        optima = [optimum(fitted.system, records, seed) for seed in SEEDS]
+        first, posterior = labels(name, fitted), posterior_rms(context, name, records)
+        runs += [first | run_row(fitted, each, posterior) for each in optima]
+        terms += [first | row for each in optima for row in term_rows(fitted, each)]
+        curves[name] = draws_and_optima(fitted, optima, posterior)
     tables = {"genetic_algorithm_runs": runs, "genetic_algorithm_terms": terms}
-    return Analysis({n: pd.DataFrame(rows) for n, rows in tables.items() if rows}, curves)
+    return Analysis.of_rows(tables, curves)
 
 
 def optimum(system: System, records: Sequence[Experiment], seed: int) -> Optimum:
     """Result of one run of differential evolution."""
     from scipy.optimize import differential_evolution
 
-    names = [p.name for p in system.parameters() if bounds_of(p.name) is not None]
-    bounds = [bounds_of(name) for name in names]
-    found = differential_evolution(
-        mean_square(system, records, names), bounds, maxiter=GENERATIONS,
+    bounds = {p.name: limits for p in system.parameters() if (limits := bounds_of(p.name))}
+    names = list(bounds)
+    result = differential_evolution(
+        mean_square(system, records, names), list(bounds.values()), maxiter=GENERATIONS,
         popsize=max(round(paper.GA_POPULATION / len(names)), 1), rng=np.random.default_rng(seed),
         polish=False, vectorized=True, updating="deferred",
     )  # fmt: skip
-    parameters = ascending(dict(zip(names, found.x.tolist(), strict=True)))
-    return Optimum(seed, parameters, float(np.sqrt(found.fun)), int(found.nit))
+    parameters = ascending(dict(zip(names, result.x.tolist(), strict=True)))
+    return Optimum(seed, parameters, float(np.sqrt(result.fun)), int(result.nit))
 
 
 def bounds_of(name: str) -> tuple[float, float] | None:
@@ -100,21 +96,21 @@ def mean_square(
     measured = np.concatenate([e.response for e in records])
     worst = 1e6 * float(np.mean(measured**2))
 
-    def of(population: FloatArray) -> FloatArray:
+    def error(population: FloatArray) -> FloatArray:
         draws = dict(zip(names, population, strict=True))
         forces = np.concatenate([model(draws) for model in models], axis=1)
         squares = np.mean((forces - measured) ** 2, axis=1)
         return np.where(np.isfinite(squares), squares, worst)
 
-    return of
+    return error
 
 
 def ascending(parameters: dict[str, float]) -> dict[str, float]:
     """Return the parameters with the terms in ascending order of their exponents."""
-    count = sum(name.startswith("alpha_") for name in parameters)
-    terms = sorted((parameters[f"alpha_{i}"], parameters[f"mu_{i}"]) for i in range(1, count + 1))
-    renamed = {f"mu_{i}": mu for i, (_, mu) in enumerate(terms, start=1)}
-    renamed |= {f"alpha_{i}": alpha for i, (alpha, _) in enumerate(terms, start=1)}
+    numbers = range(1, paper.count_of("alpha", parameters) + 1)
+    terms = sorted((parameters[f"alpha_{i}"], parameters[f"mu_{i}"]) for i in numbers)
+    renamed = {f"mu_{i}": mu for i, (_, mu) in zip(numbers, terms, strict=True)}
+    renamed |= {f"alpha_{i}": alpha for i, (alpha, _) in zip(numbers, terms, strict=True)}
     return parameters | renamed
 
 
@@ -124,11 +120,10 @@ def posterior_rms(context: StudyContext, name: str, records: Sequence[Experiment
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def mu_0(parameters: dict[str, FloatArray] | dict[str, float]) -> FloatArray:
-    """Small-strain shear modulus, half the sum of mu_i alpha_i [Pa]."""
-    count = sum(name.startswith("alpha_") for name in parameters)
-    terms = [parameters[f"mu_{i}"] * parameters[f"alpha_{i}"] for i in range(1, count + 1)]
-    return np.asarray(0.5 * sum(terms))
+def shares(parameters: Mapping[str, FloatArray] | Mapping[str, float]) -> FloatArray:
+    """Share mu_i alpha_i/2 of each term of the small-strain shear modulus, (term, ...) [Pa]."""
+    numbers = range(1, paper.count_of("alpha", parameters) + 1)
+    return np.array([0.5 * parameters[f"mu_{i}"] * parameters[f"alpha_{i}"] for i in numbers])
 
 
 def hinge(system: System, parameters: Mapping[str, float]) -> float:
@@ -142,17 +137,17 @@ def below(draws: FloatArray, value: float) -> float:
     return PERCENT * float(np.mean(draws < value))
 
 
-def run_row(fitted: Fitted, found: Optimum, posterior: float) -> dict[str, object]:
+def run_row(fitted: Fitted, found: Optimum, posterior: float) -> Row:
     """Row of one run: fitness, permittivity and mu_0, and where they lie in the posterior."""
-    modulus = float(mu_0(found.parameters))
-    row: dict[str, object] = {
+    modulus = float(shares(found.parameters).sum())
+    row: Row = {
         "seed": found.seed,
         "generations": found.generations,
         "rms_mN": 1e3 * found.rms,
         "posterior_rms_mN": 1e3 * posterior,
         "hinge_stiffness_mNmperrad": 1e3 * hinge(fitted.system, found.parameters),
         "mu_0_kPa": modulus / 1e3,
-        "mu_0_below_percent": below(mu_0(dict(fitted.draws)), modulus),
+        "mu_0_below_percent": below(shares(fitted.draws).sum(axis=0), modulus),
     }
     permittivity = found.parameters.get("relative_permittivity")
     if permittivity is not None:
@@ -162,52 +157,44 @@ def run_row(fitted: Fitted, found: Optimum, posterior: float) -> dict[str, objec
     return row
 
 
-def term_rows(fitted: Fitted, found: Optimum) -> list[dict[str, object]]:
+def term_rows(fitted: Fitted, found: Optimum) -> Iterator[Row]:
     """Rows of one run: each term, and where it lies in the posterior."""
-    count = sum(name.startswith("alpha_") for name in found.parameters)
-    rows = []
-    for i in range(1, count + 1):
+    for i, share in enumerate(shares(found.parameters), start=1):
         mu, alpha = found.parameters[f"mu_{i}"], found.parameters[f"alpha_{i}"]
-        rows.append(
-            {
-                "seed": found.seed,
-                "term": i,
-                "mu_kPa": mu / 1e3,
-                "mu_below_percent": below(fitted.draws[f"mu_{i}"], mu),
-                "alpha": alpha,
-                "alpha_below_percent": below(fitted.draws[f"alpha_{i}"], alpha),
-                "share_kPa": 0.5 * mu * alpha / 1e3,
-            }
-        )
-    return rows  # type: ignore[return-value]
+        yield {
+            "seed": found.seed,
+            "term": i,
+            "mu_kPa": mu / 1e3,
+            "mu_below_percent": below(fitted.draws[f"mu_{i}"], mu),
+            "alpha": alpha,
+            "alpha_below_percent": below(fitted.draws[f"alpha_{i}"], alpha),
+            "share_kPa": share / 1e3,
+        }
 
 
-def draws_and_optima(fitted: Fitted, found: Sequence[Optimum], posterior: float) -> xr.Dataset:
+def draws_and_optima(fitted: Fitted, optima: Sequence[Optimum], posterior: float) -> xr.Dataset:
     """Data set of exponents, shares mu_i alpha_i/2 and mu_0, of draws and of optima."""
-    count = sum(name.startswith("alpha_") for name in found[0].parameters)
-    numbers = range(1, count + 1)
-    draws = fitted.draws
-    runs = {n: np.array([o.parameters[n] for o in found]) for n in found[0].parameters}
+    runs = {n: np.array([o.parameters[n] for o in optima]) for n in optima[0].parameters}
+    numbers = range(1, paper.count_of("alpha", runs) + 1)
     content: dict[str, tuple[object, FloatArray, dict[str, str]]] = {}
-    for kind, of in (("draw", draws), ("run", runs)):
-        alpha = np.array([of[f"alpha_{i}"] for i in numbers])
-        share = np.array([0.5 * of[f"mu_{i}"] * of[f"alpha_{i}"] for i in numbers])
+    for kind, values in (("draw", fitted.draws), ("run", runs)):
+        alpha, share = np.array([values[f"alpha_{i}"] for i in numbers]), shares(values)
         content |= {
             f"{kind}_alpha": (("term", kind), alpha, {"units": "1"}),
             f"{kind}_share": (("term", kind), share, {"units": "Pa"}),
             f"{kind}_mu_0": (kind, share.sum(axis=0), {"units": "Pa"}),
         }
-    modulus = mu_0(dict(draws))
-    content["interval_mu_0"] = ("bound", band(modulus[:, None])[:, 0], {"units": "Pa"})
-    content["run_rms"] = ("run", np.array([o.rms for o in found]), {"units": "N"})
+    modulus = band(shares(fitted.draws).sum(axis=0)[:, None])[:, 0]
+    content["interval_mu_0"] = ("bound", modulus, {"units": "Pa"})
+    content["run_rms"] = ("run", np.array([o.rms for o in optima]), {"units": "N"})
     return xr.Dataset(
         content,
-        coords={
+        {
             "term": list(numbers),
-            "run": [o.seed for o in found],
+            "run": [o.seed for o in optima],
             "bound": ["lower", "median", "upper"],
         },
-        attrs={
+        {
             "candidate": fitted.candidate,
             "converged": int(fitted.converged),
             "posterior_rms": posterior,
@@ -218,7 +205,7 @@ def draws_and_optima(fitted: Fitted, found: Sequence[Optimum], posterior: float)
 SCOPE = "study"
 ANALYSIS = "genetic_algorithm"
 FIGURE_TITLE = "Genetic algorithm and posterior"
-KILO, MILLI, DECADE = 1e3, 1e3, 10.0
+DECADE = 10.0
 FIGURE_CAPTION = (
     "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
     "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
@@ -229,52 +216,55 @@ FIGURE_CAPTION = (
 )
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return sheets with one row per candidate."""
-    found = results.analysis(ANALYSIS)
-    if found is None or not found.curves:
-        return []
-    rows = sorted(found.curves.values(), key=lambda each: (each["term"].size, _name(each)))
+    rows = sorted(analysis.curves.values(), key=lambda c: (c["term"].size, c.attrs["candidate"]))
     return [_sheet(list(group)) for group in panels.batches(rows, 4)]
 
 
 def _sheet(rows: list[xr.Dataset]) -> Figure:
-    height = 1.75 * len(rows) + 0.6 + style.HEADER
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(5, 3))
-    for (left, right), each in zip(axes, rows, strict=True):
-        _terms(left, each)
-        _moduli(right, each)
-        mark = "" if each.attrs["converged"] else " (not converged)"
-        left.set_title(_name(each) + mark, loc="left")
+    figure, axes = panels.grid(len(rows), 2, 1.75 * len(rows) + 0.6, width_ratios=(5, 3))
+    for (left, right), curves in zip(axes, rows, strict=True):
+        _terms(left, curves)
+        _moduli(right, curves)
+        name = panels.marked(str(curves.attrs["candidate"]), bool(curves.attrs["converged"]))
+        left.set_title(name, loc="left")
     axes[-1, 0].set_xlabel(r"exponent $\alpha_i$ (1)")
     axes[-1, 1].set_xlabel(r"$\mu_0$ (kPa)")
-    panels.legend_below(figure, _handles(max(each["term"].size for each in rows)), 4)
+    terms = range(max(curves["term"].size for curves in rows))
+    entries = [
+        *(panels.key(f"draws, term {k + 1}", style.SERIES[k], marker=".") for k in terms),
+        Line2D([], [], label="optima, one marker per run", **_marker(0, "white")),
+        panels.key(r"posterior $\mu_0$ (band: 5–95 %)", style.GREY),
+        panels.key("error of the posterior median", style.GREY, linestyle=":"),
+    ]
+    panels.legend_below(figure, entries, 4)
     return figure
 
 
-def _terms(ax: Axes, each: xr.Dataset) -> None:
-    for k in range(each["term"].size):
-        ax.plot(each["draw_alpha"].values[k], each["draw_share"].values[k] / KILO,
+def _terms(ax: Axes, curves: xr.Dataset) -> None:
+    for k, colour in zip(range(curves["term"].size), style.SERIES, strict=False):
+        ax.plot(curves["draw_alpha"].values[k], curves["draw_share"].values[k] / 1e3,
                 linestyle="none", marker=".", markersize=2.5, markeredgewidth=0, alpha=0.45,
-                color=style.SERIES[k], rasterized=True)  # fmt: skip
-        for run in range(each["run"].size):
-            ax.plot(each["run_alpha"].values[k, run], each["run_share"].values[k, run] / KILO,
-                    **_marker(run, style.SERIES[k]))  # fmt: skip
+                color=colour, rasterized=True)  # fmt: skip
+        optima = zip(curves["run_alpha"].values[k], curves["run_share"].values[k], strict=True)
+        for run, (alpha, share) in enumerate(optima):
+            ax.plot(alpha, share / 1e3, **_marker(run, colour))
     ax.set_yscale("log")
     ax.set_ylabel(r"$\mu_i\alpha_i/2$ (kPa)")
 
 
-def _moduli(ax: Axes, each: xr.Dataset) -> None:
-    low, middle, high = each["interval_mu_0"].values / KILO
+def _moduli(ax: Axes, curves: xr.Dataset) -> None:
+    low, middle, high = curves["interval_mu_0"].values / 1e3
+    of_posterior = 1e3 * float(curves.attrs["posterior_rms"])
+    moduli, errors = curves["run_mu_0"].values / 1e3, 1e3 * curves["run_rms"].values
     ax.axvspan(low, high, color=style.LIGHT_GREY, linewidth=0)
     ax.axvline(middle, color=style.GREY, linewidth=1.0)
-    ax.axhline(MILLI * float(each.attrs["posterior_rms"]), color=style.GREY, linestyle=":")
-    for run in range(each["run"].size):
-        ax.plot(each["run_mu_0"].values[run] / KILO, MILLI * each["run_rms"].values[run],
-                **_marker(run, style.VERMILLION))  # fmt: skip
-    panels.logarithmic(ax, np.append(each["run_mu_0"].values, each["draw_mu_0"].values) / KILO)
-    errors = MILLI * np.append(each["run_rms"].values, each.attrs["posterior_rms"])
+    ax.axhline(of_posterior, color=style.GREY, linestyle=":")
+    for run, (modulus, error) in enumerate(zip(moduli, errors, strict=True)):
+        ax.plot(modulus, error, **_marker(run, style.VERMILLION))
+    panels.logarithmic(ax, np.append(moduli, curves["draw_mu_0"].values / 1e3))
+    errors = np.append(errors, of_posterior)
     if errors.max() > DECADE * errors.min():
         ax.set_yscale("log")
     ax.set_ylabel("rms error of the force (mN)")
@@ -284,20 +274,3 @@ def _marker(run: int, colour: str) -> dict[str, Any]:
     return {"linestyle": "none", "marker": style.MARKERS[run % len(style.MARKERS)],
             "markersize": 4.5, "markerfacecolor": colour, "markeredgecolor": style.BLACK,
             "markeredgewidth": 0.6, "zorder": 4}  # fmt: skip
-
-
-def _handles(terms: int) -> list[Line2D]:
-    entries = [
-        Line2D([], [], color=style.SERIES[k], marker=".", linestyle="none",
-               label=f"draws, term {k + 1}")
-        for k in range(terms)
-    ]  # fmt: skip
-    runs = Line2D([], [], **_marker(0, "white"))
-    runs.set_label("optima, one marker per run")
-    span = Line2D([], [], color=style.GREY, label=r"posterior $\mu_0$ (band: 5–95 %)")
-    error = Line2D([], [], color=style.GREY, linestyle=":", label="error of the posterior median")
-    return [*entries, runs, span, error]
-
-
-def _name(each: xr.Dataset) -> str:
-    return str(each.attrs["candidate"])

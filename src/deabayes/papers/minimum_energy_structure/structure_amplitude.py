@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from deabayes.experiment import Excitation, Experiment, FloatArray
+from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import Analysis, StudyContext, band, beside, interval, labels
-from deabayes.papers.timing import Cycles, Loops, Sweep, as_positive
-from deabayes.posteriors.fitted import Fitted
+from deabayes.papers.amplitude import settled_bands
+from deabayes.papers.base import Analysis, StudyContext, bands, beside, curve_set, interval, labels
+from deabayes.papers.timing import Cycles, Loops, Sweep, as_positive, near
 from deabayes.quantities import ROLES, short
 
 SYSTEMS = ("minimum_energy_structure",)
 TITLE = "Amplitude against frequency (Fig. 9)"
-PHASES, KNOTS, DRAWS = 48, 100, 100
+DRAWS = 100
+"""Number of draws of the predicted curve."""
 WITHIN, BEYOND = 12, 16
 """Numbers of frequencies of the predicted curve: over the sines, and on to the sweep's end."""
 PERCENT, MILLIMETRE = 100.0, 1e-3
@@ -37,35 +39,28 @@ CAPTION = (
 
 def compute(context: StudyContext) -> Analysis:
     """Return amplitudes of the sines, predicted curves per voltage, and curves of the sweeps."""
-    import pandas as pd
-
     sines = [e for e in context.records("displacement", "sine") if Cycles.of(e).starts.size]
     if not sines:
         return Analysis()
     sweeps = [e for e in context.records("displacement", "sweep") if Sweep.of(e).frequency.size]
-    rows = [
-        labels(name, fitted) | record_row(each, context.responses(name, each))
-        for name, fitted in context.candidates.items()
-        for each in sines
-    ]
-    tables = {"structure_amplitude": pd.DataFrame(beside(rows, "kV"))}
+    rows = [first | record_row(e, curves) for first, e, curves in context.predicted(sines)]
     curves = {}
     for kilovolts in sorted({round(paper.kilovolts(e), 1) for e in sines}):
-        of = [e for e in sines if paper.near(paper.kilovolts(e), kilovolts)]
-        swept = [e for e in sweeps if paper.near(paper.kilovolts(e), kilovolts)]
-        curves[f"bands_{kilovolts:g}kV"] = bands(context, of, swept)
-    resonances = []
-    for each in sweeps:
-        found = Sweep.of(each)
-        curves[each.name] = sweep_curves(context, each, found)
-        resonances += [
-            labels(name, fitted) | {"experiment": each.name}
-            | resonance(found, each.response, context.responses(name, each))
-            for name, fitted in context.candidates.items()
-        ]  # fmt: skip
-    if resonances:
-        tables["sweep_resonance"] = pd.DataFrame(resonances)
-    return Analysis(tables, curves)
+        of_voltage = [
+            [e for e in records if near(paper.kilovolts(e), kilovolts)]
+            for records in (sines, sweeps)
+        ]
+        curves[f"bands_{kilovolts:g}kV"] = sine_curves(context, *of_voltage)
+    curves |= {e.name: sweep_curves(context, e) for e in sweeps}
+    resonances = [
+        labels(name, fitted)
+        | {"experiment": e.name}
+        | resonance(Sweep.of(e), e.response, context.responses(name, e))
+        for e in sweeps
+        for name, fitted in context.candidates.items()
+    ]
+    tables = {"structure_amplitude": beside(rows), "sweep_resonance": resonances}
+    return Analysis.of_rows(tables, curves)
 
 
 def amplitude_of(experiment: Experiment, curves: FloatArray) -> FloatArray:
@@ -87,40 +82,40 @@ def record_row(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
     }
 
 
-def bands(context: StudyContext, sines: list[Experiment], sweeps: list[Experiment]) -> xr.Dataset:
+def sine_curves(
+    context: StudyContext, sines: list[Experiment], sweeps: list[Experiment]
+) -> xr.Dataset:
     """Predicted bands (candidate, bound, frequency) at the sines' voltage, and measured values.
 
-    The frequencies span the sines, and continue to the end of the sweeps if there are any.
+    The frequencies span the sines, and continue to the end of the sweeps if there are any. The
+    drive is the paper's (1), which starts at its lowest voltage.
     """
     sines = sorted(sines, key=lambda e: Cycles.of(e).frequency)
     cycles = [Cycles.of(e) for e in sines]
     at = np.array([each.frequency for each in cycles])
     grid = frequencies(at, sweeps)
     lowest, highest = levels(sines[0])
+    middle, half = 0.5 * (highest + lowest), 0.5 * (highest - lowest)
+
+    def wave(turns: FloatArray) -> FloatArray:
+        return middle - half * np.cos(2.0 * np.pi * turns)
+
     count = int(np.median([each.numbers[-1] for each in cycles]))
-    names = list(context.candidates)
-    predicted = [
-        np.stack([band(predicted_amplitude(context.candidates[n], f, lowest, highest, count))
-                  for f in grid], axis=1)
-        for n in names
-    ]  # fmt: skip
-    seen = [float(amplitude_of(each, each.response)) for each in sines]
-    return xr.Dataset(
-        {
-            "predicted": (("candidate", "bound", "frequency"), np.array(predicted), {"units": "m"}),
-            "measured": ("record", np.array(seen), {"units": "m"}),
-            "record_frequency": ("record", at, {"units": "Hz"}),
-            "calibrated": ("record", [int(each.role == "calibrate") for each in sines]),
-        },
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "frequency": ("frequency", grid, {"units": "Hz"}),
-        },
-        attrs={"amplitude_kV": highest / 1e3, "lowest_kV": lowest / 1e3, "cycles": count,
-               "last_sine_Hz": float(at[-1])},
-    )  # fmt: skip
+    predicted = settled_bands(context, grid, wave, count, 1, DRAWS)
+    measured = np.array([float(amplitude_of(each, each.response)) for each in sines])
+    return curve_set(
+        context,
+        {"frequency": (grid, "Hz")},
+        {"predicted": (predicted, "m")},
+        amplitude_kV=highest / 1e3,
+        lowest_kV=lowest / 1e3,
+        cycles=count,
+        last_sine_Hz=float(at[-1]),
+    ).assign(
+        measured=("record", measured, {"units": "m"}),
+        record_frequency=("record", at, {"units": "Hz"}),
+        calibrated=("record", [int(each.role == "calibrate") for each in sines]),
+    )
 
 
 def frequencies(at: FloatArray, sweeps: list[Experiment]) -> FloatArray:
@@ -146,24 +141,6 @@ def levels(experiment: Experiment) -> tuple[float, float]:
     return float(during.min()), float(during.max())
 
 
-def predicted_amplitude(
-    fitted: Fitted, frequency: float, lowest: float, highest: float, count: int
-) -> FloatArray:
-    """Peak-to-peak displacement (S,) in the last of `count` cycles from rest [m].
-
-    The drive is the paper's (1), which starts at its lowest voltage.
-    """
-    turn = np.arange(count * KNOTS + 1) / KNOTS
-    middle, half = 0.5 * (highest + lowest), 0.5 * (highest - lowest)
-    drive = Excitation(
-        "voltage", "V", turn / frequency, middle - half * np.cos(2.0 * np.pi * turn)
-    )  # fmt: skip
-    times = (count - 1 + np.arange(PHASES + 1) / PHASES) / frequency
-    draws = {name: values[:DRAWS] for name, values in fitted.draws.items()}
-    curves = fitted.system.predict(drive, times, "displacement", draws)
-    return np.asarray(np.ptp(curves[np.all(np.isfinite(curves), axis=1)], axis=1))
-
-
 def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[str, float]:
     """Row of frequency and amplitude of the resonance, measured and predicted."""
     seen = sweep.resonance(sweep.amplitude(measured))
@@ -177,24 +154,19 @@ def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[st
     }
 
 
-def sweep_curves(context: StudyContext, experiment: Experiment, sweep: Sweep) -> xr.Dataset:
+def sweep_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     """Measured amplitude and predicted bands (candidate, bound, frequency) along a sweep."""
-    names = list(context.candidates)
-    drawn = [band(sweep.amplitude(context.responses(name, experiment))) for name in names]
-    return xr.Dataset(
+    sweep = Sweep.of(experiment)
+    return curve_set(
+        context,
+        {"frequency": (sweep.frequency, "Hz")},
         {
-            "predicted": (("candidate", "bound", "frequency"), np.array(drawn), {"units": "m"}),
-            "measured": ("frequency", sweep.amplitude(experiment.response), {"units": "m"}),
+            "predicted": (bands(context, experiment, sweep.amplitude), "m"),
+            "measured": (sweep.amplitude(experiment.response), "m"),
         },
-        coords={
-            "candidate": names,
-            "converged": ("candidate", [int(context.candidates[n].converged) for n in names]),
-            "bound": ["lower", "median", "upper"],
-            "frequency": ("frequency", sweep.frequency, {"units": "Hz"}),
-        },
-        attrs={"experiment": experiment.name, "role": experiment.role,
-               "amplitude_kV": paper.kilovolts(experiment)},
-    )  # fmt: skip
+        experiment,
+        amplitude_kV=paper.kilovolts(experiment),
+    )
 
 
 SCOPE = "study"
@@ -211,60 +183,51 @@ FIGURE_CAPTION = (
 )
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one panel per voltage of the sines and one panel per sweep."""
-    found = results.analysis(ANALYSIS)
-    if found is None or not found.curves:
-        return []
-    sines = panels.by_size([c for n, c in found.curves.items() if n.startswith(BANDS)],
-                           "amplitude_kV")  # fmt: skip
-    sweeps = [c for n, c in found.curves.items() if not n.startswith(BANDS)]
-    count = len(sines) + len(sweeps)
-    figure, axes = panels.sheet(count, 2.3)
-    for ax, record in zip(axes, sines, strict=False):
-        _sines(ax, record)
-    for ax, record in zip(axes[len(sines) :], sweeps, strict=True):
-        _sweep(ax, record)
-    panels.legend_below(figure, [*_roles(), *panels.handles(sines[0], measured=False)], 4)
+    of_sines = [c for name, c in analysis.curves.items() if name.startswith(BANDS)]
+    sines = panels.by_size(of_sines, "amplitude_kV")
+    sweeps = [c for name, c in analysis.curves.items() if not name.startswith(BANDS)]
+    figure, axes = panels.sheet(len(sines) + len(sweeps), 2.3)
+    for ax, record in zip(axes, [*sines, *sweeps], strict=True):
+        _panel(ax, record)
+        if "calibrated" in record:
+            _sines(ax, record)
+        else:
+            _sweep(ax, record)
+    entries = [
+        *panels.role_handles(before="measured, ", markersize=3.5),
+        panels.key("measured, sweep", MEASURED, marker=".", markersize=4.0),
+        *panels.handles(sines[0], measured=False),
+    ]
+    panels.legend_below(figure, entries, 4)
     return [figure]
+
+
+def _panel(ax: Axes, record: xr.Dataset) -> None:
+    """Draw the predicted amplitudes of sines or of a sweep."""
+    frequency = record["frequency"].values
+    panels.draw_candidates(ax, frequency, 1e3 * record["predicted"].values)
+    panels.logarithmic(ax, frequency)
+    ax.set_xlabel("frequency of the voltage (Hz)")
+    ax.set_ylabel("peak to peak (mm)")
 
 
 def _sines(ax: Axes, record: xr.Dataset) -> None:
     frequency, last = record["frequency"].values, float(record.attrs["last_sine_Hz"])
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
-    fitted = record["calibrated"].values.astype(bool)
-    at, seen = record["record_frequency"].values, 1e3 * record["measured"].values
-    for part, fill in ((fitted, style.BLACK), (~fitted, "white")):
-        ax.plot(at[part], seen[part], "o", color=style.BLACK, markerfacecolor=fill, markersize=3.5,
-                zorder=5)  # fmt: skip
+    calibrated = record["calibrated"].values.astype(bool)
+    at, measured = record["record_frequency"].values, 1e3 * record["measured"].values
+    points: dict[str, Any] = {"marker": "o", "color": style.BLACK, "zorder": 5}
+    panels.draw_by_role(ax, at, measured, calibrated, **points)
     if frequency[-1] > (1.0 + WIDTH) * last:
         ax.axvspan(last, frequency[-1], color="#ececec", zorder=0, linewidth=0)
-    _axes(ax, frequency, f"sines of {short(float(record.attrs['amplitude_kV']), 2)} kV")
-
-
-def _sweep(ax: Axes, record: xr.Dataset) -> None:
-    frequency = record["frequency"].values
-    for k in range(record["candidate"].size):
-        panels.draw_candidate(ax, frequency, 1e3 * record["predicted"].values[k], k)
-    ax.plot(frequency, 1e3 * record["measured"].values, ".", color=MEASURED, markersize=4.0,
-            markeredgewidth=0, zorder=1.5)  # fmt: skip
-    title = f"sweep of {short(float(record.attrs['amplitude_kV']), 2)} kV"
-    _axes(ax, frequency, f"{title}, {ROLES[str(record.attrs['role'])]}")
-
-
-def _axes(ax: Axes, frequency: np.ndarray, title: str) -> None:
-    panels.logarithmic(ax, frequency)
-    ax.set_xlabel("frequency of the voltage (Hz)")
-    ax.set_ylabel("peak to peak (mm)")
-    ax.set_title(title, loc="left")
+    ax.set_title(f"sines of {short(float(record.attrs['amplitude_kV']), 2)} kV", loc="left")
     ax.set_ylim(bottom=0.0)
 
 
-def _roles() -> list[Line2D]:
-    return [
-        Line2D([], [], color=style.BLACK, marker="o", linestyle="none", markerfacecolor=fill,
-               markersize=3.5, label=f"measured, {ROLES[role]}")
-        for role, fill in (("calibrate", style.BLACK), ("validate", "white"))
-    ] + [Line2D([], [], color=MEASURED, marker=".", linestyle="none", markersize=4.0,
-                label="measured, sweep")]  # fmt: skip
+def _sweep(ax: Axes, record: xr.Dataset) -> None:
+    ax.plot(record["frequency"].values, 1e3 * record["measured"].values, ".", color=MEASURED,
+            markersize=4.0, markeredgewidth=0, zorder=1.5)  # fmt: skip
+    volts, role = short(float(record.attrs["amplitude_kV"]), 2), str(record.attrs["role"])
+    ax.set_title(f"sweep of {volts} kV, {ROLES[role]}", loc="left")
+    ax.set_ylim(bottom=0.0)

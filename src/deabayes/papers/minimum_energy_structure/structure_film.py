@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
-from deabayes.figures.results import StudyResults
+from deabayes.figures.results import AnalysisResults, StudyResults
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import QUANTILES, Analysis, StudyContext, interval, labels
+from deabayes.papers.base import QUANTILES, Analysis, Row, StudyContext, interval, labels
 from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.base import System
 
@@ -23,12 +22,12 @@ TITLE = "Film (Table 3)"
 PRIOR_DRAWS = 4000
 PERCENT = 100.0
 WHOLE = {
-    "mu_0": ("mu_0", "kPa", 1e-3),
-    "hinge_stiffness": ("hinge_stiffness", "mNmperrad", 1e3),
-    "blocking_force_5kV": ("blocking_force_5kV", "mN", 1e3),
-    "slider_stiffness": ("slider_stiffness", "Nperm", 1.0),
+    "mu_0": ("kPa", 1e-3),
+    "hinge_stiffness": ("mNmperrad", 1e3),
+    "blocking_force_5kV": ("mN", 1e3),
+    "slider_stiffness": ("Nperm", 1.0),
 }
-"""Column, unit and factor from SI of each quantity of the whole film."""
+"""Unit and factor from SI of each quantity of the whole film."""
 CAPTION = (
     "Coefficients and exponents of the Ogden terms, their shares μα/2 of the small-strain shear "
     "modulus μ0, the effective permittivity, and what the whole film does at rest: stiffness K of "
@@ -49,18 +48,14 @@ def compute(context: StudyContext) -> Analysis:
         return Analysis()
     terms, whole, determined = [], [], []
     for name, fitted in context.candidates.items():
-        derived = of_film(fitted.system, fitted.draws)
-        head = labels(name, fitted)
-        terms += [head | row for row in term_rows(fitted)]
-        whole.append(head | whole_row(fitted, derived))
-        determined += [head | row for row in determined_rows(context, name, derived)]
-    return Analysis(
-        {
-            "table_3_terms": pd.DataFrame(terms),
-            "table_3_film": pd.DataFrame([*whole, paper_row(context)]),
-            "film_determined": pd.DataFrame(determined),
-        }
-    )
+        film = of_film(fitted.system, fitted.draws)
+        first = labels(name, fitted)
+        terms += [first | row for row in term_rows(fitted)]
+        whole.append(first | whole_row(fitted, film))
+        determined += [first | row for row in determined_rows(context, name, film)]
+    whole.append(paper_row(context))
+    tables = {"table_3_terms": terms, "table_3_film": whole, "film_determined": determined}
+    return Analysis.of_rows(tables)
 
 
 def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -74,80 +69,73 @@ def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatA
     return found | {"slider_stiffness": structure.stiffness(structure.rest) / lever**2}
 
 
-def term_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
+def term_rows(fitted: Fitted) -> Iterator[Row]:
     """Rows of mu_i, alpha_i and share of each Ogden term.
 
     The paper's values are added if the candidate has as many terms as the paper.
     """
-    draws, count = fitted.draws, sum(name.startswith("alpha_") for name in fitted.draws)
+    draws, count = fitted.draws, paper.count_of("alpha", fitted.draws)
     for i in range(1, count + 1):
         mu, alpha = draws[f"mu_{i}"], draws[f"alpha_{i}"]
-        printed = (np.nan, np.nan)
+        paper_mu, paper_alpha = np.nan, np.nan
         if count == paper.TERMS:
-            printed = paper.FILM[f"mu_{i}"] / 1e3, paper.FILM[f"alpha_{i}"]
+            paper_mu, paper_alpha = paper.FILM[f"mu_{i}"] / 1e3, paper.FILM[f"alpha_{i}"]
         yield {
             "term": i,
             **interval("mu", "kPa", mu / 1e3),
-            "paper_mu_kPa": printed[0],
+            "paper_mu_kPa": paper_mu,
             **interval("alpha", "", alpha),
-            "paper_alpha": printed[1],
+            "paper_alpha": paper_alpha,
             **interval("share", "kPa", 0.5 * mu * alpha / 1e3),
-            "paper_share_kPa": 0.5 * printed[0] * printed[1],
+            "paper_share_kPa": 0.5 * paper_mu * paper_alpha,
         }
 
 
-def whole_row(fitted: Fitted, derived: dict[str, FloatArray]) -> dict[str, object]:
+def whole_row(fitted: Fitted, film: Mapping[str, FloatArray]) -> Row:
     """Row of the permittivity and the quantities in `WHOLE`."""
-    row: dict[str, object] = {}
+    row: Row = {}
     if "relative_permittivity" in fitted.draws:
         row |= interval("relative_permittivity", "", fitted.draws["relative_permittivity"])
-    for name, (column, unit, factor) in WHOLE.items():
-        row |= interval(column, unit, factor * derived[name])
+    for name, (unit, factor) in WHOLE.items():
+        row |= interval(name, unit, factor * film[name])
     return row
 
 
-def paper_row(context: StudyContext) -> dict[str, object]:
+def paper_row(context: StudyContext) -> Row:
     """Row of the same quantities for the paper's Table 3 in this specimen."""
-    from deabayes.systems import build
-
-    system = build(context.specimen.system, f"ogden_{paper.TERMS}", context.specimen)
-    draws = {name: np.array([value]) for name, value in paper.FILM.items()}
-    derived = of_film(system, draws)
-    row: dict[str, object] = {"candidate": paper.NAME, "order": paper.TERMS, "converged": True}
-    row["relative_permittivity"] = paper.FILM["relative_permittivity"]
-    for name, (column, unit, factor) in WHOLE.items():
-        row[f"{column}_{unit}"] = factor * float(derived[name][0])
-    return row
+    system, draws = paper.film_of(context.specimen)
+    film = of_film(system, draws)
+    return {
+        "candidate": paper.NAME,
+        "order": paper.TERMS,
+        "converged": True,
+        "relative_permittivity": paper.FILM["relative_permittivity"],
+        **{f"{n}_{unit}": factor * float(film[n][0]) for n, (unit, factor) in WHOLE.items()},
+    }
 
 
 def determined_rows(
-    context: StudyContext, name: str, derived: dict[str, FloatArray]
-) -> Iterator[dict[str, object]]:
+    context: StudyContext, name: str, film: Mapping[str, FloatArray]
+) -> Iterator[Row]:
     """Rows of contraction and relative half width, of film parameters and the whole film."""
     from deabayes.posteriors.file import contractions
 
     fitted, prior = context.candidates[name], context.prior_of(name)
-    own = [n for n in prior.names if n.startswith(("mu_", "alpha_")) or n in paper.FILM]
     scores = prior.to_normal(np.stack([fitted.draws[n] for n in prior.names], axis=1))
     before = prior.sample(context.rng("structure_film"), PRIOR_DRAWS)
     prior_draws = dict(zip(prior.names, before.T, strict=True))
-    of_prior = of_film(fitted.system, {n: prior_draws[n] for n in prior.names if "." not in n})
-    after = {**{n: fitted.draws[n] for n in own}, **{n: derived[n] for n in WHOLE}}
-    gained = contractions(prior, scores, after, {**prior_draws, **of_prior})
-    for each, draws in after.items():
-        yield _determined(each, draws, gained[each], whole=each in WHOLE)
-
-
-def _determined(
-    quantity: str, draws: FloatArray, contraction: float, whole: bool
-) -> dict[str, object]:
-    low, middle, high = np.nanquantile(draws, [QUANTILES[0], 0.5, QUANTILES[1]])
-    return {
-        "quantity": quantity,
-        "of": "whole film" if whole else "parameter",
-        "contraction_percent": PERCENT * contraction,
-        "half_width_percent": PERCENT * 0.5 * (high - low) / abs(middle),
-    }
+    prior_film = of_film(fitted.system, {n: prior_draws[n] for n in prior.names if "." not in n})
+    own = [n for n in prior.names if n.startswith(("mu_", "alpha_")) or n in paper.FILM]
+    posterior = {n: fitted.draws[n] for n in own} | {n: film[n] for n in WHOLE}
+    gained = contractions(prior, scores, posterior, prior_draws | prior_film)
+    for quantity, draws in posterior.items():
+        low, middle, high = np.nanquantile(draws, [QUANTILES[0], 0.5, QUANTILES[1]])
+        yield {
+            "quantity": quantity,
+            "of": "whole film" if quantity in WHOLE else "parameter",
+            "contraction_percent": PERCENT * gained[quantity],
+            "half_width_percent": PERCENT * 0.5 * (high - low) / abs(middle),
+        }
 
 
 SCOPE = "study"
@@ -167,53 +155,34 @@ NAMES = {
 }
 
 
-def draw(results: StudyResults) -> list[Figure]:
+def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return two panels of points, with one row per quantity."""
-    found = results.analysis(ANALYSIS)
-    if found is None or not found.tables:
-        return []
-    table = found.tables["film_determined"]
-    whole = table[table["of"] == "whole film"]["quantity"]
-    single = table[table["of"] == "parameter"]["quantity"]
-    quantities = [*dict.fromkeys(whole), *sorted(dict.fromkeys(single), key=_place)]
-    figure = Figure(
-        figsize=(style.DOUBLE_COLUMN, 0.22 * len(quantities) + 0.9 + style.HEADER),
-        layout="constrained",
-    )
-    left, right = figure.subplots(1, 2, sharey=True)
+    table = analysis.tables["film_determined"]
+    whole = table[table["of"] == "whole film"]["quantity"].unique()
+    single = table[table["of"] == "parameter"]["quantity"].unique()
+    quantities = [*whole, *sorted(single, key=_place)]
+    figure, ((left, right),) = panels.grid(1, 2, 0.22 * len(quantities) + 0.9, sharey=True)
     _points(left, table, quantities, "contraction_percent")
     _points(right, table, quantities, "half_width_percent")
-    left.set_yticks(range(len(quantities)), [_symbol(name) for name in quantities])
-    left.set_ylim(len(quantities) - 0.5, -0.5)
+    panels.name_rows(left, [_symbol(name) for name in quantities])
     left.set_xlabel("contraction (%)")
     left.set_xlim(min(-5.0, left.get_xlim()[0]), 104.0)
     right.set_xlabel("half width of the interval (% of the median)")
     panels.logarithmic(right, table["half_width_percent"].to_numpy())
     for ax in (left, right):
-        ax.axhline(whole.nunique() - 0.5, color=style.GREY, linewidth=0.6)
-    panels.legend_below(figure, _handles(table), 4)
+        ax.axhline(len(whole) - 0.5, color=style.GREY, linewidth=0.6)
+    panels.legend_below(figure, panels.candidate_handles(table), 4)
     return [figure]
 
 
 def _points(ax: Axes, table: pd.DataFrame, quantities: list[str], column: str) -> None:
-    names = list(dict.fromkeys(table["candidate"]))
-    for k, name in enumerate(names):
-        own = table[table["candidate"] == name].set_index("quantity")[column]
-        rows = [(i, own[q]) for i, q in enumerate(quantities) if q in own.index]
-        place = np.array([i for i, _ in rows]) + panels.spread(k, len(names))
-        ax.plot([value for _, value in rows], place, panels.marker(k), color=panels.colour(k),
-                markersize=3.5)  # fmt: skip
-    for i in range(len(quantities)):
-        ax.axhline(i, color=style.LIGHT_GREY, linewidth=0.4, zorder=0)
-
-
-def _handles(table: pd.DataFrame) -> list[Line2D]:
-    pairs = table.drop_duplicates("candidate")[["candidate", "converged"]].to_numpy()
-    return [
-        Line2D([], [], color=panels.colour(k), marker=panels.marker(k), linestyle="none",
-               label=f"{name}" + ("" if converged else " (not converged)"))
-        for k, (name, converged) in enumerate(pairs)
-    ]  # fmt: skip
+    groups = table.groupby("candidate", sort=False)
+    for k, (_, own) in enumerate(groups):
+        values = own.set_index("quantity")[column].reindex(quantities)
+        place = np.arange(len(quantities)) + panels.spread(k, len(groups))
+        ax.plot(values, place, panels.marker(k), color=panels.colour(k), markersize=3.5)
+    for row in range(len(quantities)):
+        ax.axhline(row, color=style.LIGHT_GREY, linewidth=0.4, zorder=0)
 
 
 def _place(quantity: str) -> tuple[int, str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from deabayes.papers import minimum_energy_structure as paper
-from deabayes.papers.base import Analysis, StudyContext, interval, labels
+from deabayes.papers.base import Analysis, Row, StudyContext, interval, labels
 from deabayes.posteriors.fitted import Fitted
 
 SYSTEMS = ("minimum_energy_structure",)
@@ -22,35 +22,32 @@ CAPTION = (
 
 def compute(context: StudyContext) -> Analysis:
     """Return one row per Maxwell unit, and one row per candidate for the friction."""
-    import pandas as pd
-
     moving = {n: f for n, f in context.candidates.items() if "tau_1" in f.draws}
     units = [labels(n, f) | row for n, f in moving.items() for row in unit_rows(f)]
-    friction = [{**labels(n, f), **friction_row(f)} for n, f in moving.items()]
-    tables = {"table_4_units": units, "table_4_friction": friction}
-    return Analysis({name: pd.DataFrame(rows) for name, rows in tables.items() if rows})
+    friction = [labels(n, f) | friction_row(f) for n, f in moving.items()]
+    return Analysis.of_rows({"table_4_units": units, "table_4_friction": friction})
 
 
-def unit_rows(fitted: Fitted) -> Iterator[dict[str, object]]:
+def unit_rows(fitted: Fitted) -> Iterator[Row]:
     """Rows of k_i, tau_i and xi_i of each Maxwell unit."""
-    draws, count = fitted.draws, sum(name.startswith("tau_") for name in fitted.draws)
-    for i in range(1, count + 1):
-        stiffness, time = draws[f"k_{i}"], draws[f"tau_{i}"]
-        k, xi = np.nan, np.nan
-        if count == len(paper.STIFFNESS):
-            k, xi = paper.STIFFNESS[i - 1], paper.VISCOSITY[i - 1]
+    draws, count = fitted.draws, paper.count_of("tau", fitted.draws)
+    printed = [(np.nan, np.nan)] * count
+    if count == len(paper.STIFFNESS):
+        printed = list(zip(paper.STIFFNESS, paper.VISCOSITY, strict=True))
+    for i, (paper_k, paper_xi) in enumerate(printed, start=1):
+        k, tau = draws[f"k_{i}"], draws[f"tau_{i}"]
         yield {
             "unit": i,
-            **interval("k", "Nperm", stiffness),
-            "paper_k_Nperm": k,
-            **interval("tau", "s", time),
-            "paper_tau_s": xi / k,
-            **interval("xi", "Nsperm", stiffness * time),
-            "paper_xi_Nsperm": xi,
+            **interval("k", "Nperm", k),
+            "paper_k_Nperm": paper_k,
+            **interval("tau", "s", tau),
+            "paper_tau_s": paper_xi / paper_k,
+            **interval("xi", "Nsperm", k * tau),
+            "paper_xi_Nsperm": paper_xi,
         }
 
 
-def friction_row(fitted: Fitted) -> Mapping[str, object]:
+def friction_row(fitted: Fitted) -> dict[str, float]:
     """Row of eta_0, or of F_c for dry friction."""
     if "eta_0" not in fitted.draws:
         return interval("dry_friction", "mN", 1e3 * fitted.draws["friction_force"])

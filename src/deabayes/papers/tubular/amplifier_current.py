@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Experiment
-from deabayes.papers.base import Analysis, StudyContext, interval
+from deabayes.papers.base import Analysis, Row, StudyContext, interval
 from deabayes.papers.timing import STEPS, amplitude
 from deabayes.papers.tubular.sources import circuits
 from deabayes.systems.curves import drive_of
@@ -27,32 +27,29 @@ CERTAIN = 0.95
 
 def compute(context: StudyContext) -> Analysis:
     """Return one row per circuit and record that is driven by a sine or a step."""
-    import pandas as pd
-
     limit = instrument(context.specimen, "current_limit", "current", "A")
     if limit is None:
         return Analysis()
     rows = [
-        labels | asked
-        for labels, circuit in circuits(context, context.rng("amplifier_current"))
-        for each in context.experiments
-        for asked in asked_of(each, circuit, limit.value)
+        first | row
+        for first, circuit in circuits(context, context.rng("amplifier_current"))
+        for record in context.experiments
+        for row in rows_of(record, circuit, limit.value)
     ]
-    return Analysis({"amplifier_current": pd.DataFrame(rows)} if rows else {})
+    return Analysis.of_rows({"amplifier_current": rows})
 
 
-def asked_of(experiment: Experiment, circuit: Circuit, limit: float) -> list[dict[str, object]]:
+def rows_of(experiment: Experiment, circuit: Circuit, limit: float) -> list[Row]:
     """Current that a record needs from the amplifier: one row, or none."""
-    if experiment.response_name == "phase":
-        return []  # phase and gain are from the same sweep
-    first = {"experiment": experiment.name, "protocol": experiment.protocol}
+    first: Row = {"experiment": experiment.name, "protocol": experiment.protocol}
     if experiment.protocol in STEPS:
         return [first | step_row(amplitude(experiment.excitation), circuit, limit)]
-    drive = drive_of(experiment)
+    # phase and gain are from the same sweep
+    drive = None if experiment.response_name == "phase" else drive_of(experiment)
     return [] if drive is None else [first | sine_row(*drive, circuit, limit)]
 
 
-def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> dict[str, object]:
+def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> Row:
     """Row of a sine of amplitude `volts` [V]."""
     current = circuit.current_amplitude(volts, np.array([frequency]))[:, 0]
     over = float(np.mean(current > limit))
@@ -71,19 +68,19 @@ def sine_row(volts: float, frequency: float, circuit: Circuit, limit: float) -> 
     }
 
 
-def step_row(volts: float, circuit: Circuit, limit: float) -> dict[str, object]:
+def step_row(volts: float, circuit: Circuit, limit: float) -> Row:
     """Row of a step from zero to `volts` [V].
 
     v_C rises at I/C until v_C + R_S I equals the command.
     """
     left = volts - circuit.series_resistance * limit
-    held = np.maximum(left, 0.0) * circuit.capacitance / limit
-    at_limit = float(np.median(held)) > 0.0
+    duration = np.maximum(left, 0.0) * circuit.capacitance / limit
+    at_limit = float(np.median(duration)) > 0.0
     return {
         "voltage_kV": volts / 1e3,
         "frequency_Hz": np.nan,
         **interval("current", "mA", []),
         "limit_mA": 1e3 * limit,
-        **interval("at_limit", "ms", 1e3 * held),
+        **interval("at_limit", "ms", 1e3 * duration),
         "verdict": "at the limit at first: no step on that scale" if at_limit else UNDER,
     }

@@ -6,8 +6,8 @@ import numpy as np
 
 from deabayes.experiment import Experiment
 from deabayes.papers import tubular as paper
-from deabayes.papers.base import QUANTILES, Analysis, StudyContext, interval
-from deabayes.papers.tubular.sources import Labels, circuits
+from deabayes.papers.base import Analysis, Row, StudyContext, band, interval
+from deabayes.papers.tubular.sources import circuits
 from deabayes.systems.curves import frequency_of, phasor
 from deabayes.systems.tubular.circuit import (
     Circuit,
@@ -33,19 +33,19 @@ def compute(context: StudyContext) -> Analysis:
     The first has one row per circuit. The second has rows of the posteriors, the records of
     current and the paper.
     """
-    import pandas as pd
-
     found = circuits(context, context.rng("circuit"))
-    records = context.records("current", "sine")
-    rows = [labels | circuit_row(circuit) for labels, circuit in found]
-    compared = [row for each in records for row in phase_rows(each)]
-    tables = {}
-    if rows:
-        tables["table_3_circuit"] = pd.DataFrame(rows)
-    if compared:
-        posteriors = [posterior_row(labels, circuit) for labels, circuit in found]
-        tables["table_3_phase_method"] = pd.DataFrame([*posteriors, *compared, paper_row()])
-    return Analysis(tables)
+    by_phase = [row for record in context.records("current", "sine") for row in phase_rows(record)]
+    if by_phase:
+        of_posteriors = [
+            posterior_row(str(first["candidate"]), circuit) for first, circuit in found
+        ]
+        by_phase = [*of_posteriors, *by_phase, paper_row()]
+    return Analysis.of_rows(
+        {
+            "table_3_circuit": [first | circuit_row(circuit) for first, circuit in found],
+            "table_3_phase_method": by_phase,
+        }
+    )
 
 
 def circuit_row(circuit: Circuit) -> dict[str, float]:
@@ -60,15 +60,14 @@ def circuit_row(circuit: Circuit) -> dict[str, float]:
     }
 
 
-def posterior_row(labels: Labels, circuit: Circuit) -> dict[str, object]:
+def posterior_row(candidate: str, circuit: Circuit) -> Row:
     """Row of a posterior: R_S C, and the phase of its median at the paper's frequency."""
-    series = circuit.series_resistance * circuit.capacitance
-    low, middle, high = np.quantile(series, [QUANTILES[0], 0.5, QUANTILES[1]])
+    low, middle, high = band(circuit.series_resistance * circuit.capacitance)
     phase = np.arctan(1.0 / (2.0 * np.pi * paper.FREQUENCY * middle))
-    return _row(str(labels["candidate"]), float(phase), middle, low, high, "5 to 95 % of the draws")
+    return _row(candidate, float(phase), middle, (low, high), "5 to 95 % of the draws")
 
 
-def phase_rows(experiment: Experiment) -> list[dict[str, object]]:
+def phase_rows(experiment: Experiment) -> list[Row]:
     """Rows of the phase method for a record of current: as measured, and rounded like the paper."""
     time = experiment.coordinate
     volts = experiment.excitation.at(time)
@@ -79,33 +78,32 @@ def phase_rows(experiment: Experiment) -> list[dict[str, object]]:
     phase = float(np.angle(current / phasor(time, volts, frequency)))
     rounded = paper.PHASE_RESOLUTION * round(phase / paper.PHASE_RESOLUTION)
     measured = float(time_constant_from_phase(np.asarray(phase), frequency))
+    source = f"(15), {experiment.name}"
     return [
-        _row(f"(15), {experiment.name}", phase, measured, np.nan, np.nan, "not rounded"),
-        _rounded(f"(15), {experiment.name}, rounded", rounded, frequency),
+        _row(source, phase, measured, (np.nan, np.nan), "not rounded"),
+        _rounded(f"{source}, rounded", rounded, frequency),
     ]
 
 
-def paper_row() -> dict[str, object]:
+def paper_row() -> Row:
     """Row of the phase method for the phase printed in the paper."""
     return _rounded("(15), Sarban et al. 2012", paper.PHASE, paper.FREQUENCY)
 
 
-def _rounded(source: str, phase: float, frequency: float) -> dict[str, object]:
-    least, most = time_constant_interval(phase, paper.PHASE_RESOLUTION, frequency)
+def _rounded(source: str, phase: float, frequency: float) -> Row:
+    limits = time_constant_interval(phase, paper.PHASE_RESOLUTION, frequency)
     middle = float(time_constant_from_phase(np.asarray(phase), frequency))
     beyond = "none: the phase is beyond a quarter turn"
-    bounds = beyond if np.isnan(most) else "what rounding to 0.01 rad allows"
-    return _row(source, phase, middle, least, most, bounds)
+    bounds = beyond if np.isnan(limits[1]) else "what rounding to 0.01 rad allows"
+    return _row(source, phase, middle, limits, bounds)
 
 
-def _row(
-    source: str, phase: float, middle: float, low: float, high: float, bounds: str
-) -> dict[str, object]:
+def _row(source: str, phase: float, middle: float, limits: tuple[float, float], bounds: str) -> Row:
     return {
         "source": source,
         "phase_rad": phase,
         "series_time_constant_ms": 1e3 * middle,
-        "from_ms": 1e3 * low,
-        "to_ms": 1e3 * high,
+        "from_ms": 1e3 * limits[0],
+        "to_ms": 1e3 * limits[1],
         "bounds": bounds,
     }

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
 from deabayes.figures.results import CandidateResults
-from deabayes.quantities import ROLES, short
+from deabayes.quantities import short
 
 SCOPE = "candidate"
 SYSTEMS = ("tubular",)
@@ -30,21 +30,16 @@ BAND = 0.22
 def draw(results: CandidateResults) -> list[Figure]:
     """Return one figure with gain above phase and one colour per record."""
     records = panels.side_by_side(results.predictions.values())
-    responses = {
-        kind: [r for r in records if r.prediction.attrs["response_name"] == kind]
-        for kind in ("gain", "phase")
-    }
-    shown = {kind: found for kind, found in responses.items() if found}
+    responses = [[r for r in records if r.response_name == kind] for kind in ("gain", "phase")]
+    shown = [same for same in responses if same]
     if not shown:
         return []
-    height = 2.1 * len(shown) + 0.5 + style.HEADER
-    figure = Figure(figsize=(0.75 * style.DOUBLE_COLUMN, height), layout="constrained")
-    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-    first = {_motion(record): record for found in list(shown.values())[::-1] for record in found}
+    figure, axes = panels.grid(len(shown), 1, 2.1 * len(shown) + 0.5, 0.75, sharex=True)
+    first = {_motion(record): record for same in shown[::-1] for record in same}
     motions = sorted(first, key=list(map(_motion, records)).index)
-    for ax, found in zip(axes, shown.values(), strict=True):
-        _draw_all(ax, found, motions)
-    axes[-1].set_xlabel("frequency (Hz)")
+    for ax, same in zip(axes[:, 0], shown, strict=True):
+        _draw_all(ax, same, motions)
+    axes[-1, 0].set_xlabel("frequency (Hz)")
     panels.legend_below(figure, _handles(results, [first[motion] for motion in motions]), 3)
     return [figure]
 
@@ -60,10 +55,9 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]
         index = motions.index(_motion(record))
         frequency = record.against_coordinate().values
         colour = style.SERIES[index % len(style.SERIES)]
-        lower, upper = (
-            record.response("predictive", level=0.9, bound=bound) for bound in ("lower", "upper")
+        ax.fill_between(
+            frequency, *record.band("predictive"), color=colour, alpha=BAND, linewidth=0
         )
-        ax.fill_between(frequency, lower, upper, color=colour, alpha=BAND, linewidth=0)
         ax.plot(frequency, record.response("median"), color=colour, linewidth=1.0)
         ax.plot(frequency, record.response("observed"), color=colour, linestyle="none",
                 marker=style.MARKERS[index % len(style.MARKERS)], markersize=1.8,
@@ -79,20 +73,16 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]
 
 
 def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> list[Line2D | Patch]:
-    entries: list[Line2D | Patch] = [
-        Line2D([], [], color=style.SERIES[k % len(style.SERIES)],
-               marker=style.MARKERS[k % len(style.MARKERS)], markersize=3, linewidth=1.0,
-               label=_label(results, record))
-        for k, record in enumerate(records)
-    ]  # fmt: skip
+    """Legend entries: the load of each record, or its name if no load is stated, and its role."""
+    entries: list[Line2D | Patch] = []
+    for k, record in enumerate(records):
+        load = results.study.experiments[record.name].metadata.get("load_g")
+        name = record.name if load is None else f"{short(float(load))} g"
+        entries.append(
+            panels.key(f"{name}, {record.role}", style.SERIES[k % len(style.SERIES)],
+                       marker=style.MARKERS[k % len(style.MARKERS)], markersize=3,
+                       linestyle="-", linewidth=1.0)
+        )  # fmt: skip
     colour = style.SERIES[0] if len(records) == 1 else style.GREY
     label = "90 % predictive band" + ("" if len(records) == 1 else ", in its record's colour")
     return [*entries, Patch(facecolor=colour, alpha=BAND, linewidth=0, label=label)]
-
-
-def _label(results: CandidateResults, record: panels.Record) -> str:
-    """Legend label: the record's load, or its name if no load is stated, and its role."""
-    load = results.study.experiments[record.name].metadata.get("load_g")
-    name = record.name if load is None else f"{short(float(load))} g"
-    role = str(record.prediction.attrs["role"])
-    return f"{name}, {ROLES.get(role, role)}"

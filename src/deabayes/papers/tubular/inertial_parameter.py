@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from deabayes.experiment import FloatArray
 from deabayes.papers import tubular as paper
-from deabayes.papers.base import Analysis, StudyContext, interval
-from deabayes.papers.tubular.sources import STATED, Labels, having, prior_draws, sourced, stated
+from deabayes.papers.base import Analysis, Row, StudyContext, interval
+from deabayes.papers.tubular.sources import STATED, prior_draws, stated, systems_with
 from deabayes.systems.tubular.base import MASSES, moving_mass
 
 SYSTEMS = ("tubular",)
@@ -23,16 +23,16 @@ GRAM = 1e-3
 
 def compute(context: StudyContext) -> Analysis:
     """Return one row per load, for the stated values and for every candidate with inertia."""
-    import pandas as pd
-
     if not stated(context.specimen, (*MASSES, *SIZES)):
         return Analysis()
+    loads = [record.metadata.get("load_g") for record in context.experiments]
+    given = {float(load) for load in loads if isinstance(load, int | float)}
     rows = [
-        first | row
+        first | load_row(load, drawn)
         for first, drawn in _sources(context)
-        for row in (load_row(load, drawn) for load in _loads(context))
+        for load in sorted(given.union(paper.LOADS))
     ]
-    return Analysis({"table_2_inertial_parameter": pd.DataFrame(rows)})
+    return Analysis.of_rows({"table_2_inertial_parameter": rows})
 
 
 def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
@@ -46,22 +46,13 @@ def load_row(load: float, drawn: dict[str, FloatArray]) -> dict[str, float]:
     }
 
 
-def _sources(context: StudyContext) -> list[tuple[Labels, dict[str, FloatArray]]]:
+def _sources(context: StudyContext) -> list[tuple[Row, dict[str, FloatArray]]]:
+    """First columns of a row, and draws of the moving mass without load and of the sizes."""
     rng = context.rng("inertial_parameter")
     given = prior_draws(context.specimen, (*MASSES, *SIZES), rng)
     given["moving_mass"] = moving_mass(*(given[name] for name in MASSES))
-    found: list[tuple[Labels, dict[str, FloatArray]]] = [(dict(STATED), given)]
-    for name, fitted in context.candidates.items():
-        system = having(fitted, "inertia")
-        if system is not None:
-            names = ("moving_mass", *SIZES)
-            drawn = {each: system.quantity(each, fitted.draws) for each in names}
-            found.append((sourced(name, fitted, system), drawn))
-    return found
-
-
-def _loads(context: StudyContext) -> list[float]:
-    """Loads of the paper and of the records [g]."""
-    hung = [each.metadata.get("load_g") for each in context.experiments]
-    given = [float(load) for load in hung if isinstance(load, int | float)]
-    return sorted({*paper.LOADS, *given})
+    sources: list[tuple[Row, dict[str, FloatArray]]] = [(dict(STATED), given)]
+    for first, fitted, system in systems_with(context, "inertia"):
+        names = ("moving_mass", *SIZES)
+        sources.append((first, {name: system.quantity(name, fitted.draws) for name in names}))
+    return sources

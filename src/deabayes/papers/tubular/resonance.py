@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.papers.base import Analysis, StudyContext, interval, labels
-from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.tubular.system import Tubular
 
 SYSTEMS = ("tubular",)
@@ -28,38 +29,30 @@ PERCENT = 100.0
 
 def compute(context: StudyContext) -> Analysis:
     """Return one row per measured gain and candidate whose model has mass."""
-    import pandas as pd
-
-    rows = [
-        labels(name, fitted)
-        | {"experiment": each.name, "role": each.role, "load_g": each.metadata.get("load_g")}
-        | errors(each, fitted)
-        for name, fitted in context.candidates.items()
-        for each in context.records("gain", "frequency_response")
-        if has_mass(fitted, each)
-    ]
-    return Analysis({"table_4_resonance": pd.DataFrame(rows)} if rows else {})
+    rows = []
+    for name, fitted in context.candidates.items():
+        for record in context.records("gain", "frequency_response"):
+            system = fitted.system_for(record)
+            if isinstance(system, Tubular) and system.inertia:
+                first = labels(name, fitted) | {"experiment": record.name, "role": record.role}
+                first["load_g"] = record.metadata.get("load_g")
+                rows.append(first | errors(record, system, fitted.draws))
+    return Analysis.of_rows({"table_4_resonance": rows})
 
 
-def has_mass(fitted: Fitted, experiment: Experiment) -> bool:
-    """Whether the model used for this record has mass, so that it can resonate."""
-    system = fitted.system_for(experiment)
-    return isinstance(system, Tubular) and system.inertia
-
-
-def errors(experiment: Experiment, fitted: Fitted) -> dict[str, float]:
+def errors(
+    experiment: Experiment, system: Tubular, draws: Mapping[str, FloatArray]
+) -> dict[str, float]:
     """Measured and predicted peak, and errors E(f_n) and E(A_n) in percent."""
-    system = fitted.system_for(experiment)
-    assert isinstance(system, Tubular)
     measured = measured_peak(experiment.coordinate, experiment.response)
-    predicted = system.harmonic(experiment.excitation, fitted.draws).peak()
-    found: dict[str, float] = {}
+    predicted = system.harmonic(experiment.excitation, draws).peak()
+    row: dict[str, float] = {}
     kinds = (("frequency", "Hz", 1.0), ("gain", "percentperV", PERCENT))
-    for (name, unit, factor), seen, drawn in zip(kinds, measured, predicted, strict=True):
-        found[f"measured_{name}_{unit}"] = factor * seen
-        found |= interval(f"predicted_{name}", unit, factor * drawn)
-        found |= interval(f"{name}_error", "percent", PERCENT * (drawn / seen - 1.0))
-    return found
+    for (name, unit, factor), of_record, of_draws in zip(kinds, measured, predicted, strict=True):
+        row[f"measured_{name}_{unit}"] = factor * of_record
+        row |= interval(f"predicted_{name}", unit, factor * of_draws)
+        row |= interval(f"{name}_error", "percent", PERCENT * (of_draws / of_record - 1.0))
+    return row
 
 
 def measured_peak(frequency: FloatArray, gain: FloatArray) -> tuple[float, float]:

@@ -2,57 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from deabayes.experiment import FloatArray, Specimen
-from deabayes.papers.base import StudyContext, labels
+from deabayes.papers.base import Row, StudyContext, labels
 from deabayes.posteriors.fitted import Fitted
 from deabayes.systems.specimen_quantities import uncertain_quantities
 from deabayes.systems.tubular.base import CIRCUIT_SYMBOLS, TubularBase
 from deabayes.systems.tubular.circuit import Circuit
 
-Labels = dict[str, object]
 STATED_DRAWS = 4000
 STATED: Mapping[str, object] = {"candidate": "specimen.yaml", "order": "", "converged": True}
 """First columns of a row that rests on stated values only."""
 
 
-def circuits(context: StudyContext, rng: np.random.Generator) -> list[tuple[Labels, Circuit]]:
+def circuits(context: StudyContext, rng: np.random.Generator) -> list[tuple[Row, Circuit]]:
     """Draws of R_S, R_L and C of every candidate with a circuit, else of the stated values.
 
-    A candidate that is predicted with a circuit (`predict_with`) counts as one with a circuit.
     The list is empty if no candidate has a circuit and the specimen states none.
     """
-    found: list[tuple[Labels, Circuit]] = []
-    for name, fitted in context.candidates.items():
-        system = having(fitted, "circuit")
-        if system is not None:
-            found.append((sourced(name, fitted, system), system.circuit_of(fitted.draws)))
-    if found or not stated(context.specimen, CIRCUIT_SYMBOLS):
-        return found
+    fitted_ones = [
+        (first, system.circuit_of(fitted.draws))
+        for first, fitted, system in systems_with(context, "circuit")
+    ]
+    if fitted_ones or not stated(context.specimen, CIRCUIT_SYMBOLS):
+        return fitted_ones
     drawn = prior_draws(context.specimen, CIRCUIT_SYMBOLS, rng)
     return [(dict(STATED), Circuit(*drawn.values()))]
 
 
-def having(fitted: Fitted, part: str) -> TubularBase | None:
-    """Return the candidate's system that has the `part` `circuit` or `inertia`, or None.
+def systems_with(context: StudyContext, part: str) -> Iterator[tuple[Row, Fitted, TubularBase]]:
+    """Yield every candidate whose system has the `part` `circuit` or `inertia`.
 
-    The fitted system comes first, then the systems used for prediction.
+    If the fitted system does not have it, the systems that predict (`predict_with`) are searched.
+    The first columns then say that the part follows its prior.
     """
-    for system in (fitted.system, *fitted.predicts_with.values()):
-        if isinstance(system, TubularBase) and getattr(system, part):
-            return system
-    return None
-
-
-def sourced(name: str, fitted: Fitted, system: TubularBase) -> Labels:
-    """First columns of a row; a note says if the part was not fitted and follows its prior."""
-    first = labels(name, fitted)
-    return (
-        first if system is fitted.system else first | {"candidate": f"{name} (prior, not fitted)"}
-    )
+    for name, fitted in context.candidates.items():
+        for system in (fitted.system, *fitted.predicts_with.values()):
+            if isinstance(system, TubularBase) and getattr(system, part):
+                first = labels(name, fitted)
+                if system is not fitted.system:
+                    first["candidate"] = f"{name} (prior, not fitted)"
+                yield first, fitted, system
+                break
 
 
 def stated(specimen: Specimen, names: Iterable[str]) -> bool:

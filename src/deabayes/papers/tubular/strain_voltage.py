@@ -32,8 +32,7 @@ def draw(results: CandidateResults) -> list[Figure]:
 
 
 def _sheet(record: panels.Record) -> Figure:
-    figure = Figure(figsize=(style.DOUBLE_COLUMN, 2.2 + 0.4 + style.HEADER), layout="constrained")
-    first, last, loop = figure.subplots(1, 3)
+    figure, ((first, last, loop),) = panels.grid(1, 3, 2.2 + 0.4)
     time = record.prediction["coordinate"].values
     period = usual_period(passes(time, record.prediction["excitation"].values))
     period = period if np.isfinite(period) else float(np.ptp(time))
@@ -56,11 +55,6 @@ def _sheet(record: panels.Record) -> Figure:
 
 def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
     """Draw bands, points and median of a part of the record against time or voltage."""
-    ends = {
-        name: (record.whole(name, level=0.9, bound="lower")[part],
-               record.whole(name, level=0.9, bound="upper")[part])
-        for name in style.BANDS
-    }  # fmt: skip
-    bands.fill(ax, x, ends)
+    bands.fill(ax, x, {name: record.whole_band(name)[:, part] for name in style.BANDS})
     panels.draw_observed(ax, x, record.whole("observed")[part])
     ax.plot(x, record.whole("median")[part], color=style.BLUE, linewidth=1.1, zorder=4)
