@@ -8,7 +8,6 @@ a sensor with delay, offset, drift, correlated noise and quantisation.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from data.make.membrane_specimen import SPECIMEN
 from data.make.sensor import Sensor
-from data.make.writing import write_record, write_table, write_yaml
+from data.make.writing import numbered, run, write_descriptions, write_record
 
 from deabayes.experiment import FloatArray
 
@@ -25,7 +24,6 @@ REST = 5.0
 """Seconds at rest, without voltage, before each command."""
 MONITOR_NOISE = 0.3
 """sd of the amplifier's voltage monitor [V]."""
-COMMENT = "Written by `python -m data.make.membrane`; edit that module, not this file."
 Command = Callable[[float], float]
 
 
@@ -188,9 +186,8 @@ def write(folder: Path) -> None:
     for seed, settings in enumerate(RECORDS):
         write_record(folder / "records" / f"{settings.name}.csv", record(settings, seed))
     areas = [_area_row(settings) for settings in reversed(RECORDS) if settings.protocol == "step"]
-    write_table(folder / "experiments.csv", [*(_row(settings) for settings in RECORDS), *areas])
-    write_yaml(folder / "specimen.yaml", SPECIMEN, COMMENT)
-    write_yaml(folder / "truth.yaml", truth_for_scoring(), COMMENT)
+    rows = [*(_row(settings) for settings in RECORDS), *areas]
+    write_descriptions(folder, rows, SPECIMEN, truth_for_scoring(), "membrane")
 
 
 def _row(settings: Record) -> dict[str, object]:
@@ -217,8 +214,7 @@ def _area_row(settings: Record) -> dict[str, object]:
 def truth_for_scoring() -> dict[str, object]:
     """What a fit of these records should find, and what disturbs it; SI."""
     parameters = {name: getattr(TRUTH, name) for name in ("mu_alpha", "zeta_alpha", "J_alpha")}
-    parameters |= {f"mu_beta_{i}": mu for i, mu in enumerate(TRUTH.mu_beta, start=1)}
-    parameters |= {f"tau_beta_{i}": tau for i, tau in enumerate(TRUTH.tau_beta, start=1)}
+    parameters |= numbered(mu_beta=TRUTH.mu_beta, tau_beta=TRUTH.tau_beta)
     parameters |= {"J_beta": TRUTH.J_beta, "permittivity": TRUTH.permittivity}
     others = ("thickness", "side_length", "prestretch", "current_limit")
     return {
@@ -232,6 +228,4 @@ def truth_for_scoring() -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python -m data.make.membrane FOLDER")
-    write(Path(sys.argv[1]))
+    run(write)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from data.make.writing import quantity
+
 STAND_IN = "stand-in, not in the paper's text"
 PAPER = "Nguyen et al. 2021"
 
@@ -15,26 +17,19 @@ PROVENANCE = (
 )
 
 
-def _quantity(
-    value: float, unit: str, source: str = PAPER, sd: float | None = None
-) -> dict[str, object]:
-    uncertain = {} if sd is None else {"sd": sd}
-    return {"value": value, "unit": unit, **uncertain, "source": source}
-
-
 SPECIMEN: dict[str, object] = {
     "name": "membrane",
     "system": "membrane",
     "provenance": {"kind": "simulated", "source": PROVENANCE, "licence": "BSD-3-Clause"},
     "quantities": {
-        "side_length": _quantity(10, "mm"),
-        "thickness": _quantity(1, "mm", PAPER + "; its error is in that of permittivity"),
-        "permittivity": _quantity(
+        "side_length": quantity(10, "mm", PAPER),
+        "thickness": quantity(1, "mm", PAPER + "; its error is in that of permittivity"),
+        "permittivity": quantity(
             41.1, "pF/m", PAPER + "; sd is a stand-in: VHB 4910, 4.6 to 4.8 times epsilon_0", 0.9
         ),
-        "prestretch": _quantity(3, "1", PAPER + "; taken as exact"),
-        "density": _quantity(960, "kg/m^3"),
-        "breakdown_stretch": _quantity(6, "1", STAND_IN),
+        "prestretch": quantity(3, "1", PAPER + "; taken as exact"),
+        "density": quantity(960, "kg/m^3", PAPER),
+        "breakdown_stretch": quantity(6, "1", STAND_IN),
     },
     "instruments": {
         "delay": {"value": 2, "unit": "ms"},

@@ -9,7 +9,6 @@ holds what its candidates leave out: see `minimum_energy_structure_truth`.
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from data.make.minimum_energy_structure_truth import (
     TRUTH,
     tilted,
 )
-from data.make.writing import write_record, write_table, write_yaml
+from data.make.writing import numbered, run, write_descriptions, write_record
 
 from deabayes.experiment import FloatArray
 
@@ -35,9 +34,6 @@ REST = 0.2
 """Seconds at rest, without voltage, before each voltage in time."""
 INTERVAL = 1e-3
 PERIODS = 50
-COMMENT = (
-    "Written by `python -m data.make.minimum_energy_structure`; edit that module, not this file."
-)
 Columns = dict[str, tuple[FloatArray, int]]
 
 
@@ -173,21 +169,18 @@ def write(folder: Path) -> None:
     """Write records, experiments.csv, specimen.yaml and truth.yaml; takes a minute."""
     for seed, settings in enumerate(RECORDS):
         write_record(folder / "records" / f"{settings.name}.csv", settings.columns(seed))
-    write_descriptions(folder)
+    describe(folder)
 
 
-def write_descriptions(folder: Path) -> None:
+def describe(folder: Path) -> None:
     """Write what describes the records: they take a minute, this does not."""
-    write_table(folder / "experiments.csv", [settings.row() for settings in RECORDS])
-    write_yaml(folder / "specimen.yaml", SPECIMEN, COMMENT)
-    write_yaml(folder / "truth.yaml", truth_for_scoring(), COMMENT)
+    rows = [settings.row() for settings in RECORDS]
+    write_descriptions(folder, rows, SPECIMEN, truth_for_scoring(), "minimum_energy_structure")
 
 
 def truth_for_scoring() -> dict[str, object]:
     """What a fit of these records should find, and what disturbs it; SI."""
-    parameters: dict[str, float] = {}
-    for name in ("mu", "alpha", "k", "tau"):
-        parameters |= {f"{name}_{i}": v for i, v in enumerate(getattr(TRUTH, name), start=1)}
+    parameters = numbered(mu=TRUTH.mu, alpha=TRUTH.alpha, k=TRUTH.k, tau=TRUTH.tau)
     parameters |= {name: getattr(TRUTH, name) for name in ("relative_permittivity", "eta_0")}
     others = asdict(TRUTH) | {"hinge_stiffness": TRUTH.hinge_stiffness}
     given = ("mu", "alpha", "k", "xi", *parameters)
@@ -202,6 +195,4 @@ def truth_for_scoring() -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python -m data.make.minimum_energy_structure FOLDER")
-    write(Path(sys.argv[1]))
+    run(write)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from data.make.writing import quantity
+
 STAND_IN = "stand-in, not in the paper's text"
 PAPER = "minimum-energy structure 2019, Table 1"
 
@@ -18,30 +20,23 @@ PROVENANCE = (
 )
 
 
-def _quantity(
-    value: float, unit: str, source: str = PAPER, sd: float | None = None
-) -> dict[str, object]:
-    uncertain = {} if sd is None else {"sd": sd}
-    return {"value": value, "unit": unit, **uncertain, "source": source}
-
-
 SPECIMEN: dict[str, object] = {
     "name": "minimum_energy_structure",
     "system": "minimum_energy_structure",
     "provenance": {"kind": "simulated", "source": PROVENANCE, "licence": "BSD-3-Clause"},
     "quantities": {
-        "link_length": _quantity(33.50, "mm"),
-        "mass_centre": _quantity(15.78, "mm"),
-        "link_mass": _quantity(0.603, "g"),
-        "slider_mass": _quantity(0.40, "g"),
-        "rotational_inertia": _quantity(156.56, "g*mm^2"),
-        "film_thickness": _quantity(
+        "link_length": quantity(33.50, "mm", PAPER),
+        "mass_centre": quantity(15.78, "mm", PAPER),
+        "link_mass": quantity(0.603, "g", PAPER),
+        "slider_mass": quantity(0.40, "g", PAPER),
+        "rotational_inertia": quantity(156.56, "g*mm^2", PAPER),
+        "film_thickness": quantity(
             40, "um", "1 mm of film stretched 5 x 5 (minimum-energy structure 2019); taken as exact"
         ),
-        "prestretch": _quantity(5, "1", "minimum-energy structure 2019; taken as exact"),
-        "window_area": _quantity(14.9, "cm^2", STAND_IN + "; 0.67 sd below the truth", 0.15),
-        "rest_angle": _quantity(45, "deg", STAND_IN, 0.5),
-        "hinge_stiffness": _quantity(
+        "prestretch": quantity(5, "1", "minimum-energy structure 2019; taken as exact"),
+        "window_area": quantity(14.9, "cm^2", STAND_IN + "; 0.67 sd below the truth", 0.15),
+        "rest_angle": quantity(45, "deg", STAND_IN, 0.5),
+        "hinge_stiffness": quantity(
             0.0258,
             "N*m/rad",
             STAND_IN + "; measured, 0.5 sd above what the equilibrium at rest asks for",

@@ -9,7 +9,6 @@ limited current (16), sensors with delay, offset, drift, correlated noise and qu
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,7 @@ from data.make import tubular_frequency as analyser
 from data.make.tubular_motion import leakage_current, motion
 from data.make.tubular_specimen import SPECIMEN
 from data.make.tubular_truth import CURRENT, DISPLACEMENT, LEAKAGE, MONITOR_NOISE, TRUTH
-from data.make.writing import write_record, write_table, write_yaml
+from data.make.writing import numbered, run, write_descriptions, write_record
 
 from deabayes.experiment import FloatArray
 
@@ -27,7 +26,6 @@ SEED = 20120
 VOLTAGES = {2000: "calibrate", 2500: "validate", 1500: "validate"}
 LOADS = (100, 300, 500)
 """Of the frequency responses [g]."""
-COMMENT = "Written by `python -m data.make.tubular`; edit that module, not this file."
 Columns = dict[str, tuple[FloatArray, int]]
 
 
@@ -104,9 +102,7 @@ def write(folder: Path) -> None:
     """Write records, experiments.csv, specimen.yaml and truth.yaml."""
     for name, columns in records().items():
         write_record(folder / "records" / f"{name}.csv", columns())
-    write_table(folder / "experiments.csv", rows())
-    write_yaml(folder / "specimen.yaml", SPECIMEN, COMMENT)
-    write_yaml(folder / "truth.yaml", truth_for_scoring(), COMMENT)
+    write_descriptions(folder, rows(), SPECIMEN, truth_for_scoring(), "tubular")
 
 
 def records() -> dict[str, Callable[[], Columns]]:
@@ -170,8 +166,7 @@ def _row(
 
 def truth_for_scoring() -> dict[str, object]:
     """What a fit of these records should find, and what disturbs it; SI."""
-    moduli = {f"E_{n}": value for n, value in enumerate(TRUTH.E)}
-    times = {f"tau_{n}": value for n, value in enumerate(TRUTH.tau, start=1)}
+    parameters = {"E_0": TRUTH.E[0]} | numbered(E=TRUTH.E[1:], tau=TRUTH.tau)
     others = {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(TRUTH).items()
@@ -179,7 +174,7 @@ def truth_for_scoring() -> dict[str, object]:
     }
     return {
         "seed": SEED,
-        "parameters": {**moduli, **times},
+        "parameters": parameters,
         "specimen": others,
         "sensor": asdict(DISPLACEMENT),
         "voltage_monitor": {"sigma_white": MONITOR_NOISE},
@@ -194,6 +189,4 @@ def truth_for_scoring() -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python -m data.make.tubular FOLDER")
-    write(Path(sys.argv[1]))
+    run(write)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from data.make.writing import quantity
+
 STAND_IN = "stand-in, not in the paper's text"
 
 PROVENANCE = (
@@ -15,35 +17,28 @@ PROVENANCE = (
 )
 
 
-def _quantity(
-    value: float, unit: str, source: str = STAND_IN, sd: float | None = None
-) -> dict[str, object]:
-    uncertain = {} if sd is None else {"sd": sd}
-    return {"value": value, "unit": unit, **uncertain, "source": source}
-
-
 SPECIMEN: dict[str, object] = {
     "name": "tubular",
     "system": "tubular",
     "provenance": {"kind": "simulated", "source": PROVENANCE, "licence": "BSD-3-Clause"},
     "quantities": {
-        "thickness": _quantity(80, "um", "Sarban et al. 2012, laminate; sd is a stand-in", 2),
-        "relative_permittivity": _quantity(3.1, "1", sd=0.1),
-        "active_length": _quantity(70, "mm", STAND_IN + "; taken as exact"),
-        "cross_section": _quantity(6.0e-4, "m^2", sd=0.15e-4),
-        "total_mass": _quantity(100.5, "g", "Sarban et al. 2012"),
-        "active_mass": _quantity(
+        "thickness": quantity(80, "um", "Sarban et al. 2012, laminate; sd is a stand-in", 2),
+        "relative_permittivity": quantity(3.1, "1", STAND_IN, 0.1),
+        "active_length": quantity(70, "mm", STAND_IN + "; taken as exact"),
+        "cross_section": quantity(6.0e-4, "m^2", STAND_IN, 0.15e-4),
+        "total_mass": quantity(100.5, "g", "Sarban et al. 2012"),
+        "active_mass": quantity(
             46.2, "g", "1100 kg/m^3 (stand-in) x cross_section x length; sd is a stand-in", 1
         ),
-        "sensor_mass": _quantity(10, "g", sd=0.5),
-        "series_resistance": _quantity(
+        "sensor_mass": quantity(10, "g", STAND_IN, 0.5),
+        "series_resistance": quantity(
             954,
             "ohm",
             "phase of 1.56 rad at 10 Hz (Sarban et al. 2012); its rounding allows 510 to 1390 ohm",
             250,
         ),
-        "leakage_resistance": _quantity(1.0, "Gohm", sd=0.2),
-        "capacitance": _quantity(180, "nF", sd=2),
+        "leakage_resistance": quantity(1.0, "Gohm", STAND_IN, 0.2),
+        "capacitance": quantity(180, "nF", STAND_IN, 2),
     },
     "instruments": {
         "delay": {"value": 0.4, "unit": "ms"},

@@ -13,6 +13,7 @@ from tests.shared.fake_results import write_study
 
 from deabayes import figures
 from deabayes.figures import panels
+from deabayes.figures.record import Record, branches, side_by_side
 from deabayes.figures.results import StudyResults
 from deabayes.noise import REGISTRY as NOISE_MODELS
 
@@ -145,22 +146,22 @@ def test_many_records_are_spread_over_sheets() -> None:
 
 def test_loops_are_split_where_they_turn() -> None:
     stretch = np.array([1.0, 1.5, 2.0, 2.0, 1.5, 1.0])
-    parts = [stretch[part].tolist() for part in panels.branches(stretch)]
+    parts = [stretch[part].tolist() for part in branches(stretch)]
     assert len(parts) == 2
     assert [part[-1] for part in parts] == [2.0, 1.0]
     assert all(np.all(np.diff(p) >= 0) or np.all(np.diff(p) <= 0) for p in parts)
 
 
 def test_axes_follow_the_protocol(measured: StudyResults, unconverged: StudyResults) -> None:
-    predictions = [panels.Record(p) for p in measured.recommended.predictions.values()]
+    predictions = [Record(p) for p in measured.recommended.predictions.values()]
     loop = next(r for r in predictions if r.protocol == "load_unload")
     relaxation = next(r for r in predictions if r.protocol == "relaxation")
     assert loop.horizontal().label == "stretch"
     assert loop.against_coordinate().label == "time (s)"
     assert relaxation.horizontal().logarithmic
-    assert not panels.Record(relaxation.prediction, log_time=False).horizontal().logarithmic
+    assert not Record(relaxation.prediction, log_time=False).horizontal().logarithmic
     sine = next(
-        panels.Record(p)
+        Record(p)
         for p in unconverged.recommended.predictions.values()
         if p.attrs["protocol"] == "sine"
     )
@@ -173,12 +174,12 @@ def test_records_side_by_side_share_a_unit_that_suits_them(measured: StudyResult
     first = first.assign_attrs(response_name="displacement", response_unit="m")
     share = first["observed"] / np.abs(first["observed"]).max()
     sizes = {"large": 2.5e-3, "medium": 0.4e-3, "small": 20e-6}
-    shown = panels.side_by_side(first.assign(observed=size * share) for size in sizes.values())
+    shown = side_by_side(first.assign(observed=size * share) for size in sizes.values())
     assert [record.unit.label for record in shown] == ["mm", "mm", "µm"]
     assert np.abs(shown[1].response("observed")).max() == pytest.approx(0.4)
     # Another response does not count, and alone a record has the unit of its own size.
     other = first.assign_attrs(response_name="force", response_unit="N")
-    alone = panels.side_by_side([first.assign(observed=4e-4 * share), other])
+    alone = side_by_side([first.assign(observed=4e-4 * share), other])
     assert [record.unit.label for record in alone] == ["µm", alone[1].unit.label]
 
 

@@ -20,7 +20,8 @@ from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import pairs, panels, residuals
+from deabayes.figures import pairs, residuals
+from deabayes.figures.record import Record
 from deabayes.figures.results import StudyResults
 from deabayes.papers import hysteresis
 from deabayes.papers.minimum_energy_structure import structure_loops
@@ -47,8 +48,8 @@ def loop(volts: float = 5e3, hertz: float = 1.0, width: float = 3.0) -> xr.Datas
 def of_structure(*records: xr.Dataset) -> Figure:
     found = SimpleNamespace(curves=dict(enumerate(records)))
     best = SimpleNamespace(name="kv_gm_1")
-    results = SimpleNamespace(analysis=lambda _: found, recommended=best)
-    (figure,) = structure_loops.draw(results)  # type: ignore[arg-type]
+    results = SimpleNamespace(recommended=best)
+    (figure,) = structure_loops.draw(results, found)  # type: ignore[arg-type]
     return figure
 
 
@@ -93,11 +94,11 @@ def test_regions_of_pairs_hold_the_draws_they_promise(size: int, slope: float) -
 def test_residuals_of_a_sine_are_those_of_the_whole_record(tmp_path: Path) -> None:
     results = StudyResults(write_study(tmp_path, Fake(candidates=(1,), protocols=("sine",))))
     (prediction,) = results.recommended.predictions.values()
-    record = panels.Record(prediction)
+    record = Record(prediction)
     assert record.shown.start > 0
     early = prediction["observed"].values.copy()
     early[: record.shown.start] += np.ptp(early)
-    record = panels.Record(prediction.assign(observed=("coordinate", early)))
+    record = Record(prediction.assign(observed=("coordinate", early)))
     figure = residuals._spread(SimpleNamespace(noise_group=lambda name: "sine"), [record])
     reach = np.concatenate([line.get_xdata() for line in figure.axes[0].lines])
     share = 100 * (early - prediction["median"].values) / np.ptp(early)

@@ -15,7 +15,8 @@ from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures, papers
-from deabayes.figures import pairs, panels
+from deabayes.figures import pairs
+from deabayes.figures.record import Record
 from deabayes.figures.results import StudyResults
 from deabayes.papers.minimum_energy_structure import genetic_algorithm
 
@@ -95,11 +96,11 @@ def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
         {"coordinate": np.r_[np.arange(20.0), np.arange(100.0, 120.0)]},
         {"experiment": "sine", "protocol": "sine"},
     )
-    assert panels.Record(prediction).shown == slice(20, None)
+    assert Record(prediction).shown == slice(20, None)
     whole = prediction.assign_coords(coordinate=np.arange(40.0))
-    assert panels.Record(whole).shown == slice(None)
+    assert Record(whole).shown == slice(None)
     step = prediction.assign_attrs(protocol="step")
-    assert panels.Record(step).shown == slice(None)
+    assert Record(step).shown == slice(None)
 
 
 def test_long_tails_do_not_set_the_limits_of_pairs() -> None:

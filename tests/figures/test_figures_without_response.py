@@ -16,7 +16,8 @@ from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import panels, residuals, style
+from deabayes.figures import residuals, style
+from deabayes.figures.record import Record
 from deabayes.figures.results import CandidateResults, StudyResults
 from deabayes.papers.membrane import prior_curves
 
@@ -44,7 +45,7 @@ def lose(results: CandidateResults, name: str, **changed: object) -> None:
 def test_colours_of_noise_groups_come_round_again(study: Path) -> None:
     results = StudyResults(study).recommended
     prediction = next(iter(results.predictions.values()))
-    many = [panels.Record(prediction.assign_attrs(experiment=f"record_{k:02}")) for k in range(40)]
+    many = [Record(prediction.assign_attrs(experiment=f"record_{k:02}")) for k in range(40)]
     figure = residuals._spread(SimpleNamespace(noise_group=lambda name: name), many)
     boxes = [each for each in figure.axes[0].patches if isinstance(each, PathPatch)]
     shown = [to_hex(each.get_facecolor()) for each in boxes]
@@ -55,7 +56,7 @@ def test_colours_of_noise_groups_come_round_again(study: Path) -> None:
 def test_residuals_of_a_record_without_response_say_so(study: Path) -> None:
     results = StudyResults(study).recommended
     name = next(n for n in results.predictions if n.startswith("relaxation"))
-    assert panels.Record(results.predictions[name]).against_coordinate().logarithmic
+    assert Record(results.predictions[name]).against_coordinate().logarithmic
     lose(results, name)
     along, spread = figures.draw("residuals", results)
     assert words(along).count(NOTHING) == words(spread).count(NOTHING) == 1

@@ -11,7 +11,7 @@ from tests.shared.contexts import CANDIDATES, context, draws, experiment
 from tests.shared.membranes import membrane, sine, step, voltage
 
 from deabayes import papers
-from deabayes.papers import hysteresis
+from deabayes.papers import amplitude, hysteresis
 from deabayes.papers.base import band, interval
 from deabayes.papers.membrane import (
     amplitude_frequency,
@@ -185,9 +185,9 @@ def test_bands_are_of_as_many_cycles_as_the_voltage_had(monkeypatch):
     records = [replace(each, steps=(groups,)) for each in made.records("displacement", "sine")]
     asked = []
     monkeypatch.setattr(
-        amplitude_frequency, "predicted_amplitude", lambda *given: asked.append(given[3]) or FLAT
+        amplitude, "settled_amplitude", lambda *given: asked.append(given[3]) or FLAT
     )
-    found = amplitude_frequency.bands(made, records, 2e3)
+    found = amplitude_frequency.predicted_curve(made, records, 2e3)
     assert list(Cycles.of(records[0]).numbers) == [1, 2, 4]
     assert found.attrs["cycles"] == 4 and set(asked) == {4}
 

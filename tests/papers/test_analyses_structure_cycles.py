@@ -116,5 +116,5 @@ def test_two_sines_of_one_frequency_have_one_curve_between_them():
     context = motion()
     first = next(e for e in context.experiments if e.name == "sine_5kV_1Hz")
     twice = [first, replace(first, name="again")]
-    bands = structure_amplitude.bands(context, twice, [])
+    bands = structure_amplitude.sine_curves(context, twice, [])
     assert bands["frequency"].size == 1 and bands["measured"].size == 2

@@ -38,7 +38,7 @@ def test_errors_of_sines_of_a_structure(factor: float, scale: str) -> None:
             table[f"e_rms_{voltage}_{end}"] = [0.2 * part, 0.2 * part * factor]
         table[f"paper_e_rms_{voltage}_percent"] = 0.2
     found = SimpleNamespace(tables={"table_5_errors": table})
-    (figure,) = structure_errors.draw(SimpleNamespace(analysis=lambda _: found))  # type: ignore[arg-type]
+    (figure,) = structure_errors.draw(None, found)  # type: ignore[arg-type]
     for ax in figure.axes:
         assert ax.get_yscale() == scale
         low, high = ax.get_ylim()

@@ -9,7 +9,6 @@ from matplotlib import pyplot
 
 from deabayes.experiment import Excitation, Experiment
 from deabayes.papers.membrane import response_stages
-from deabayes.papers.membrane import response_stages as figure
 
 TIME = np.array([0.5, 1.0, 30.0, 100.0])
 
@@ -36,8 +35,7 @@ def test_steps_to_one_voltage_are_told_apart():
     for each, gained in ((first, [20.0, 30.0, 50.0]), (again, [60.0, 10.0, 30.0])):
         np.testing.assert_allclose(stages.loc[each.name, "measured_percent"], gained)
         np.testing.assert_allclose(stages.loc[each.name, "predicted_percent"], gained)
-    results = SimpleNamespace(analysis=lambda name: found)
-    (sheet,) = figure.draw(results)
+    (sheet,) = response_stages.draw(None, found)
     bars = [[bar.get_height() for bar in ax.patches] for ax in sheet.axes[2:]]
     np.testing.assert_allclose(bars, [[20.0, 30.0, 50.0], [60.0, 10.0, 30.0]])
     pyplot.close(sheet)

@@ -39,7 +39,7 @@ def table(name):
 
 
 def test_the_shipped_descriptions_are_what_the_script_writes(tmp_path):
-    minimum_energy_structure.write_descriptions(tmp_path)
+    minimum_energy_structure.describe(tmp_path)
     for name in ("experiments.csv", "specimen.yaml", "truth.yaml"):
         assert (tmp_path / name).read_text() == (SHIPPED / name).read_text()
     records = {path.stem: path.stat().st_size for path in (SHIPPED / "records").iterdir()}

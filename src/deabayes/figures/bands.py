@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
+from deabayes.figures.record import Axis, Record, branches
 
 EDGE_COLOUR, EDGE_WIDTH = style.GREY, 0.5
 """Edges of the predictive band, which the discrepancy band fills if white noise is small."""
@@ -28,7 +29,7 @@ def handles(observed: str = "observed") -> list[Line2D | Patch]:
     ]
 
 
-def draw(ax: Axes, record: panels.Record, x: panels.Axis, minus: FloatArray | float = 0.0) -> None:
+def draw(ax: Axes, record: Record, x: Axis, minus: FloatArray | float = 0.0) -> None:
     """Draw the bands of a record after subtracting `minus` (the median, for residuals)."""
     fill(ax, x.values, {name: record.band(name) - minus for name in style.BANDS})
 
@@ -40,7 +41,7 @@ def fill(ax: Axes, x: FloatArray, ends: Mapping[str, FloatArray]) -> None:
     """
     for name, (colour, _) in style.BANDS.items():
         lower, upper = ends[name]
-        for part in panels.branches(x):
+        for part in branches(x):
             ax.fill_between(x[part], lower[part], upper[part], color=colour, linewidth=0.4)
     for edge in ends["predictive"]:
         ax.plot(x, edge, color=EDGE_COLOUR, linewidth=EDGE_WIDTH, zorder=1.5)

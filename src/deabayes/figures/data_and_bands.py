@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import bands, panels, style
+from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -31,7 +32,7 @@ def draw(
     own roles in their titles. `observed` is the legend's label of the points.
     """
 
-    def panel(ax: Axes, record: panels.Record) -> None:
+    def panel(ax: Axes, record: Record) -> None:
         x = record.horizontal()
         bands.draw(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
@@ -45,5 +46,5 @@ def draw(
         panels.set_horizontal(ax, x)
         panels.title(ax, record, role=role)
 
-    records = panels.side_by_side(results.predictions.values(), log_time)
+    records = side_by_side(results.predictions.values(), log_time)
     return panels.record_sheets(records, 44, panel, bands.handles(observed))

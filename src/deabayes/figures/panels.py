@@ -1,10 +1,9 @@
-"""Sheets of panels: layout, headings, axes, and the drawing of records and curves."""
+"""Sheets of panels: layout, legends, headings, axes, and the curves of candidates."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any, Literal, TypeVar
 
@@ -27,18 +26,12 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import style
-from deabayes.integrate.periodic import passes, usual_period
-from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
+from deabayes.figures.record import CYCLES_SHOWN, Axis, Record, after_last_gap, branches
+from deabayes.quantities import ROLES, plain
 
 PANELS_PER_SHEET = 9
 DENSE = 400
-LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
-CYCLES_SHOWN = 3
 NO_RESPONSE = "no draw has a response"
-GAP = 3.0
-"""A step of more than this many median spacings between two points is a gap."""
-SMALLEST = 0.05
-"""Smallest response, as a share of a display unit, that is still shown in that unit."""
 Item = TypeVar("Item")
 
 
@@ -138,139 +131,6 @@ def say(ax: Axes, words: str) -> None:
     ax.text(0.5, 0.5, words, fontsize=6.5, style="italic", color=style.VERMILLION, **place)
 
 
-@dataclass(frozen=True)
-class Axis:
-    """Values to plot in display units, their label, and whether the axis is logarithmic."""
-
-    values: FloatArray
-    label: str
-    logarithmic: bool = False
-
-
-@dataclass(frozen=True)
-class Record:
-    """One prediction file, in display units.
-
-    `shown` is the part that a panel shows. It is the whole record, or the last cycles of a long
-    sine, or the points after the last gap of a sine with gaps.
-    """
-
-    prediction: xr.Dataset
-    log_time: bool | None = None
-    beside: float = 0.0
-    """Largest observed response (SI) among the records with the same response name."""
-
-    @property
-    def name(self) -> str:
-        return str(self.prediction.attrs["experiment"])
-
-    @property
-    def role(self) -> str:
-        """Role of the record in words."""
-        return ROLES[str(self.prediction.attrs["role"])]
-
-    @property
-    def protocol(self) -> str:
-        return str(self.prediction.attrs["protocol"])
-
-    @property
-    def extrapolation(self) -> str:
-        return str(self.prediction.attrs.get("extrapolation", ""))
-
-    @property
-    def response_name(self) -> str:
-        return str(self.prediction.attrs["response_name"])
-
-    @property
-    def largest(self) -> float:
-        """Largest magnitude of the observed response (SI)."""
-        return float(np.nanmax(np.abs(self.prediction["observed"].values), initial=0.0))
-
-    @property
-    def unit(self) -> DisplayUnit:
-        """Display unit of the records beside it, or its own if the response is too small."""
-        kind = str(self.prediction.attrs["response_unit"])
-        theirs = display_unit(kind, max(self.largest, self.beside), self.response_name)
-        if self.largest >= SMALLEST * theirs.factor:
-            return theirs
-        return display_unit(kind, self.largest, self.response_name)
-
-    @property
-    def label(self) -> str:
-        return plain(self.response_name) + self.unit.suffix
-
-    @property
-    def spans_decades(self) -> bool:
-        """Whether the response axis is logarithmic, as it is for a gain."""
-        return self.response_name == "gain"
-
-    @property
-    def responds(self) -> bool:
-        """Whether the prediction has a finite median; it has none if every draw failed."""
-        return bool(np.isfinite(self.prediction["median"].values).any())
-
-    def whole(self, name: str, **selection: object) -> FloatArray:
-        """Variable `name` over the whole record, in the display unit of the response."""
-        variable = self.prediction[name].sel(**selection) if selection else self.prediction[name]
-        return np.asarray(variable.values, dtype=float) / self.unit.factor
-
-    def response(self, name: str, **selection: object) -> FloatArray:
-        """Variable `name` over the part of the record that is shown, in display units."""
-        return self.whole(name, **selection)[..., self.shown]
-
-    def whole_band(self, name: str) -> FloatArray:
-        """Lower and upper end (2, N) of a 90 % band over the whole record, in display units."""
-        return np.stack([self.whole(name, level=0.9, bound=b) for b in ("lower", "upper")])
-
-    def band(self, name: str) -> FloatArray:
-        """Lower and upper end (2, N) of a 90 % band over the part of the record that is shown."""
-        return self.whole_band(name)[:, self.shown]
-
-    @property
-    def shown(self) -> slice:
-        time = self.prediction["coordinate"].values
-        if self.protocol == "sine" and (last := after_last_gap(time)):
-            return slice(last, None)
-        crossings = passes(time, self.prediction["excitation"].values)
-        if self.protocol != "sine" or len(crossings) <= CYCLES_SHOWN + 2:
-            return slice(None)
-        shown = CYCLES_SHOWN * usual_period(crossings)
-        return slice(int(np.searchsorted(time, time[-1] - shown)), None)
-
-    def against_coordinate(self) -> Axis:
-        """Axis of the coordinate: time, frequency, or the excitation of a record without time."""
-        coordinate = self.prediction["coordinate"]
-        values = coordinate.values[self.shown]
-        logarithmic = self.log_time
-        if logarithmic is None:
-            positive = values[values > 0]
-            logarithmic = (
-                self.protocol in LOG_TIME_PROTOCOLS
-                and positive.size > 0.9 * values.size
-                and positive.max() > 30 * positive.min()
-            )
-        name = str(coordinate.attrs.get("name", "coordinate"))
-        return _axis(values, name, _unit(coordinate), bool(logarithmic))
-
-    def horizontal(self) -> Axis:
-        """Horizontal axis: the excitation for a `load_unload` record, else the coordinate."""
-        if self.protocol != "load_unload":
-            return self.against_coordinate()
-        excitation = self.prediction["excitation"]
-        name = str(excitation.attrs.get("name", excitation.attrs.get("long_name", "excitation")))
-        return _axis(excitation.values[self.shown], name, _unit(excitation))
-
-
-def side_by_side(predictions: Iterable[xr.Dataset], log_time: bool | None = None) -> list[Record]:
-    """Records that share a display unit per response, so that they can be compared by eye."""
-    alone = [Record(prediction, log_time) for prediction in predictions]
-    largest: dict[str, float] = {}
-    for each in alone:
-        name = each.response_name
-        largest[name] = max(each.largest, largest.get(name, 0.0))
-    return [replace(each, beside=largest[each.response_name]) for each in alone]
-
-
 def record_sheets(
     records: Sequence[Record],
     millimetres: float,
@@ -292,38 +152,6 @@ def record_sheets(
         legend_below(figure, entries)
         figures.append(figure)
     return figures
-
-
-def _unit(variable: xr.DataArray) -> str:
-    return str(variable.attrs.get("unit", variable.attrs.get("units", "1")))
-
-
-def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -> Axis:
-    display = display_unit(unit, values, name)
-    return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
-
-
-def after_last_gap(coordinate: FloatArray) -> int:
-    """Index of the first point after the last gap between points; 0 without a gap."""
-    steps = np.diff(coordinate)
-    gaps = np.flatnonzero(steps > GAP * np.median(steps)) if steps.size else steps
-    return int(gaps[-1]) + 1 if gaps.size else 0
-
-
-def branches(values: FloatArray) -> Iterator[slice]:
-    """Monotone stretches of `values`: the loading and unloading branches of a loop."""
-    steps = np.sign(np.diff(values))
-    steps = steps[steps != 0] if not steps.any() else _filled(steps)
-    turns = np.flatnonzero(np.diff(steps)) + 1
-    edges = [0, *turns.tolist(), len(values) - 1]
-    for start, stop in pairwise(edges):
-        yield slice(start, stop + 1)
-
-
-def _filled(steps: FloatArray) -> FloatArray:
-    """Replace zero steps by the sign of the step before them."""
-    index = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
-    return steps[index]
 
 
 def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> None:

@@ -132,11 +132,8 @@ def _draw_response(ax: Axes, record: PreparedRecord) -> None:
         return record.since_hold(coordinate)
 
     if raw is not None:
-        x, y, hidden = (
-            across(raw.coordinate, raw.excitation),
-            raw.response / unit.factor,
-            raw.masked,
-        )
+        x, y = across(raw.coordinate, raw.excitation), raw.response / unit.factor
+        hidden = raw.masked
         ax.plot(x, y, color=style.GREY, alpha=0.55, linewidth=0.7, zorder=1)
         ax.plot(x[hidden], y[hidden], linestyle="none", marker="x", color=style.ORANGE,
                 markersize=2.6, markeredgewidth=0.7, zorder=2)  # fmt: skip
@@ -159,7 +156,7 @@ def _draw_excitation(ax: Axes, record: PreparedRecord) -> None:
         ax.plot(record.since_hold(record.raw.coordinate), record.raw.excitation / unit.factor,
                 color=style.GREY, alpha=0.55, linewidth=2.0)  # fmt: skip
     # the axis is not linear between knots, so the straight piece needs more points
-    dense, (first, last), start = knots, record.ends, record.hold_start
+    dense, last, start = np.unique(knots), record.ends[1], record.hold_start
     if start is not None and last > start:
         later = start + np.geomspace(1e-4 * (last - start), last - start, 100)
         dense = np.unique(np.concatenate([knots, later]))

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
+from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 
 SCOPE = "candidate"
@@ -22,7 +23,7 @@ CURVES = 50
 def draw(results: CandidateResults) -> list[Figure]:
     """Return sheets of the records with prior curves."""
 
-    def panel(ax: Axes, record: panels.Record) -> None:
+    def panel(ax: Axes, record: Record) -> None:
         x = record.horizontal()
         curves = drawn[record.name].values
         curves = curves.reshape(-1, curves.shape[-1])[:CURVES, record.shown] / record.unit.factor
@@ -35,7 +36,7 @@ def draw(results: CandidateResults) -> list[Figure]:
         panels.title(ax, record)
 
     drawn = results.prior_predictive
-    records = panels.side_by_side(p for n, p in results.predictions.items() if n in drawn)
+    records = side_by_side(p for n, p in results.predictions.items() if n in drawn)
     entries = [
         panels.key("drawn from the prior", style.GREY, linewidth=0.8),
         panels.key("observed", marker="."),

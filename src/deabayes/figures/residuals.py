@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import bands, panels, style
+from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import plain
 
@@ -24,12 +25,12 @@ CAPTION = (
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Return sheets of residuals along the coordinate, then their spread by noise group."""
-    records = panels.side_by_side(results.predictions.values())
+    records = side_by_side(results.predictions.values())
     sheets = panels.record_sheets(records, 38, _panel, bands.handles())
     return [*sheets, _spread(results, records)] if records else []
 
 
-def _panel(ax: Axes, record: panels.Record) -> None:
+def _panel(ax: Axes, record: Record) -> None:
     x = record.against_coordinate()
     if record.responds:
         median = record.response("median")
@@ -44,7 +45,7 @@ def _panel(ax: Axes, record: panels.Record) -> None:
     panels.title(ax, record)
 
 
-def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figure:
+def _spread(results: CandidateResults, records: Sequence[Record]) -> Figure:
     """Draw boxes of residuals in per cent of each record's range, coloured by noise group."""
     groups = {r.name: results.noise_group(r.name) for r in records}
     order = sorted(records, key=lambda r: (groups[r.name], r.name))
@@ -64,7 +65,7 @@ def _spread(results: CandidateResults, records: Sequence[panels.Record]) -> Figu
     return figure
 
 
-def _box(ax: Axes, row: int, record: panels.Record, index: int, group: str) -> None:
+def _box(ax: Axes, row: int, record: Record, index: int, group: str) -> None:
     """Draw the box of a record's residuals, over all points and not only the shown cycles."""
     if not record.responds:
         ax.text(0.5, row, panels.NO_RESPONSE, transform=ax.get_yaxis_transform(), fontsize=6,

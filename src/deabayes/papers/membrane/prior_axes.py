@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
 from deabayes.figures import panels, style
+from deabayes.figures.record import Axis
 from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import DisplayUnit, display_unit, plain, short, symbol_text
 
 CYCLES = 3
 
 
-def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], panels.Axis]:
+def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], Axis]:
     """Return which points to show, and their horizontal axis.
 
     The axis is logarithmic time since a step, or time over the excitation's first cycles.
@@ -26,12 +27,12 @@ def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], panels.Axis]:
     time = curves["coordinate"].values - curves.attrs["onset"]
     if curves.attrs["held"]:
         shown = time > 0
-        return shown, panels.Axis(time[shown], "time since the step (s)", True)
+        return shown, Axis(time[shown], "time since the step (s)", True)
     period = usual_period(passes(time, curves["excitation"].values))
     shown = time >= 0
     if np.isfinite(period):
         shown &= time <= CYCLES * period
-    return shown, panels.Axis(time[shown], "time since the start (s)")
+    return shown, Axis(time[shown], "time since the start (s)")
 
 
 def vertical(curves: xr.Dataset, values: FloatArray) -> tuple[DisplayUnit, str]:

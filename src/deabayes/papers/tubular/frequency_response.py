@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
+from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 from deabayes.quantities import short
 
@@ -29,7 +30,7 @@ BAND = 0.22
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Return one figure with gain above phase and one colour per record."""
-    records = panels.side_by_side(results.predictions.values())
+    records = side_by_side(results.predictions.values())
     responses = [[r for r in records if r.response_name == kind] for kind in ("gain", "phase")]
     shown = [same for same in responses if same]
     if not shown:
@@ -44,12 +45,12 @@ def draw(results: CandidateResults) -> list[Figure]:
     return [figure]
 
 
-def _motion(record: panels.Record) -> str:
+def _motion(record: Record) -> str:
     """Name that the gain record and the phase record of a motion share."""
     return record.name.removesuffix("_phase")
 
 
-def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]) -> None:
+def _draw_all(ax: Axes, records: Sequence[Record], motions: Sequence[str]) -> None:
     """Draw every record of one response in one panel."""
     for record in records:
         index = motions.index(_motion(record))
@@ -72,7 +73,7 @@ def _draw_all(ax: Axes, records: Sequence[panels.Record], motions: Sequence[str]
     ax.set_ylabel(records[0].label)
 
 
-def _handles(results: CandidateResults, records: Sequence[panels.Record]) -> list[Line2D | Patch]:
+def _handles(results: CandidateResults, records: Sequence[Record]) -> list[Line2D | Patch]:
     """Legend entries: the load of each record, or its name if no load is stated, and its role."""
     entries: list[Line2D | Patch] = []
     for k, record in enumerate(records):

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from deabayes.figures import bands, panels, style
+from deabayes.figures.record import Record
 from deabayes.figures.results import CandidateResults
 from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import display_unit
@@ -25,13 +26,13 @@ MOTIONS = ("strain", "displacement")
 def draw(results: CandidateResults) -> list[Figure]:
     """Return one sheet per sine record of strain or displacement."""
     return [
-        _sheet(panels.Record(prediction))
+        _sheet(Record(prediction))
         for prediction in results.predictions.values()
         if prediction.attrs["protocol"] == "sine" and prediction.attrs["response_name"] in MOTIONS
     ]
 
 
-def _sheet(record: panels.Record) -> Figure:
+def _sheet(record: Record) -> Figure:
     figure, ((first, last, loop),) = panels.grid(1, 3, 2.2 + 0.4)
     time = record.prediction["coordinate"].values
     period = usual_period(passes(time, record.prediction["excitation"].values))
@@ -53,7 +54,7 @@ def _sheet(record: panels.Record) -> Figure:
     return figure
 
 
-def _curve(ax: Axes, record: panels.Record, x: np.ndarray, part: np.ndarray) -> None:
+def _curve(ax: Axes, record: Record, x: np.ndarray, part: np.ndarray) -> None:
     """Draw bands, points and median of a part of the record against time or voltage."""
     bands.fill(ax, x, {name: record.whole_band(name)[:, part] for name in style.BANDS})
     panels.draw_observed(ax, x, record.whole("observed")[part])
