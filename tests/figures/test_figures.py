@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
+from matplotlib.colors import to_hex
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import panels
+from deabayes.figures import panels, style
 from deabayes.figures.record import Record, branches, side_by_side
 from deabayes.figures.results import StudyResults
 from deabayes.noise import REGISTRY as NOISE_MODELS
@@ -59,6 +61,7 @@ def test_every_candidate_figure_draws(name: str, measured: StudyResults) -> None
         assert any("fake_strip" in word for word in words)
         assert "NOT CONVERGED" not in words
         assert "simulated data" not in words
+        assert all(ax.get_legend() is None for ax in figure.axes), "a legend on the data"
 
 
 @pytest.mark.parametrize("name", OF_CANDIDATES)
@@ -125,12 +128,6 @@ def test_three_bands_are_labelled_and_only_one_is_predictive(measured: StudyResu
     assert any(word.startswith("90 % predictive") for word in words)
     assert any("parameters only (not predictive)" in word for word in words)
     assert any("discrepancy" in word and "predictive" not in word for word in words)
-
-
-def test_legends_lie_outside_the_data(measured: StudyResults) -> None:
-    for name in OF_CANDIDATES:
-        for figure in figures.draw(name, measured.recommended):
-            assert all(ax.get_legend() is None for ax in figure.axes)
 
 
 def test_parameter_panels_show_posterior_and_prior_with_units(measured: StudyResults) -> None:
@@ -253,3 +250,35 @@ def test_noise_along_the_grid_lasts_for_points_and_not_seconds(
     assert right.get_xlabel() == "points of the grid"
     lengths = [line.get_xdata()[0] for line in right.lines if line.get_marker() == "|"]
     assert lengths == [results.study.experiments[name].coordinate.size - 1]
+
+
+def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
+    prediction = xr.Dataset(
+        {"excitation": ("coordinate", np.ones(40))},
+        {"coordinate": np.r_[np.arange(20.0), np.arange(100.0, 120.0)]},
+        {"experiment": "sine", "protocol": "sine"},
+    )
+    assert Record(prediction).shown == slice(20, None)
+    whole = prediction.assign_coords(coordinate=np.arange(40.0))
+    assert Record(whole).shown == slice(None)
+    step = prediction.assign_attrs(protocol="step")
+    assert Record(step).shown == slice(None)
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_every_run_is_shown_against_the_limit(converged: bool, tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1,), converged=converged))
+    results = StudyResults(study).recommended
+    ax = figures.draw("convergence", results)[0].axes[2]
+    (points,) = ax.collections
+    lengths, rows = np.asarray(points.get_offsets()).T
+    np.testing.assert_array_equal(lengths, results.convergence["autocorrelation_times"])
+    assert [ax.get_yticklabels()[int(k)].get_text() for k in rows] == [
+        f"run {k}" for k in (1, 2, 3, 4)
+    ]
+    assert min(lengths) < 10.0, "one run alone may be short"
+    colours = {to_hex(each) for each in points.get_facecolors()}
+    assert colours == {(style.BLUE if converged else style.VERMILLION).lower()}
+    assert list(ax.lines[0].get_xdata()) == [10.0, 10.0]
+    low, high = ax.get_xlim()
+    assert low < min(lengths) and high > max(lengths)

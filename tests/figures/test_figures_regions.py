@@ -14,17 +14,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.path import Path as Outline
 from tests.shared import fake_records
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
-from deabayes.figures import pairs, residuals
+from deabayes.figures import bands, residuals, style
 from deabayes.figures.record import Record
 from deabayes.figures.results import StudyResults
 from deabayes.papers import hysteresis
-from deabayes.papers.minimum_energy_structure import structure_loops
+from deabayes.papers.minimum_energy_structure import structure_errors, structure_loops
 from deabayes.papers.tubular import frequency_response
 
 PHASE = np.linspace(0.0, 2.0 * np.pi, 81)
@@ -71,24 +70,6 @@ def test_bands_of_loops_are_filled_where_their_branches_overlap(draw: object) ->
         points = np.column_stack([volts, lower + share * (upper - lower)])
         inside = np.any([path.contains_points(points) for path in outlines], axis=0)
         assert inside.all(), f"{(~inside).sum()} of {inside.size} empty"
-
-
-@pytest.mark.parametrize("slope", [0.0, 0.98])
-@pytest.mark.parametrize("size", [500, 20000])
-def test_regions_of_pairs_hold_the_draws_they_promise(size: int, slope: float) -> None:
-    drawn = np.random.default_rng(3).standard_normal((2, size))
-    x, y = drawn[0], slope * drawn[0] + np.sqrt(1.0 - slope**2) * drawn[1]
-    ax = Figure().subplots()
-    pairs._contours(ax, pairs._Column(x, "", False), pairs._Column(y, "", False))
-    (filled,) = ax.collections
-    rings = [ring for path in filled.get_paths() for ring in path.to_polygons()]
-    points = np.column_stack([x, y])
-    held = [Outline(ring).contains_points(points).mean() for ring in rings]
-    assert max(held) == pytest.approx(0.9, abs=0.02)
-    assert min(filled.levels) > 0.0
-    inner = [ring for path in filled.get_paths()[1:] for ring in path.to_polygons()]
-    inside = np.any([Outline(ring).contains_points(points) for ring in inner], axis=0)
-    assert inside.mean() == pytest.approx(0.5, abs=0.02)
 
 
 def test_residuals_of_a_sine_are_those_of_the_whole_record(tmp_path: Path) -> None:
@@ -247,3 +228,58 @@ def test_intervals_of_errors_are_drawn_where_they_are(tmp_path: Path) -> None:
     assert ends == [[2.0, 3.0]]
     assert not any(isinstance(each, PathCollection) for each in figure.axes[0].collections)
     assert "single draws" in figures.module("errors").CAPTION
+
+
+X = np.linspace(0.0, 1.0, 20)
+
+
+def test_edges_of_the_predictive_band_lie_on_the_one_that_fills_it() -> None:
+    ends = dict.fromkeys(style.BANDS, (-1.0 - 0 * X, 1.0 + X))
+    ax = Figure().subplots()
+    bands.fill(ax, X, ends)
+    for line, edge in zip(ax.lines, ends["predictive"], strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), edge)
+        assert line.get_zorder() > max(each.get_zorder() for each in ax.collections)
+        assert to_hex(line.get_color()) not in [colour for colour, _ in style.BANDS.values()]
+
+
+def test_the_legend_shows_the_edge_of_the_predictive_band_alone() -> None:
+    entries = {handle.get_label(): handle for handle in bands.handles()[2:]}
+    for name, (colour, label) in style.BANDS.items():
+        patch = entries[label]
+        assert to_hex(patch.get_facecolor()) == to_hex(colour)
+        outlined = to_hex(patch.get_edgecolor()) == style.GREY
+        assert outlined == (name == "predictive")
+
+
+FACTORS = [(15.0, "linear"), (100.0, "log")]
+
+
+@pytest.mark.parametrize(("factor", "scale"), FACTORS)
+def test_errors_of_two_candidates(factor: float, scale: str, tmp_path: Path) -> None:
+    study = write_study(tmp_path, Fake(candidates=(1, 2)))
+    for path, value in zip(sorted(study.glob("*/errors.csv")), (0.2, 0.2 * factor), strict=True):
+        table = pd.read_csv(path)
+        table[["e_rms_percent", "e_rms_q05", "e_rms_q95"]] = [value, 0.9 * value, 1.5 * value]
+        table.to_csv(path, index=False)
+    (figure,) = figures.draw("errors", StudyResults(study))
+    for ax in figure.axes:
+        assert ax.get_xscale() == scale
+        low, high = ax.get_xlim()
+        assert low < 0.18 and high > 0.3 * factor
+
+
+@pytest.mark.parametrize(("factor", "scale"), FACTORS)
+def test_errors_of_sines_of_a_structure(factor: float, scale: str) -> None:
+    table = pd.DataFrame({"candidate": ["a", "b"], "converged": True, "frequency_Hz": 1.0})
+    for voltage in ("4kV", "5kV"):
+        table[f"role_{voltage}"] = "validate"
+        for end, part in (("percent", 1.0), ("q05", 0.9), ("q95", 1.5)):
+            table[f"e_rms_{voltage}_{end}"] = [0.2 * part, 0.2 * part * factor]
+        table[f"paper_e_rms_{voltage}_percent"] = 0.2
+    found = SimpleNamespace(tables={"table_5_errors": table})
+    (figure,) = structure_errors.draw(None, found)  # type: ignore[arg-type]
+    for ax in figure.axes:
+        assert ax.get_yscale() == scale
+        low, high = ax.get_ylim()
+        assert low < 0.18 and high > 0.3 * factor

@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from tests.shared.contexts import context
+from tests.shared import structure_contexts
+from tests.shared.contexts import computed, context
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
@@ -165,3 +166,26 @@ def test_tables_are_rounded_to_what_their_intervals_support():
     assert found["header"] == ["candidate", "e m (%)", "paper (%)", "stable", "frequency (Hz)"]
     assert found["rows"] == [["kv_gm_1", "21.4 [20.1, 22.3]", "21.42", "yes", "–"]]
     assert found["number"] == [False, True, True, False, True]
+
+
+EVERY_ANALYSIS = [
+    *((computed, (name,)) for name in papers.names_for("membrane")),
+    *(
+        (structure_contexts.computed, (name, study))
+        for name in papers.names_for("minimum_energy_structure")
+        if name != "genetic_algorithm"
+        for study in ("static", "motion")
+    ),
+]
+
+
+@pytest.mark.parametrize(("compute", "which"), EVERY_ANALYSIS)
+def test_the_ends_of_every_interval_are_in_order_and_belong_to_a_column(compute, which):
+    for table in compute(*which).tables.values():
+        columns = [str(c) for c in table.columns]
+        low = [c.removesuffix("_q05") for c in columns if c.endswith("_q05")]
+        for base in low:
+            (value,) = [c for c in columns if c == base or (c.rpartition("_")[0] == base
+                        and c not in (f"{base}_q05", f"{base}_q95"))]  # fmt: skip
+            inside = table[[value, f"{base}_q05", f"{base}_q95"]].dropna()
+            assert np.all(inside[f"{base}_q05"] <= inside[f"{base}_q95"])

@@ -12,11 +12,18 @@ from tests.shared.structures import FILM, structure
 from deabayes.papers.minimum_energy_structure import genetic_algorithm
 
 
-@pytest.fixture
-def few(monkeypatch):
+@pytest.fixture(scope="module")
+def few():
     """Two short runs."""
-    monkeypatch.setattr(genetic_algorithm, "SEEDS", (1, 2))
-    monkeypatch.setattr(genetic_algorithm, "GENERATIONS", 150)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(genetic_algorithm, "SEEDS", (1, 2))
+        patch.setattr(genetic_algorithm, "GENERATIONS", 150)
+        yield
+
+
+@pytest.fixture(scope="module")
+def analysis(few):
+    return genetic_algorithm.compute(static())
 
 
 def records():
@@ -56,9 +63,8 @@ def test_terms_are_put_in_order():
                      "relative_permittivity": 2.0}  # fmt: skip
 
 
-def test_runs_fit_and_are_placed_in_the_posterior(few):
-    found = genetic_algorithm.compute(static())
-    runs = found.tables["genetic_algorithm_runs"]
+def test_runs_fit_and_are_placed_in_the_posterior(analysis):
+    runs = analysis.tables["genetic_algorithm_runs"]
     assert list(runs["candidate"]) == ["ogden_1", "ogden_1", "ogden_4", "ogden_4"]
     np.testing.assert_allclose(runs["relative_permittivity"], FILM["relative_permittivity"],
                                rtol=0.03)  # fmt: skip
@@ -66,11 +72,11 @@ def test_runs_fit_and_are_placed_in_the_posterior(few):
     draws = static().candidates["ogden_1"].draws["relative_permittivity"]
     below = 100.0 * np.mean(draws < runs["relative_permittivity"][0])
     assert runs["relative_permittivity_below_percent"][0] == pytest.approx(below)
-    terms = found.tables["genetic_algorithm_terms"]
+    terms = analysis.tables["genetic_algorithm_terms"]
     assert terms["mu_kPa"].between(1.0, 1000.0).all() and terms["alpha"].between(0.0, 5.0).all()
     total = terms.groupby(["candidate", "seed"])["share_kPa"].sum()
     np.testing.assert_allclose(total, runs["mu_0_kPa"])
-    curve = found.curves["ogden_4"]
+    curve = analysis.curves["ogden_4"]
     assert curve["draw_share"].sizes == {"term": 4, "draw": 20}
     np.testing.assert_allclose(curve["run_mu_0"], 1e3 * runs["mu_0_kPa"][2:])
     assert np.all(np.diff(curve["run_alpha"], axis=0) >= 0.0)
@@ -83,10 +89,10 @@ def test_the_same_seed_finds_the_same(few):
     assert once == again
 
 
-def test_no_forces_or_units_no_runs(few):
+def test_without_forces_or_with_units_there_are_no_runs(few, analysis):
     assert not genetic_algorithm.compute(motion()).tables
     forces = [e for e in static().experiments if e.role == "validate"]
     assert not genetic_algorithm.compute(replace(static(), experiments=forces)).tables
     moving = replace(static(), candidates=motion().candidates)
     assert not genetic_algorithm.compute(moving).tables
-    assert set(STATIC) == set(genetic_algorithm.compute(static()).curves)
+    assert set(STATIC) == set(analysis.curves)

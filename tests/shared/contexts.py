@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from tests.shared.membranes import PLAIN, golden_draws, membrane, sine, step
 
+from deabayes import papers
 from deabayes.experiment import Experiment
 from deabayes.noise import REGISTRY as NOISE
 from deabayes.papers.base import StudyContext
@@ -68,3 +70,9 @@ def context(**changes) -> StudyContext:
     study = Study("made_up", Path("data/membrane"), CANDIDATES)
     found = StudyContext(study, PLAIN, records, {name: fitted(name) for name in CANDIDATES})
     return replace(found, **changes)
+
+
+@cache
+def computed(name):
+    """One analysis of the made-up membrane study."""
+    return papers.module(name).compute(context())

@@ -15,7 +15,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -98,9 +97,8 @@ def module(name: str) -> ModuleType:
 
 
 def names(scope: str) -> list[str]:
-    """Registered figures of a scope (candidate | study | population) whose module is installed."""
-    present = [name for name, path in REGISTRY.items() if find_spec(path)]
-    return [name for name in present if getattr(module(name), "SCOPE", "study") == scope]
+    """Registered figures of a scope (candidate | study | population)."""
+    return [name for name in REGISTRY if scope == module(name).SCOPE]
 
 
 def names_of(candidate: CandidateResults) -> list[str]:

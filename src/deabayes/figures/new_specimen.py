@@ -11,9 +11,10 @@ SCOPE = "population"
 TITLE = "A new specimen"
 CAPTION = (
     "Response of a new specimen of the population to the records of its first member, with three "
-    "separate 90 % bands that hold the spread between specimens. Points are the first member's, "
-    "which the population has seen: that they lie inside is no test of it. What is not a "
-    "parameter of the population, noise and geometry, is as of the first member."
+    "separate 90 % bands that include the spread between specimens. The points are the first "
+    "member's. The population was fitted to them, so points inside the bands do not test it. "
+    "Noise, geometry and whatever else is not a parameter of the population are those of the first "
+    "member."
 )
 
 

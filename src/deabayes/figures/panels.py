@@ -33,6 +33,20 @@ PANELS_PER_SHEET = 9
 DENSE = 400
 NO_RESPONSE = "no draw has a response"
 Item = TypeVar("Item")
+LINES = ("-", "--", "-.", ":")
+BAND = "5–95 % of the draws"
+LARGE, SMALL = 7.0, 6.0
+BOLD, LIGHT = 0.68, 0.56
+"""Mean width of a bold and of a light character, as a share of the font size."""
+LINE = 8.0
+"""Height of a line of text in points."""
+BESIDE = 0.35
+"""Width in inches that the labels of a panel take from its share of the figure."""
+EXTRAPOLATION = "EXTRAPOLATION"
+WITHIN_DECADES = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
+"""Tick positions within a decade, from fine to coarse."""
+WIDE = 20.0
+"""Ratio of largest to smallest value above which a linear axis hides the smallest."""
 
 
 def batches(items: Sequence[Item], size: int = PANELS_PER_SHEET) -> list[Sequence[Item]]:
@@ -118,11 +132,11 @@ def legend_below(figure: Figure, handles: Sequence[Artist], columns: int = 3) ->
 
 def labelled(*several: Axes) -> list[Artist]:
     """Return the labelled artists of these axes for a legend, one per label."""
-    found: dict[str, Artist] = {}
+    by_label: dict[str, Artist] = {}
     for ax in several:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return list(found.values())
+            by_label.setdefault(label, handle)
+    return list(by_label.values())
 
 
 def say(ax: Axes, words: str) -> None:
@@ -168,10 +182,6 @@ def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> 
         rasterized=len(x) > DENSE,
         zorder=3,
     )
-
-
-LINES = ("-", "--", "-.", ":")
-BAND = "5–95 % of the draws"
 
 
 def colour(index: int) -> str:
@@ -274,16 +284,6 @@ def spread(index: int, count: int, width: float = 0.22) -> float:
     return 0.0 if count == 1 else float(np.linspace(-width, width, count)[index])
 
 
-LARGE, SMALL = 7.0, 6.0
-BOLD, LIGHT = 0.68, 0.56
-"""Mean width of a bold and of a light character, as a share of the font size."""
-LINE = 8.0
-"""Height of a line of text in points."""
-BESIDE = 0.35
-"""Width in inches that the labels of a panel take from its share of the figure."""
-EXTRAPOLATION = "EXTRAPOLATION"
-
-
 def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None:
     """Write name, role and protocol of a record above its panel, and the extrapolation flag.
 
@@ -338,13 +338,6 @@ def _width(ax: Axes) -> float:
     place, figure = ax.get_subplotspec(), ax.figure
     columns = place.get_gridspec().ncols if place is not None else 1
     return float(72.0 * (figure.get_size_inches()[0] / columns - BESIDE))
-
-
-WITHIN_DECADES = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
-"""Tick positions within a decade, from fine to coarse."""
-
-WIDE = 20.0
-"""Ratio of largest to smallest value above which a linear axis hides the smallest."""
 
 
 def spans_much(values: FloatArray) -> bool:

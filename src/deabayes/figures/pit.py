@@ -17,11 +17,11 @@ SCOPE = "candidate"
 TITLE = "Probability integral transforms"
 CAPTION = (
     "Distribution of the probability integral transforms (PIT) of each record's n points, given "
-    "those before them, less the uniform one that a right model gives, in units of the distance "
-    "that 5 % of right models exceed with n points (Kolmogorov-Smirnov; the band ends there, and "
-    "p is 0.05). The farthest six that leave it are named. Above zero, then "
-    "below: the predicted spread is too narrow; below, then above: too wide; on one side only: "
-    "readings lie lower (above zero) or higher than predicted."
+    "the points before them, minus the uniform distribution of a right model. The unit is the "
+    "distance that 5 % of right models exceed with n points (Kolmogorov-Smirnov): the band ends "
+    "there, where p is 0.05. Of the records that leave it, the farthest six are named. Above zero, "
+    "then below: the predicted spread is too narrow; below, then above: too wide; on one side "
+    "only: readings lie lower (above zero) or higher than predicted."
 )
 LEVEL = 0.05
 """Share of uniform samples that leave the band; the tables use the same limit."""
@@ -31,8 +31,8 @@ Line = tuple[FloatArray, FloatArray]
 
 def draw(results: CandidateResults) -> list[Figure]:
     """Return one panel per role; the records farthest from uniform have names and colours."""
-    found = {role: _departures(results, role) for role in ROLES}
-    shown = {role: lines for role, lines in found.items() if lines}
+    by_role = {role: _departures(results, role) for role in ROLES}
+    shown = {role: lines for role, lines in by_role.items() if lines}
     if not shown:
         return []
     rows = sum(min(sum(map(_leaves, lines.values())), NAMED) for lines in shown.values())

@@ -23,10 +23,10 @@ SCOPE = "study"
 TITLE = "Records before and after preparation"
 CAPTION = (
     "Grey: the raw record, thinned with its extremes kept. Orange crosses: samples hidden from the "
-    "likelihood. Blue: the points the likelihood sees, each the mean of the raw samples it stands "
+    "likelihood. Blue: the points of the likelihood, each the mean of the raw samples it stands "
     "for. Below each record the excitation as recorded (grey) and the polyline that drives the "
-    "model (red, knots as squares). A record that ends in a long hold is drawn against the time "
-    "since its ramp ended, on a scale linear up to the ramp's length and logarithmic beyond."
+    "model (red, knots as squares). If a record ends in a long hold, its axis is the time since "
+    "the ramp ended, linear up to the ramp's length and logarithmic beyond."
 )
 RECORDS_PER_SHEET = 6
 LONG_HOLD = 10.0

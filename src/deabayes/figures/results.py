@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from deabayes.experiment import Experiment, FloatArray
     from deabayes.noise.base import NoiseModel
+SETTINGS = "population.yaml"
 
 
 @dataclass(frozen=True)
@@ -77,13 +78,15 @@ class StudyResults:
     @cached_property
     def candidates(self) -> tuple[CandidateResults, ...]:
         """Fitted candidates of the study, fewest parameters first."""
-        found = [CandidateResults(self, path.parent) for path in fitted_posteriors(self.folder)]
-        if not found:
+        candidates = [
+            CandidateResults(self, path.parent) for path in fitted_posteriors(self.folder)
+        ]
+        if not candidates:
             raise UserError(
                 f"{self.folder}: holds no fitted candidate (*/posterior.nc); "
                 "run `snakemake --cores 2` or `deabayes fit` first"
             )
-        return tuple(sorted(found, key=lambda c: (len(c.sampled), c.name)))
+        return tuple(sorted(candidates, key=lambda c: (len(c.sampled), c.name)))
 
     @cached_property
     def comparison(self) -> pd.DataFrame | None:
@@ -189,8 +192,7 @@ class CandidateResults:
 
     @property
     def convergence(self) -> Mapping[str, Any]:
-        found = self.attributes.get("convergence", {})
-        return found if isinstance(found, Mapping) else {}
+        return self._mapping("convergence")
 
     @property
     def converged(self) -> bool:
@@ -203,8 +205,11 @@ class CandidateResults:
     @property
     def settings(self) -> Mapping[str, Any]:
         """Settings of the study at the time of the fit."""
-        found = self.attributes.get("study", {})
-        return found if isinstance(found, Mapping) else {}
+        return self._mapping("study")
+
+    def _mapping(self, attribute: str) -> Mapping[str, Any]:
+        value = self.attributes.get(attribute)
+        return value if isinstance(value, Mapping) else {}
 
     def gate(self, name: str, default: float) -> float:
         """Limit of a convergence gate in the sampling settings, such as `r_hat` or `ess`."""
@@ -244,18 +249,15 @@ class CandidateResults:
         """Predictions by experiment, calibration records first."""
         import xarray as xr
 
-        found = []
-        for path in sorted((self.folder / "predictions").glob("*.nc")):
-            with xr.open_dataset(path, engine="h5netcdf") as dataset:
-                found.append(dataset.load())
-        found.sort(key=lambda p: (p.attrs["role"], p.attrs["protocol"], p.attrs["experiment"]))
-        return {str(p.attrs["experiment"]): p for p in found}
+        paths = sorted((self.folder / "predictions").glob("*.nc"))
+        predictions = [xr.load_dataset(path, engine="h5netcdf") for path in paths]
+        predictions.sort(key=lambda p: [p.attrs[n] for n in ("role", "protocol", "experiment")])
+        return {str(p.attrs["experiment"]): p for p in predictions}
 
     @cached_property
     def records(self) -> Mapping[str, Mapping[str, Any]]:
         """Calibration records by name, as stored in the posterior file: `group`, `scale`, ..."""
-        found = self.attributes.get("experiments", [])
-        return {r["name"]: r for r in found} if isinstance(found, list) else {}
+        return {record["name"]: record for record in self.attributes.get("experiments", [])}
 
     def noise_group(self, experiment: str) -> str:
         """The noise group an experiment belongs to."""
@@ -298,9 +300,6 @@ def _decoded(value: object) -> Any:
     return value
 
 
-SETTINGS = "population.yaml"
-
-
 @dataclass(frozen=True)
 class PopulationResults:
     """One population in `results/populations/{name}`: mean, spread, specimens, a new specimen."""
@@ -337,12 +336,6 @@ class PopulationResults:
     def converged(self) -> bool:
         return self.new_specimen.converged
 
-    @cached_property
-    def settings(self) -> Mapping[str, Any]:
-        """Settings of the population, from its posterior file."""
-        found: Mapping[str, Any] = self.attributes["population"]
-        return found
-
     @property
     def parameters(self) -> list[str]:
         """Names of the parameters that vary between specimens, in the order of the file."""
@@ -350,7 +343,8 @@ class PopulationResults:
 
     @property
     def members(self) -> list[str]:
-        return [str(name) for name in self.settings["studies"]]
+        """Names of the studies of its specimens."""
+        return [str(name) for name in self.attributes["population"]["studies"]]
 
     @cached_property
     def summary(self) -> pd.DataFrame:

@@ -18,11 +18,11 @@ from deabayes.quantities import DisplayUnit, display_unit, symbol_text
 SCOPE = "population"
 TITLE = "Specimens and their population"
 CAPTION = (
-    "Median and 90 % interval of every specimen by its own records (circles) and with the "
-    "population for a prior (diamonds): the less a specimen's records say, the nearer it is drawn "
-    "to the population's mean (dashed, its 90 % interval shaded darker). A new specimen lies in "
-    "the light band with 90 % probability. Hollow diamonds: few of a specimen's own "
-    "draws agree with the population, or its posterior has not converged."
+    "Median and 90 % interval of every specimen: from its own records (circles), and with the "
+    "population as prior (diamonds). The less a specimen's records say, the nearer its diamond "
+    "lies to the population's mean (dashed; its 90 % interval is shaded darker). A new specimen "
+    "lies in the light band with 90 % probability. Hollow diamonds: few of a specimen's own draws "
+    "agree with the population, or its posterior has not converged."
 )
 MOST_ACROSS = 3
 LEGIBLE_DECADES = 1.0

@@ -76,21 +76,21 @@ def run_all(context: StudyContext, output: Path) -> list[str]:
     unfinished = output.with_name(f".{output.name}.tmp")
     shutil.rmtree(unfinished, ignore_errors=True)
     entries, names = [], names_for(context.specimen.system)
-    seen = set(TABLES_OF_EVERY_STUDY)
+    used = set(TABLES_OF_EVERY_STUDY)
     for name in names:
         source = module(name)
-        found: Analysis = source.compute(context)
-        if repeated := seen & set(found.tables):
+        analysis: Analysis = source.compute(context)
+        if repeated := used & set(analysis.tables):
             raise ValueError(f"analysis {name}: a table {repeated.pop()!r} exists already")
-        seen |= set(found.tables)
-        found.write(unfinished / name)
+        used |= set(analysis.tables)
+        analysis.write(unfinished / name)
         entries.append(
             {
                 "name": name,
                 "title": source.TITLE,
                 "caption": source.CAPTION,
-                "tables": list(found.tables),
-                "curves": list(found.curves),
+                "tables": list(analysis.tables),
+                "curves": list(analysis.curves),
             }
         )
     write_text_atomically(json.dumps(entries, indent=1), unfinished / INDEX)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Row = dict[str, object]
 QUANTILES = (0.05, 0.95)
+FIRST_COLUMNS = ("candidate", "order", "converged", "frequency_Hz")
 
 
 @dataclass(frozen=True)
@@ -205,9 +206,6 @@ def curve_set(
 def labels(name: str, fitted: Fitted) -> Row:
     """First columns of a candidate's row: name, order and convergence."""
     return {"candidate": name, "order": fitted.system.order, "converged": fitted.converged}
-
-
-FIRST_COLUMNS = ("candidate", "order", "converged", "frequency_Hz")
 
 
 def beside(rows: Sequence[Row]) -> list[Row]:

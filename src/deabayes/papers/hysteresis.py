@@ -19,33 +19,44 @@ from deabayes.quantities import short
 SYSTEMS = ("membrane", "minimum_energy_structure")
 TITLE = "Hysteresis under alternating voltage"
 CAPTION = (
-    "Loop area of a cycle: −∮ u d|Φ|, positive where the displacement lags. Under a voltage of "
-    "both signs the displacement moves at twice the voltage's frequency and the loop is a "
-    "butterfly; under a biased one it is a single loop. Mean: of the displacement over the cycle; "
-    "drift: its change per cycle since the cycle before, the creep; creep: from the first cycle to "
-    "the last. A loop counts as stable from the first cycle after which its area changes by less "
-    "than 10 % and its mean by less than 2 % of the cycle's peak-to-peak displacement, per cycle, "
-    "to the end; what is before is the transition. Where the preparation averaged cycles, a "
-    "group counts as its middle one."
+    "Loop area of a cycle: −∮ u d|Φ|, positive if the displacement lags. Under a voltage of both "
+    "signs the displacement has twice the voltage's frequency and the loop is a butterfly; under a "
+    "biased voltage it is a single loop. Mean: of the displacement over the cycle; drift: change "
+    "of the mean per cycle since the cycle before; creep: rise of the mean from the first cycle to "
+    "the last. A loop is stable from the first cycle after which, per cycle and to the end, the "
+    "area changes by less than 10 % and the mean by less than 2 % of the peak-to-peak "
+    "displacement. The cycles before are the transition. If the preparation averaged cycles, a "
+    "group counts as its middle cycle."
 )
+SCOPE = "study"
+ANALYSIS = "hysteresis"
+FIGURE_TITLE = "Hysteresis loops"
+FIGURE_CAPTION = (
+    "Left: measured loops from the first cycle (light) to the last (dark), and the last cycle as "
+    "the recommended candidate predicts it. Middle: loop area −∮ u d|Φ| of each cycle. Right: mean "
+    "displacement of each cycle, whose rise is creep."
+)
+SHOWN = 4
 
 
 def compute(context: StudyContext) -> Analysis:
     """Return tables per cycle and per record, and one data set of loops per displacement sine."""
-    cycles, stability, loops = [], [], {}
+    cycle_rows, stability, loops = [], [], {}
     for record in context.records("displacement", "sine"):
-        found = Cycles.of(record)
-        if found.starts.size == 0:
+        cycles = Cycles.of(record)
+        if cycles.starts.size == 0:
             continue
-        measured = Loops.of(record, record.response, found)
+        measured = Loops.of(record, record.response, cycles)
         bands = []
         for name, fitted in context.candidates.items():
             curves = context.responses(name, record)
-            predicted = Loops.of(record, curves, found)
-            median = Loops.of(record, np.median(curves, axis=0), found)
+            predicted = Loops.of(record, curves, cycles)
+            median = Loops.of(record, np.median(curves, axis=0), cycles)
             row = labels(name, fitted)
-            row |= {"experiment": record.name, "frequency_Hz": found.frequency}
-            cycles += [row | of_cycle(measured, predicted, k) for k in range(found.starts.size)]
+            row |= {"experiment": record.name, "frequency_Hz": cycles.frequency}
+            cycle_rows += [
+                row | of_cycle(measured, predicted, k) for k in range(cycles.starts.size)
+            ]
             stable_from = {"measured_stable_from": measured.stable_from(),
                            "predicted_stable_from": median.stable_from()}  # fmt: skip
             stability.append(row | stable_from | creep(measured, predicted))
@@ -59,10 +70,10 @@ def compute(context: StudyContext) -> Analysis:
                 "predicted": (np.array(bands), "m"),
             },
             record,
-            frequency_Hz=found.frequency,
+            frequency_Hz=cycles.frequency,
             amplitude_kV=amplitude(record.excitation) / 1e3,
         )
-    tables = {"hysteresis_cycles": cycles, "hysteresis_stability": stability}
+    tables = {"hysteresis_cycles": cycle_rows, "hysteresis_stability": stability}
     return Analysis.of_rows(tables, loops)
 
 
@@ -84,17 +95,6 @@ def creep(measured: Loops, predicted: Loops) -> dict[str, float]:
         "measured_creep_um": float(measured.mean[-1] - measured.mean[0]) / 1e-6,
         **interval("predicted_creep", "um", of_draws / 1e-6),
     }
-
-
-SCOPE = "study"
-ANALYSIS = "hysteresis"
-FIGURE_TITLE = "Hysteresis loops"
-FIGURE_CAPTION = (
-    "Left: measured loops from the first cycle (light) to the last (dark), and the last cycle as "
-    "the recommended candidate predicts it. Middle: loop area −∮ u d|Φ| of each cycle. Right: mean "
-    "displacement of each cycle, whose rise is creep."
-)
-SHOWN = 4
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -19,6 +19,16 @@ REACH = 1.2
 GAP = 2.0
 """Points further apart than `GAP` times `REACH` spacings have a gap between them."""
 IntArray = NDArray[np.int64]
+PHASES = 96
+STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
+HARMONICS = 2
+FEWEST = 16
+"""Smallest number of points in a window, more than twice its unknowns."""
+WORST_CONDITION = 10.0
+"""Largest condition number of a window's design; above it the points alias the harmonics."""
+LEAST_PROMINENCE = 0.02
+"""Smallest prominence of a resonance over the largest amplitude; noise stays below it."""
+SWEEP_PHASES = 97
 
 
 def since_step(experiment: Experiment) -> FloatArray:
@@ -60,12 +70,12 @@ class Cycles:
         `REACH` spacings. A cycle with a gap inside does not count.
         """
         counted = next((s for s in experiment.steps if s.get("step") == "cycles"), None)
-        found = cls.driven(experiment.excitation) if counted is None else cls._counted(counted)
+        cycles = cls.driven(experiment.excitation) if counted is None else cls._counted(counted)
         times = experiment.coordinate
         spacing = REACH * float(np.median(np.diff(times)))
-        whole = np.array([_covered(times, s, s + found.period, spacing) for s in found.starts],
+        whole = np.array([_covered(times, s, s + cycles.period, spacing) for s in cycles.starts],
                          dtype=bool)  # fmt: skip
-        return cls(found.period, found.starts[whole], found.numbers[whole])
+        return cls(cycles.period, cycles.starts[whole], cycles.numbers[whole])
 
     @classmethod
     def driven(cls, drive: Excitation) -> Cycles:
@@ -146,17 +156,13 @@ def resampled(coordinate: FloatArray, values: FloatArray, times: FloatArray) -> 
     between = 0.5 * (coordinate[gaps] + coordinate[gaps + 1])
     edges = [0, *(gaps + 1).tolist(), coordinate.size]
     part_of = np.searchsorted(between, times, side="right")
-    found = np.empty((*values.shape[:-1], *times.shape))
+    curves = np.empty((*values.shape[:-1], *times.shape))
     for part in np.unique(part_of):
         own, at = slice(edges[part], edges[part + 1]), part_of == part
         first, last = coordinate[own][[0, -1]]
         near = np.clip(times[at], first - spacing, last + spacing)
-        found[..., at] = CubicSpline(coordinate[own], values[..., own], axis=-1)(near)
-    return found
-
-
-PHASES = 96
-STABLE_AREA, STABLE_DRIFT = 0.1, 0.02
+        curves[..., at] = CubicSpline(coordinate[own], values[..., own], axis=-1)(near)
+    return curves
 
 
 class Loops:
@@ -216,16 +222,6 @@ class Loops:
         return float(self.numbers[first]) if first < passed.size else float("nan")
 
 
-HARMONICS = 2
-FEWEST = 16
-"""Smallest number of points in a window, more than twice its unknowns."""
-WORST_CONDITION = 10.0
-"""Largest condition number of a window's design; above it the points alias the harmonics."""
-LEAST_PROMINENCE = 0.02
-"""Smallest prominence of a resonance over the largest amplitude; noise stays below it."""
-SWEEP_PHASES = 97
-
-
 @dataclass(frozen=True)
 class Sweep:
     """Successive windows of whole cycles along a sweep, each with at least `FEWEST` points.
@@ -262,12 +258,12 @@ class Sweep:
     def amplitude(self, curves: FloatArray) -> FloatArray:
         """Peak-to-peak displacement (..., K) of curves (..., N), without drift."""
         phases = _harmonics(np.linspace(0.0, 1.0, SWEEP_PHASES))
-        found = []
+        amplitudes = []
         for (begin, end), design in zip(self.ends, self.designs, strict=True):
             part = curves[..., begin:end].reshape(-1, end - begin).T
             fit = np.linalg.lstsq(design, part, rcond=None)[0]
-            found.append(np.ptp(phases @ fit[2:], axis=0).reshape(curves.shape[:-1]))
-        return np.stack(found, axis=-1) if found else np.empty((*curves.shape[:-1], 0))
+            amplitudes.append(np.ptp(phases @ fit[2:], axis=0).reshape(curves.shape[:-1]))
+        return np.stack(amplitudes, axis=-1) if amplitudes else np.empty((*curves.shape[:-1], 0))
 
     def resonance(self, amplitude: FloatArray) -> tuple[float, float]:
         """Frequency [Hz] and height of the most prominent peak of amplitudes (K,); NaN if none."""

@@ -23,6 +23,13 @@ CAPTION = (
     "amplitude; frequency is the voltage's. Medians with 5 to 95 % intervals of the draws (the "
     "model's own: neither discrepancy nor noise is in them)."
 )
+SCOPE = "study"
+ANALYSIS = "amplitude_frequency"
+FIGURE_TITLE = "Amplitude against frequency"
+FIGURE_CAPTION = (
+    "Peak-to-peak displacement of the last cycles against the voltage's frequency: measured, and "
+    "as each candidate predicts it (median, interval of the draws)."
+)
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -77,15 +84,6 @@ def predicted_curve(context: StudyContext, records: list[Experiment], volts: flo
         amplitude_kV=volts / 1e3,
         cycles=count,
     )
-
-
-SCOPE = "study"
-ANALYSIS = "amplitude_frequency"
-FIGURE_TITLE = "Amplitude against frequency"
-FIGURE_CAPTION = (
-    "Peak-to-peak displacement of the last cycles against the voltage's frequency: measured, and "
-    "as each candidate predicts it (median, interval of the draws)."
-)
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from deabayes.experiment import Experiment
 from deabayes.figures import panels, style
 from deabayes.figures.results import AnalysisResults, StudyResults
+from deabayes.papers import membrane as paper
 from deabayes.papers.base import Analysis, StudyContext, bands, curve_set
 from deabayes.papers.timing import amplitude, since_step
 
@@ -18,6 +19,15 @@ TITLE = "Error against time (Fig. 13)"
 CAPTION = (
     "Measured minus predicted displacement over the displacement's range from rest: the posterior "
     "median and the 5 to 95 % interval of the draws, against the time since the voltage came on."
+)
+SCOPE = "study"
+ANALYSIS = "error_against_time"
+FIGURE_TITLE = "Error against time"
+FIRST = 50.0
+FIGURE_CAPTION = (
+    "Measured minus predicted displacement in per cent of its range from rest: posterior median "
+    "and the interval of the draws. Steps: whole record and first 50 s; grey: the first 5 s, which "
+    "the paper's error of the step leaves out."
 )
 
 
@@ -42,18 +52,6 @@ def error_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
         protocol=experiment.protocol,
         amplitude_kV=amplitude(experiment.excitation) / 1e3,
     )
-
-
-SCOPE = "study"
-ANALYSIS = "error_against_time"
-FIGURE_TITLE = "Error against time"
-FIRST = 50.0
-OVERSHOOT = 5.0
-FIGURE_CAPTION = (
-    "Measured minus predicted displacement in per cent of its range from rest: posterior median "
-    "and the interval of the draws. Steps: whole record and first 50 s; grey: the first 5 s, which "
-    "the paper's error of the step leaves out."
-)
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
@@ -92,5 +90,5 @@ def _panel(ax: Axes, record: xr.Dataset, until: float) -> None:
     panels.draw_candidates(ax, time[shown], record["error"].values[..., shown])
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
     if record.attrs["protocol"] != "sine":
-        ax.axvspan(0.0, OVERSHOOT, color="#ececec", zorder=0, linewidth=0)
+        ax.axvspan(0.0, paper.OVERSHOOT, color="#ececec", zorder=0, linewidth=0)
     ax.set_xlim(0.0, min(until, float(time[-1])))

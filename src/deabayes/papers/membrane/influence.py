@@ -60,14 +60,16 @@ def compute(context: StudyContext) -> Analysis:
             failed += failed_parameters(model, drawn)
         for record in extremes(records):
             model = PriorModel(system, prior, record)
-            for found in (
+            for sensitivity in (
                 influence.stage_sensitivity(model, stages_of(record), GROUPS, rng),
                 influence.failure_sensitivity(model, GROUPS, rng),
             ):
-                central = f"central {100 * found.region:.0f} %"
-                source = f"Sobol' points, {'whole prior' if found.region == 1.0 else central}"
-                failed_draws.append(failed_row(model, source, found.runs, {"": found.failed}))
-                sobol += sobol_rows(model, found)
+                central = f"central {100 * sensitivity.region:.0f} %"
+                source = f"Sobol' points, {'whole prior' if sensitivity.region == 1.0 else central}"
+                failed_draws.append(
+                    failed_row(model, source, sensitivity.runs, {"": sensitivity.failed})
+                )
+                sobol += sobol_rows(model, sensitivity)
     tables = {"failed_draws": failed_draws, "failed_parameters": failed, "sobol": sobol}
     return Analysis.of_rows(tables, curves)
 
@@ -246,12 +248,12 @@ def _attributes(model: PriorModel) -> dict[str, object]:
     }
 
 
-def sobol_rows(model: PriorModel, found: Sensitivity) -> Iterator[Row]:
+def sobol_rows(model: PriorModel, sensitivity: Sensitivity) -> Iterator[Row]:
     """Rows of Sobol' indices, one per stage and parameter; none of failures that are too rare."""
-    if found.region == 1.0 and found.failed < FEWEST_FAILED_SHARE * found.runs:
+    if sensitivity.region == 1.0 and sensitivity.failed < FEWEST_FAILED_SHARE * sensitivity.runs:
         return
     symbols = {p.name: p.symbol for p in model.system.parameters()}
-    for stage, indices in found.by_stage.items():
+    for stage, indices in sensitivity.by_stage.items():
         for k, name in enumerate(model.names):
             yield {
                 **_first(model),
@@ -262,7 +264,7 @@ def sobol_rows(model: PriorModel, found: Sensitivity) -> Iterator[Row]:
                 "first_order_conf": indices.first_order_conf[k],
                 "total": indices.total[k],
                 "total_conf": indices.total_conf[k],
-                "region_percent": 100 * found.region,
+                "region_percent": 100 * sensitivity.region,
                 "groups": indices.groups,
                 "groups_left_out": indices.left_out,
             }

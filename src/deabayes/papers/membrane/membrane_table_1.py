@@ -15,8 +15,8 @@ CAPTION = (
     "Errors of the posterior median curve, with the 5 to 95 % interval of the draws' own errors. "
     "Step: largest error later than 5 s after the step (e m) and within the first 5 s (overshoot), "
     "over the displacement's range from rest. Alternating: e rms and e m over the record's range. "
-    "The paper's figures were found on its own specimen; they stand beside the 4 kV step and the "
-    "0.05 Hz sine, the records whose parameters it lists."
+    "The paper's figures are of its own specimen; they stand beside the 4 kV step and the 0.05 Hz "
+    "sine, the records whose parameters it lists."
 )
 
 

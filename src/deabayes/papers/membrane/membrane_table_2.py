@@ -38,14 +38,11 @@ def compute(context: StudyContext) -> Analysis:
 def area_errors(experiment: Experiment, curves: FloatArray) -> dict[str, float]:
     """max |(S_measured - S_estimated)/S_measured| in percent (Error_m_e of the paper's Table 2)."""
     late = since_step(experiment) > paper.OVERSHOOT
-    parts = {"after_overshoot": late, "overall": np.ones_like(late)}
-    columns: dict[str, float] = {}
-    for name, part in parts.items():
-        y = experiment.response[part]
+    largest = _largest("overall", experiment.response, curves)
+    if not late.any():
+        return largest
+    return _largest("after_overshoot", experiment.response[late], curves[:, late]) | largest
 
-        def largest(c: FloatArray, y: FloatArray = y) -> FloatArray:
-            return np.asarray((100.0 * np.abs(1.0 - c / y)).max(axis=-1))
 
-        if part.any():
-            columns |= error_interval(name, curves[:, part], largest)
-    return columns
+def _largest(name: str, y: FloatArray, curves: FloatArray) -> dict[str, float]:
+    return error_interval(name, curves, lambda c: (100.0 * np.abs(1.0 - c / y)).max(axis=-1))

@@ -17,6 +17,9 @@ from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import DisplayUnit, display_unit, plain, short, symbol_text
 
 CYCLES = 3
+DARKEST, LIGHTEST = 0.0, 0.88
+"""Range of the colour map in use; its yellow end is not visible on white."""
+MARGIN = 0.04
 
 
 def horizontal(curves: xr.Dataset) -> tuple[NDArray[np.bool_], Axis]:
@@ -54,11 +57,6 @@ def drive(curves: xr.Dataset) -> str:
     unit = display_unit(str(curves.attrs["excitation_unit"]), peak, name)
     amount = f"{short(peak / unit.factor, 2)} {unit.label}"
     return f"{curves.attrs['experiment']}, {plain(name)} to {amount}"
-
-
-DARKEST, LIGHTEST = 0.0, 0.88
-"""Range of the colour map in use; its yellow end is not visible on white."""
-MARGIN = 0.04
 
 
 def colours(curves: xr.Dataset) -> FloatArray:

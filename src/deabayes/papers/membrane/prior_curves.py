@@ -65,8 +65,8 @@ def _panel(ax: Axes, curves: xr.Dataset, factor: float) -> None:
     drawn = curves["curve"].values[:, shown] / factor
     ax.plot(x.values, drawn.T, color=style.BLUE, linewidth=0.6, alpha=0.8)
     time = curves["time"].values - curves.attrs["onset"]
-    seen = (time >= x.values[0]) & (time <= x.values[-1])
-    panels.draw_observed(ax, time[seen], curves["observed"].values[seen] / factor, size=1.6)
+    inside = (time >= x.values[0]) & (time <= x.values[-1])
+    panels.draw_observed(ax, time[inside], curves["observed"].values[inside] / factor, size=1.6)
     panels.set_horizontal(ax, x)
     ax.set_xlim(x.values[0], x.values[-1])
     failed = curves["failed"].values

@@ -36,18 +36,30 @@ CAPTION = (
     "neither: its parameters with stand-in Gent limits have the equilibria in the column "
     "“paper parameters”, and without Gent limits pull in at 3.75 kV."
 )
+SCOPE = "study"
+ANALYSIS = "pull_in"
+FIGURE_TITLE = "Steady stretch and pull-in"
+FIGURE_CAPTION = (
+    "Left: stretch of the near equilibrium against voltage, as far as at least half of the draws "
+    "have one (median, interval of the draws), and the stretch at the end of each step record, "
+    "which still creeps. Right: voltage at which the near equilibrium ends, median and interval; "
+    "beyond the records' voltages (dotted) it rests on the springs' law and the prior of the Gent "
+    "limit. Above each point the share of draws whose branch folds there, which is pull-in; in "
+    "the others the stretch reaches breakdown or the springs lock up."
+)
+HALF = 0.5
 
 
 def compute(context: StudyContext) -> Analysis:
     """Return pull-in and steady stretch per candidate, and steady stretch against voltage."""
     ends, steady = [], []
     for name, fitted in context.candidates.items():
-        found, first = membrane(fitted).pull_in(fitted.draws), labels(name, fitted)
+        end, first = membrane(fitted).pull_in(fitted.draws), labels(name, fitted)
         ends.append(
             first
-            | interval("pull_in", "kV", found.voltage / 1e3)
-            | interval("stretch_there", "", found.stretch)
-            | {"fold_percent": 100.0 * float(np.mean(found.fold))}
+            | interval("pull_in", "kV", end.voltage / 1e3)
+            | interval("stretch_there", "", end.stretch)
+            | {"fold_percent": 100.0 * float(np.mean(end.fold))}
         )
         steady += [first | steady_row(fitted, kilovolt) for kilovolt in VOLTAGES]
     tables = {"pull_in": ends, "steady_stretch": steady}
@@ -103,20 +115,6 @@ def steady_band(fitted: Fitted, grid: FloatArray) -> tuple[FloatArray, FloatArra
     for k in np.flatnonzero(there.any(axis=1)):
         bands[:, k] = band(stretch[k, there[k], None])[:, 0]
     return bands, there.mean(axis=1)
-
-
-SCOPE = "study"
-ANALYSIS = "pull_in"
-FIGURE_TITLE = "Steady stretch and pull-in"
-FIGURE_CAPTION = (
-    "Left: stretch of the near equilibrium against voltage, as far as at least half of the draws "
-    "have one (median, interval of the draws), and the stretch at the end of each step record, "
-    "which still creeps. Right: voltage at which the near equilibrium ends, median and interval; "
-    "beyond the records' voltages (dotted) it rests on the springs' law and the prior of the Gent "
-    "limit. Above each point the share of draws whose branch folds there, which is pull-in; in "
-    "the others the stretch reaches breakdown or the springs lock up."
-)
-HALF = 0.5
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -27,6 +27,16 @@ CAPTION = (
     "Medians with 5 to 95 % intervals of the draws; the measured shares are read off the same "
     "points. The boundaries are ours; the paper gives none."
 )
+SCOPE = "study"
+ANALYSIS = "response_stages"
+FIGURE_TITLE = "Stages of the step response"
+FIGURE_CAPTION = (
+    "Above: displacement after the step, measured and predicted, on a logarithmic time axis; "
+    "dotted lines part the stages. Below: the share of the last displacement that each stage adds, "
+    "measured (bars) and predicted."
+)
+SHOWN = 3
+NUMBERS = ("I", "II", "III")
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -82,18 +92,6 @@ def step_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
     )
     ends = ("stage", list(STAGES.values()), {"units": "s"})
     return curves.assign_coords(stage=list(STAGES)).assign(stage_end=ends)
-
-
-SCOPE = "study"
-ANALYSIS = "response_stages"
-FIGURE_TITLE = "Stages of the step response"
-FIGURE_CAPTION = (
-    "Above: displacement after the step, measured and predicted, on a logarithmic time axis; "
-    "dotted lines part the stages. Below: the share of the last displacement that each stage adds, "
-    "measured (bars) and predicted."
-)
-SHOWN = 3
-NUMBERS = ("I", "II", "III")
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -26,6 +26,14 @@ CAPTION = (
     "95 % interval of the draws' own; mean: of the error over the cycle, an offset that creep or "
     "its lack leaves. Both voltages side by side; the paper shows these as curves only."
 )
+SCOPE = "study"
+ANALYSIS = "error_against_phase"
+FIGURE_TITLE = "Error against phase"
+FIGURE_CAPTION = (
+    "Last whole cycle of each sine against the phase since the voltage was lowest: displacement "
+    "above, measured minus predicted in per cent of the record's range below; medians and "
+    "intervals of the draws."
+)
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -97,16 +105,6 @@ def phase_curves(context: StudyContext, experiment: Experiment, points: IntArray
         frequency_Hz=Cycles.of(experiment).frequency,
         amplitude_kV=paper.kilovolts(experiment),
     )
-
-
-SCOPE = "study"
-ANALYSIS = "error_against_phase"
-FIGURE_TITLE = "Error against phase"
-FIGURE_CAPTION = (
-    "Last whole cycle of each sine against the phase since the voltage was lowest: displacement "
-    "above, measured minus predicted in per cent of the record's range below; medians and "
-    "intervals of the draws."
-)
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

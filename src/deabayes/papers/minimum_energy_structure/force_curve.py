@@ -22,6 +22,16 @@ CAPTION = (
     "“less than 6 %”, of what it does not say. Forces at 0 and 5 kV were fitted there and here."
 )
 PERCENT = 100.0
+SCOPE = "study"
+ANALYSIS = "force_curve"
+FIGURE_TITLE = "Force against displacement"
+DOTTED = (0, (1, 1))
+FIGURE_CAPTION = (
+    "Left: force on a slider held at rest at constant voltages, measured and as the recommended "
+    "candidate predicts it (median and interval of the draws); grey: the paper's Table 3 in this "
+    "specimen. Right: measured minus predicted in per cent of each record's range, every "
+    "candidate; dotted: the 6 % the paper's errors stay below. Filled points were fitted."
+)
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -70,19 +80,6 @@ def of_paper(context: StudyContext, experiment: Experiment) -> FloatArray:
     return system.predict(experiment.excitation, experiment.coordinate, "force", draws)[0]
 
 
-SCOPE = "study"
-ANALYSIS = "force_curve"
-FIGURE_TITLE = "Force against displacement"
-LIMIT = 6.0
-DOTTED = (0, (1, 1))
-FIGURE_CAPTION = (
-    "Left: force on a slider held at rest at constant voltages, measured and as the recommended "
-    "candidate predicts it (median and interval of the draws); grey: the paper's Table 3 in this "
-    "specimen. Right: measured minus predicted in per cent of each record's range, every "
-    "candidate; dotted: the 6 % the paper's errors stay below. Filled points were fitted."
-)
-
-
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one panel with the forces of all voltages, and one panel of errors per voltage."""
     records = panels.by_size(analysis.curves.values(), "voltage_kV")
@@ -122,7 +119,7 @@ def _error(ax: Axes, record: xr.Dataset) -> None:
     place = 1e3 * record["displacement"].values
     panels.draw_candidates(ax, place, record["error"].values)
     ax.axhline(0.0, color=style.BLACK, linewidth=0.6)
-    for limit in (-LIMIT, LIMIT):
+    for limit in (-paper.FORCE_ERROR, paper.FORCE_ERROR):
         ax.axhline(limit, color=style.GREY, linestyle=":", linewidth=0.8)
     ax.set_ylabel("error\n(% of range)")
     role = ROLES[str(record.attrs["role"])]

@@ -26,16 +26,28 @@ SEEDS = (1, 2, 3, 4, 5)
 GENERATIONS = paper.GA_GENERATIONS
 PERCENT = 100.0
 CAPTION = (
-    "The paper's fit, (24) and (25), repeated: least squares of the calibrated forces within its "
-    "bounds (μ 1 to 1000 kPa, α and εr 0 to 5) by scipy's differential evolution, a relative of "
-    "its genetic algorithm, population and generations as many, the specimen's other quantities "
-    "as stated. K, the hinges' stiffness, follows from the rest angle; a measured one is no part "
-    "of the fitness, and an optimum far from it contradicts that measurement, which the posterior "
-    "heeds. Each row is one seed; several optima that fit alike are one more way to see what "
-    "the forces do not tell. Rms: of the force's error at the optimum; posterior rms: of the "
-    "posterior median curve. Below: share of the posterior draws with a smaller value, so 0 and "
-    "100 % lie outside. The bounds forbid negative exponents, whatever the prior allows. "
-    "Generations: until the population's fitness agreed within 1 %, or the paper's number."
+    "The paper's fit, (24) and (25), repeated with scipy's differential evolution, which is "
+    "related to its genetic algorithm: least squares of the calibrated forces within the paper's "
+    "bounds (μ 1 to 1000 kPa, α and εr 0 to 5), with its population and its number of generations. "
+    "The specimen's other quantities are as stated. The stiffness K of the hinges follows from the "
+    "rest angle; a measured K is not part of the fitness. An optimum with a K far from the "
+    "measured one contradicts that measurement, which the posterior takes into account. Each row "
+    "is one seed. If several optima fit equally well, the forces do not determine the terms. Rms: "
+    "error of the force at the optimum; posterior rms: of the posterior median curve. Below: share "
+    "of the posterior draws with a smaller value; at 0 or 100 % the optimum lies outside the "
+    "draws. The bounds forbid negative exponents, even if the prior allows them. Generations: "
+    "until the population's fitness agreed within 1 %, at most the paper's number."
+)
+SCOPE = "study"
+ANALYSIS = "genetic_algorithm"
+FIGURE_TITLE = "Genetic algorithm and posterior"
+DECADE = 10.0
+FIGURE_CAPTION = (
+    "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, one colour per "
+    "term: draws of the posterior (points) and optima of the genetic algorithm (one marker per "
+    "run). Right: rms error of the force at each optimum against the sum μ0 of its terms; line and "
+    "band: the posterior's μ0; dotted: error of the posterior median. Optima far from the draws "
+    "contradict the measured stiffness of the hinges, which only the posterior takes into account."
 )
 
 
@@ -137,19 +149,19 @@ def below(draws: FloatArray, value: float) -> float:
     return PERCENT * float(np.mean(draws < value))
 
 
-def run_row(fitted: Fitted, found: Optimum, posterior: float) -> Row:
+def run_row(fitted: Fitted, best: Optimum, posterior: float) -> Row:
     """Row of one run: fitness, permittivity and mu_0, and where they lie in the posterior."""
-    modulus = float(shares(found.parameters).sum())
+    modulus = float(shares(best.parameters).sum())
     row: Row = {
-        "seed": found.seed,
-        "generations": found.generations,
-        "rms_mN": 1e3 * found.rms,
+        "seed": best.seed,
+        "generations": best.generations,
+        "rms_mN": 1e3 * best.rms,
         "posterior_rms_mN": 1e3 * posterior,
-        "hinge_stiffness_mNmperrad": 1e3 * hinge(fitted.system, found.parameters),
+        "hinge_stiffness_mNmperrad": 1e3 * hinge(fitted.system, best.parameters),
         "mu_0_kPa": modulus / 1e3,
         "mu_0_below_percent": below(shares(fitted.draws).sum(axis=0), modulus),
     }
-    permittivity = found.parameters.get("relative_permittivity")
+    permittivity = best.parameters.get("relative_permittivity")
     if permittivity is not None:
         of_draws = fitted.draws["relative_permittivity"]
         row |= {"relative_permittivity": permittivity}
@@ -157,12 +169,12 @@ def run_row(fitted: Fitted, found: Optimum, posterior: float) -> Row:
     return row
 
 
-def term_rows(fitted: Fitted, found: Optimum) -> Iterator[Row]:
+def term_rows(fitted: Fitted, best: Optimum) -> Iterator[Row]:
     """Rows of one run: each term, and where it lies in the posterior."""
-    for i, share in enumerate(shares(found.parameters), start=1):
-        mu, alpha = found.parameters[f"mu_{i}"], found.parameters[f"alpha_{i}"]
+    for i, share in enumerate(shares(best.parameters), start=1):
+        mu, alpha = best.parameters[f"mu_{i}"], best.parameters[f"alpha_{i}"]
         yield {
-            "seed": found.seed,
+            "seed": best.seed,
             "term": i,
             "mu_kPa": mu / 1e3,
             "mu_below_percent": below(fitted.draws[f"mu_{i}"], mu),
@@ -200,20 +212,6 @@ def draws_and_optima(fitted: Fitted, optima: Sequence[Optimum], posterior: float
             "posterior_rms": posterior,
         },
     )
-
-
-SCOPE = "study"
-ANALYSIS = "genetic_algorithm"
-FIGURE_TITLE = "Genetic algorithm and posterior"
-DECADE = 10.0
-FIGURE_CAPTION = (
-    "Left: each Ogden term's share μα/2 of the shear modulus against its exponent, draws of the "
-    "posterior (points) and the optima of the genetic algorithm (a marker per run), one colour per "
-    "term. Right: the rms error of the force at each optimum and the modulus μ0 its terms add up "
-    "to; line and band: the posterior's μ0, dotted: the error of the posterior median. Optima "
-    "far off the cloud contradict the measured stiffness of the hinges, which the algorithm does "
-    "not heed and the posterior does."
-)
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -35,6 +35,18 @@ CAPTION = (
     "alike; frequencies whose harmonics the record's points cannot tell apart are left out. The "
     "paper shows its amplitudes as a figure only."
 )
+SCOPE = "study"
+ANALYSIS = "structure_amplitude"
+FIGURE_TITLE = "Amplitude against frequency of the structure"
+BANDS, WIDTH = "bands_", 0.02
+MEASURED = "#8c8c8c"
+FIGURE_CAPTION = (
+    "Peak-to-peak displacement in the settled cycle against the voltage's frequency: measured "
+    "sines (filled: fitted) and predicted curves (median, interval of the draws); grey: the "
+    "frequencies beyond the sines, an extrapolation. Where a sweep was recorded, its measured "
+    "amplitude (dots) and what each candidate predicts for it in the panel beside: a sweep is "
+    "read from a few cycles at a time, and starts before the creep has settled."
+)
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -70,15 +82,15 @@ def amplitude_of(experiment: Experiment, curves: FloatArray) -> FloatArray:
 
 def record_row(experiment: Experiment, curves: FloatArray) -> dict[str, object]:
     """Row of measured and predicted amplitude of a sine."""
-    seen = float(amplitude_of(experiment, experiment.response))
+    measured = float(amplitude_of(experiment, experiment.response))
     of_draws = amplitude_of(experiment, curves)
     return {
         "frequency_Hz": round(Cycles.of(experiment).frequency, 3),
         "voltage_kV": round(paper.kilovolts(experiment), 1),
         "role": experiment.role,
-        "measured_mm": seen / MILLIMETRE,
+        "measured_mm": measured / MILLIMETRE,
         **interval("predicted", "mm", of_draws / MILLIMETRE),
-        **interval("error", "percent", PERCENT * (of_draws / seen - 1.0)),
+        **interval("error", "percent", PERCENT * (of_draws / measured - 1.0)),
     }
 
 
@@ -143,12 +155,12 @@ def levels(experiment: Experiment) -> tuple[float, float]:
 
 def resonance(sweep: Sweep, measured: FloatArray, curves: FloatArray) -> dict[str, float]:
     """Row of frequency and amplitude of the resonance, measured and predicted."""
-    seen = sweep.resonance(sweep.amplitude(measured))
+    of_record = sweep.resonance(sweep.amplitude(measured))
     drawn = np.array([sweep.resonance(each) for each in sweep.amplitude(curves)])
     return {
-        "measured_resonance_Hz": seen[0],
+        "measured_resonance_Hz": of_record[0],
         **interval("predicted_resonance", "Hz", drawn[:, 0]),
-        "measured_height_mm": seen[1] / MILLIMETRE,
+        "measured_height_mm": of_record[1] / MILLIMETRE,
         **interval("predicted_height", "mm", drawn[:, 1] / MILLIMETRE),
         "without_percent": PERCENT * float(np.mean(np.isnan(drawn[:, 0]))),
     }
@@ -167,20 +179,6 @@ def sweep_curves(context: StudyContext, experiment: Experiment) -> xr.Dataset:
         experiment,
         amplitude_kV=paper.kilovolts(experiment),
     )
-
-
-SCOPE = "study"
-ANALYSIS = "structure_amplitude"
-FIGURE_TITLE = "Amplitude against frequency of the structure"
-BANDS, WIDTH = "bands_", 0.02
-MEASURED = "#8c8c8c"
-FIGURE_CAPTION = (
-    "Peak-to-peak displacement in the settled cycle against the voltage's frequency: measured "
-    "sines (filled: fitted) and predicted curves (median, interval of the draws); grey: the "
-    "frequencies beyond the sines, an extrapolation. Where a sweep was recorded, its measured "
-    "amplitude (dots) and what each candidate predicts for it in the panel beside: a sweep is "
-    "read from a few cycles at a time, and starts before the creep has settled."
-)
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.figures import panels, style
@@ -27,6 +28,17 @@ CAPTION = (
     "the response is stable. Role: whether the record was fitted. The paper's figures were found "
     "on its own specimen; it tuned on 1, 5 and 10 Hz at 5 kV, as is fitted here."
 )
+SCOPE = "study"
+ANALYSIS = "structure_errors"
+FIGURE_TITLE = "Errors of the sines"
+FIGURE_CAPTION = (
+    "e_rms of each sine as prepared, in per cent of its range: of the posterior median curve, with "
+    "the interval of the draws' own errors; filled points were fitted, open ones held out. "
+    "Crosses: the paper's Table 5, found on its own specimen. The axis is logarithmic where errors "
+    "differ by more than a factor of 20."
+)
+POINTS = r"e_rms_.*_percent$"
+ERRORS = r"e_rms_.*_(percent|q05|q95)$"
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -43,34 +55,23 @@ def compute(context: StudyContext) -> Analysis:
 
 def errors(experiment: Experiment, curves: FloatArray) -> Row:
     """e_rms of the whole record and of its second half in time, and the value of the paper."""
-    y, time = experiment.response, experiment.coordinate
+    time = experiment.coordinate
     late = time > 0.5 * (experiment.excitation.onset + time[-1])
-    row: Row = {"role": experiment.role}
-    for name, part in (("e_rms", np.ones_like(late)), ("e_rms_late", late)):
-        observed, scale = y[part], PERCENT * np.ptp(y[part]) / experiment.response_range
-
-        def error(
-            c: FloatArray, observed: FloatArray = observed, scale: float = scale
-        ) -> FloatArray:
-            return scale * relative_rms_error(observed, c)
-
-        row |= error_interval(name, curves[:, part], error)
-    printed = paper.e_rms(paper.kilovolts(experiment), Cycles.of(experiment).frequency)
-    return row | {"paper_e_rms_percent": printed}
+    hertz = Cycles.of(experiment).frequency
+    return {
+        "role": experiment.role,
+        **_e_rms("e_rms", experiment, curves, np.ones_like(late)),
+        **_e_rms("e_rms_late", experiment, curves, late),
+        "paper_e_rms_percent": paper.e_rms(paper.kilovolts(experiment), hertz),
+    }
 
 
-SCOPE = "study"
-ANALYSIS = "structure_errors"
-FIGURE_TITLE = "Errors of the sines"
-FIGURE_CAPTION = (
-    "e_rms of each sine as prepared, in per cent of its range: of the posterior median curve, with "
-    "the interval of the draws' own errors; filled points were fitted, open ones held out. "
-    "Crosses: the paper's Table 5, found on its own specimen. The axis is logarithmic where errors "
-    "differ by more than a factor of 20."
-)
-
-POINTS = r"e_rms_.*_percent$"
-ERRORS = r"e_rms_.*_(percent|q05|q95)$"
+def _e_rms(
+    name: str, experiment: Experiment, curves: FloatArray, part: NDArray[np.bool_]
+) -> dict[str, float]:
+    y = experiment.response[part]
+    scale = PERCENT * np.ptp(y) / experiment.response_range
+    return error_interval(name, curves[:, part], lambda c: scale * relative_rms_error(y, c))
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

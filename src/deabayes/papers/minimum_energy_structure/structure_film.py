@@ -30,16 +30,31 @@ WHOLE = {
 """Unit and factor from SI of each quantity of the whole film."""
 CAPTION = (
     "Coefficients and exponents of the Ogden terms, their shares μα/2 of the small-strain shear "
-    "modulus μ0, the effective permittivity, and what the whole film does at rest: stiffness K of "
-    "a hinge, blocking force at 5 kV, stiffness of the slider without voltage; medians with 5 to "
-    "95 % intervals. The film works near a stretch of 3.5, and μ0, its modulus unstretched, is "
-    "what the terms make of that. The paper's figures stand beside, term by term where there are "
-    "as many (its third is our first: ours ascend by exponent); its μ0 and forces are those of its "
-    "Table 3 in this specimen. Contraction: 1 − variance of the posterior over that of the prior, "
-    "100 % where the forces say everything, 0 % (or less) where they say nothing. Half width: of "
-    "the 5 to 95 % interval, over the median. μ and α of a term change sign together: an interval "
-    "of either that spans zero covers separate films of both signs."
+    "modulus μ0, and the effective permittivity; then what the whole film does at rest: stiffness "
+    "K of a hinge, blocking force at 5 kV, stiffness of the slider without voltage. Medians with 5 "
+    "to 95 % intervals. The film works near a stretch of 3.5, so μ0, its modulus without stretch, "
+    "is an extrapolation by the terms. The paper's figures stand beside, term by term where there "
+    "are as many (its third term is our first, because ours ascend by exponent); its μ0 and forces "
+    "are those of its Table 3 in this specimen. Contraction: 1 − variance of the posterior over "
+    "that of the prior; 100 %: the forces determine the quantity, 0 % or less: they say nothing "
+    "about it. Half width: of the 5 to 95 % interval, over the median. μ and α of a term change "
+    "sign together: an interval of either that spans zero covers separate films of both signs."
 )
+SCOPE = "study"
+ANALYSIS = "structure_film"
+FIGURE_TITLE = "What of the film is determined"
+FIGURE_CAPTION = (
+    "Left: how much narrower the posterior is than the prior (contraction), of each parameter and, "
+    "above the line, of what the whole film does. Right: half the 5 to 95 % interval over the "
+    "median. Many terms pull alike with many sets of coefficients and exponents."
+)
+NAMES = {
+    "mu_0": r"$\mu_0$",
+    "hinge_stiffness": "hinge stiffness $K$",
+    "blocking_force_5kV": "blocking force at 5 kV",
+    "slider_stiffness": "stiffness of the slider",
+    "relative_permittivity": r"$\varepsilon_r$",
+}
 
 
 def compute(context: StudyContext) -> Analysis:
@@ -63,10 +78,10 @@ def of_film(system: System, draws: Mapping[str, FloatArray]) -> dict[str, FloatA
     from deabayes.systems.minimum_energy_structure.system import MinimumEnergyStructure
 
     assert isinstance(system, MinimumEnergyStructure)
-    found = {name: each.values for name, each in system.derived(draws).items()}
+    film = {name: each.values for name, each in system.derived(draws).items()}
     structure = system.structure(draws)
     lever = 2.0 * structure.length * np.sin(structure.rest)
-    return found | {"slider_stiffness": structure.stiffness(structure.rest) / lever**2}
+    return film | {"slider_stiffness": structure.stiffness(structure.rest) / lever**2}
 
 
 def term_rows(fitted: Fitted) -> Iterator[Row]:
@@ -136,23 +151,6 @@ def determined_rows(
             "contraction_percent": PERCENT * gained[quantity],
             "half_width_percent": PERCENT * 0.5 * (high - low) / abs(middle),
         }
-
-
-SCOPE = "study"
-ANALYSIS = "structure_film"
-FIGURE_TITLE = "What of the film is determined"
-FIGURE_CAPTION = (
-    "Left: how much narrower the posterior is than the prior (contraction), of each parameter and, "
-    "above the line, of what the whole film does. Right: half the 5 to 95 % interval over the "
-    "median. Many terms pull alike with many sets of coefficients and exponents."
-)
-NAMES = {
-    "mu_0": r"$\mu_0$",
-    "hinge_stiffness": "hinge stiffness $K$",
-    "blocking_force_5kV": "blocking force at 5 kV",
-    "slider_stiffness": "stiffness of the slider",
-    "relative_permittivity": r"$\varepsilon_r$",
-}
 
 
 def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:

@@ -33,16 +33,16 @@ def compute(context: StudyContext) -> Analysis:
     The first has one row per circuit. The second has rows of the posteriors, the records of
     current and the paper.
     """
-    found = circuits(context, context.rng("circuit"))
+    drawn = circuits(context, context.rng("circuit"))
     by_phase = [row for record in context.records("current", "sine") for row in phase_rows(record)]
     if by_phase:
         of_posteriors = [
-            posterior_row(str(first["candidate"]), circuit) for first, circuit in found
+            posterior_row(str(first["candidate"]), circuit) for first, circuit in drawn
         ]
         by_phase = [*of_posteriors, *by_phase, paper_row()]
     return Analysis.of_rows(
         {
-            "table_3_circuit": [first | circuit_row(circuit) for first, circuit in found],
+            "table_3_circuit": [first | circuit_row(circuit) for first, circuit in drawn],
             "table_3_phase_method": by_phase,
         }
     )

@@ -1,4 +1,4 @@
-"""When a step happens and where cycles start, and curves read between a record's points."""
+"""Steps and cycles of a record, and curves read between its points and along a sweep."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.shared import structure_contexts
+from tests.shared import structure_contexts as made_up
 from tests.shared.contexts import experiment
 from tests.shared.membranes import sine, step, voltage
 
 from deabayes.integrate.periodic import upward_crossings
-from deabayes.papers.timing import Cycles, amplitude, resampled, since_step
+from deabayes.papers import timing
+from deabayes.papers.timing import Cycles, Sweep, amplitude, resampled, since_step
 from deabayes.systems.curves import drive_of
 
 
@@ -41,15 +43,6 @@ def test_cycles_start_where_the_sine_starts():
     np.testing.assert_allclose(times[1], [25.0, 30.0, 35.0, 40.0, 45.0], atol=2e-3)
 
 
-def test_noise_on_the_voltage_makes_no_cycles():
-    record = sine_record()
-    rng = np.random.default_rng(1)
-    values = record.excitation.values + 0.3 * rng.standard_normal(record.excitation.values.size)
-    noisy = voltage(record.excitation.coordinate, values)
-    record = experiment("sine", "sine", noisy, record.coordinate, "displacement")
-    np.testing.assert_allclose(Cycles.of(record).starts, [5.0, 25.0, 45.0, 65.0], atol=0.01)
-
-
 @pytest.mark.parametrize("share", [0.002, 0.02])
 @pytest.mark.parametrize("volts", [(-2000.0, 2000.0), (500.0, 5000.0), (-5000.0, -500.0)])
 def test_a_noisy_monitor_makes_no_cycles_of_a_densely_sampled_sine(share, volts):
@@ -74,13 +67,6 @@ def test_crossings_without_noise_are_those_of_the_lines(turns):
     found = upward_crossings(time, drive, 0.5)
     np.testing.assert_allclose(np.interp(found, time, drive), 0.5, atol=1e-12)
     assert found.size == 9
-
-
-def test_a_negative_sine_starts_at_its_lowest_magnitude():
-    record = structure_contexts.sine(5.0, 2.0)
-    drive = record.excitation
-    turned = voltage(drive.coordinate, -drive.values)
-    np.testing.assert_array_equal(Cycles.driven(turned).starts, Cycles.driven(drive).starts)
 
 
 def test_a_small_sine_about_a_large_bias_has_cycles():
@@ -110,13 +96,6 @@ def test_peaks_are_read_between_points():
     np.testing.assert_allclose(found[1], times)
 
 
-def test_a_sine_of_one_sign_starts_at_its_lowest_voltage():
-    record = structure_contexts.sine(5.0, 2.0)
-    found = Cycles.driven(record.excitation)
-    assert found.period == pytest.approx(0.5, rel=1e-4)
-    assert found.starts[0] == pytest.approx(structure_contexts.START, abs=2e-3)
-
-
 def test_cycles_that_the_preparation_left_out_do_not_count():
     record = structure_contexts.sine(5.0, 5.0)
     found = Cycles.of(record)
@@ -136,3 +115,30 @@ def test_points_beyond_a_gap_do_not_matter():
     found = resampled(coordinate, values, inside)
     np.testing.assert_allclose(found[0], resampled(coordinate[:10], values[:10], inside[0]))
     np.testing.assert_allclose(found[1], 1e3)
+
+
+def test_amplitudes_along_a_sweep():
+    record = made_up.sweep()
+    swept = Sweep.of(record)
+    growth = np.log(60.0) / 12.0
+    turns = np.expm1(growth * (record.coordinate - made_up.START)) / growth
+    frequency = np.exp(growth * (record.coordinate - made_up.START))
+    size = 2e-3 + 1e-3 * np.exp(-((np.log(frequency / 30) / 0.2) ** 2))
+    curve = 1e-3 * record.coordinate + size * np.cos(2 * np.pi * turns)
+    found = swept.amplitude(np.stack([curve, 2.0 * curve]))
+    expected = 4e-3 + 2e-3 * np.exp(-((np.log(swept.frequency / 30) / 0.2) ** 2))
+    np.testing.assert_allclose(found[0], expected, rtol=0.05)
+    np.testing.assert_allclose(found[1], 2.0 * found[0], rtol=1e-9)
+    place, height = swept.resonance(found[0])
+    assert place == pytest.approx(30.0, rel=0.05) and height == pytest.approx(6e-3, rel=0.05)
+    assert np.isnan(swept.resonance(np.linspace(2.0, 1.0, swept.frequency.size))).all()
+
+
+def test_frequencies_that_the_points_alias_are_left_out(monkeypatch):
+    """At a third of the sampling rate the second harmonic reads as the first."""
+    record = made_up.sweep(duration=40.0)
+    found = Sweep.of(record).frequency
+    monkeypatch.setattr(timing, "WORST_CONDITION", np.inf)
+    (*_, missing) = sorted(set(Sweep.of(record).frequency) - set(found))
+    assert missing == pytest.approx(125.0 / 3.0, abs=0.5)
+    assert np.min(np.abs(found - missing)) > 0.3

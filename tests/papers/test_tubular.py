@@ -1,4 +1,4 @@
-"""Tables II and III of the tubular actuator's paper, and its amplifier check, on made-up draws."""
+"""Tables II to IV of the tubular actuator's paper, its amplifier check and its figures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from tests.shared.tubes import QUANTITIES
 
 from deabayes.experiment import Excitation, Experiment, Quantity, Specimen
 from deabayes.noise import REGISTRY as NOISE
-from deabayes.papers import names_for
 from deabayes.papers.base import StudyContext
 from deabayes.papers.tubular import amplifier_current, circuit, inertial_parameter
 from deabayes.posteriors.fitted import Fitted
@@ -21,6 +20,8 @@ from deabayes.systems.curves import drive_of, frequency_of, phasor
 from deabayes.systems.tubular.circuit import Circuit
 
 R_S, R_L, C = 954.0, 1e9, 180e-9
+
+
 SPECIMEN = Specimen(
     "tube",
     "tubular",
@@ -36,8 +37,14 @@ SPECIMEN = Specimen(
     },
     {"current_limit": Quantity(0.12, "A")},
 )
+
+
 CHAIN = {"E_0": 1.5e6, "E_1": 12e6, "E_2": 6e6, "tau_1": 6e-3, "tau_2": 0.12}
+
+
 OMEGA = 2.0 * np.pi * 10.0
+
+
 TIME = np.arange(0.0, 0.5, 1e-3)
 
 
@@ -84,11 +91,6 @@ def context(*candidates, experiments=None, specimen=SPECIMEN):
     study = Study("made_up", Path("data/tubular"), candidates)
     records = [electrical()] if experiments is None else experiments
     return StudyContext(study, specimen, records, {name: fitted(name) for name in candidates})
-
-
-def test_they_are_the_tubular_systems():
-    assert {"circuit", "amplifier_current", "inertial_parameter"} <= set(names_for("tubular"))
-    assert not {"circuit", "amplifier_current", "inertial_parameter"} & set(names_for("membrane"))
 
 
 def test_a_sine_is_found_in_a_record():

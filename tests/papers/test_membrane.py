@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from tests.shared.contexts import CANDIDATES, context, draws, experiment
-from tests.shared.membranes import membrane, sine, step, voltage
+from tests.shared.contexts import CANDIDATES, computed, context, draws, experiment
+from tests.shared.membranes import membrane, step, voltage
 
 from deabayes import papers
+from deabayes.experiment import Excitation, Experiment
 from deabayes.papers import amplitude, hysteresis
 from deabayes.papers.base import band, interval
 from deabayes.papers.membrane import (
@@ -24,6 +26,8 @@ from deabayes.papers.membrane import (
 from deabayes.papers.timing import Cycles, Loops
 
 TIME = np.array([1.0, 4.0, 6.0, 100.0])
+
+
 FLAT = np.array([0.1, 0.3, 0.4, 0.5])
 
 
@@ -64,7 +68,7 @@ def test_area_errors_are_relative_to_the_measured_area():
 
 
 def test_table_1_has_a_row_per_candidate_and_record_and_the_papers_figures():
-    tables = membrane_table_1.compute(context()).tables
+    tables = computed("membrane_table_1").tables
     steps = tables["table_1_step"].set_index(["candidate", "experiment"])
     assert len(steps) == 6
     assert steps.loc[("kv_gm_1", "step_4kV"), "paper_e_m_percent"] == 21.42
@@ -75,7 +79,7 @@ def test_table_1_has_a_row_per_candidate_and_record_and_the_papers_figures():
     # The record was made with three units; two are nearer to it than one.
     errors = steps["e_m_percent"].unstack("candidate")
     assert np.all(errors["kv_gm_2"] < errors["kv_gm_1"])
-    areas = membrane_table_2.compute(context()).tables["table_2_area"].set_index("experiment")
+    areas = computed("membrane_table_2").tables["table_2_area"].set_index("experiment")
     assert set(areas.loc["area_4kV", "paper_percent"]) == {1.674}
     assert set(areas.loc["area_2kV", "paper_camera_percent"]) == {6.149}
 
@@ -106,7 +110,7 @@ def test_shares_and_stages():
 
 
 def test_stages_of_a_record_add_up_and_follow_the_model():
-    tables = response_stages.compute(context()).tables
+    tables = computed("response_stages").tables
     total = tables["stages"].groupby(["candidate", "voltage_kV"])["measured_percent"].sum()
     np.testing.assert_allclose(total, 100.0)
     shares = tables["displacement_shares"]
@@ -168,8 +172,7 @@ def test_the_amplitude_of_a_record_is_that_of_its_last_cycles():
 
 
 def test_amplitudes_over_the_grid_agree_with_the_records():
-    made = context()
-    found = amplitude_frequency.compute(made)
+    found = computed("amplitude_frequency")
     table = found.tables["amplitude_frequency"].set_index("candidate")
     bands = found.curves["bands"]["predicted"].sel(bound="median").interp(frequency=0.05) / 1e-3
     for name in CANDIDATES:
@@ -193,7 +196,7 @@ def test_bands_are_of_as_many_cycles_as_the_voltage_had(monkeypatch):
 
 
 def test_pull_in_and_steady_stretch_are_the_models_own():
-    found = pull_in.compute(context())
+    found = computed("pull_in")
     table = found.tables["steady_stretch"].set_index(["candidate", "voltage_kV"])
     system, at = membrane("kv_gm_1"), draws(1)
     steady = system.steady_stretch(at, 3e3)
@@ -239,18 +242,6 @@ def test_a_candidate_that_pulls_in_in_every_draw_costs_no_analysis(name):
     assert all("kv_gm_2" in set(t.get("candidate", ["kv_gm_2"])) for t in found.tables.values())
 
 
-@pytest.mark.parametrize("name", papers.names_for("membrane"))
-def test_every_number_of_a_posterior_has_its_interval(name):
-    for table in papers.module(name).compute(context()).tables.values():
-        columns = [str(c) for c in table.columns]
-        low = [c.removesuffix("_q05") for c in columns if c.endswith("_q05")]
-        for base in low:
-            (value,) = [c for c in columns if c == base or (c.rpartition("_")[0] == base
-                        and c not in (f"{base}_q05", f"{base}_q95"))]  # fmt: skip
-            inside = table[[value, f"{base}_q05", f"{base}_q95"]].dropna()
-            assert np.all(inside[f"{base}_q05"] <= inside[f"{base}_q95"])
-
-
 def test_a_step_that_starts_late_is_counted_from_its_start():
     late = voltage([0.0, 5.0, 5.1, 600.0], [0.0, 0.0, 4e3, 4e3])
     made = record([0.1, 0.2, 0.3, 0.5], driven=late, time=np.array([6.0, 9.0, 11.0, 100.0]))
@@ -260,7 +251,31 @@ def test_a_step_that_starts_late_is_counted_from_its_start():
     assert found["e_m_percent"] == pytest.approx(2.0)
 
 
-def test_the_sine_of_the_context_has_its_cycles():
-    (driven,) = context().records("displacement", "sine")
-    assert Cycles.of(driven).starts.size == 5
-    assert driven.excitation.values.size == sine(0.05).values.size
+STEP_TIMES = np.array([0.5, 1.0, 30.0, 100.0])
+
+
+def stepped(name, *shares):
+    """A step to 4 kV that has gone these shares of its last millimetre."""
+    return Experiment(
+        name, "step", "calibrate", "time", "s", STEP_TIMES, "displacement", "m",
+        1e-3 * np.array([*shares, 1.0]), np.ones(4),
+        Excitation("voltage", "V", np.array([0.0, 100.0]), np.array([4e3, 4e3])),
+    )  # fmt: skip
+
+
+def test_steps_to_one_voltage_are_told_apart():
+    first, again = stepped("first", 0.1, 0.2, 0.5), stepped("again", 0.2, 0.6, 0.7)
+    fitted = SimpleNamespace(system=SimpleNamespace(order=1), converged=True)
+    context = SimpleNamespace(
+        candidates={"kv_gm_1": fitted},
+        records=lambda *names: [first, again],
+        responses=lambda name, each: np.tile(each.response, (5, 1)),
+    )
+    found = response_stages.compute(context)
+    stages = found.tables["stages"].set_index("experiment")
+    for each, gained in ((first, [20.0, 30.0, 50.0]), (again, [60.0, 10.0, 30.0])):
+        np.testing.assert_allclose(stages.loc[each.name, "measured_percent"], gained)
+        np.testing.assert_allclose(stages.loc[each.name, "predicted_percent"], gained)
+    (sheet,) = response_stages.draw(None, found)
+    bars = [[bar.get_height() for bar in ax.patches] for ax in sheet.axes[2:]]
+    np.testing.assert_allclose(bars, [[20.0, 30.0, 50.0], [60.0, 10.0, 30.0]])
