@@ -107,7 +107,7 @@ def test_comparison_where_none_is_ranked_says_so_of_all(unconverged: StudyResult
 
 
 def test_a_lone_ranked_candidate_is_not_magnified_to_rounding(tmp_path: Path) -> None:
-    study = write_study(tmp_path)
+    study = write_study(tmp_path, Fake(protocols=("relaxation",)))
     table = pd.read_csv(study / "comparison.csv")
     table["converged"] = [False] * (len(table) - 1) + [True]
     table.to_csv(study / "comparison.csv", index=False)
@@ -267,7 +267,8 @@ def test_what_lies_before_a_gap_is_not_joined_to_what_is_shown() -> None:
 
 @pytest.mark.parametrize("converged", [True, False])
 def test_every_run_is_shown_against_the_limit(converged: bool, tmp_path: Path) -> None:
-    study = write_study(tmp_path, Fake(candidates=(1,), converged=converged))
+    fake = Fake(candidates=(1,), protocols=("relaxation",), converged=converged)
+    study = write_study(tmp_path, fake)
     results = StudyResults(study).recommended
     ax = figures.draw("convergence", results)[0].axes[2]
     (points,) = ax.collections

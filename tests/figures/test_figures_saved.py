@@ -58,5 +58,9 @@ def test_unknown_figure_and_empty_study_are_said(tmp_path: Path) -> None:
 
 def test_recommended_follows_the_verdict(tmp_path: Path) -> None:
     verdict = "not resolved by these data against kv_gm_1; the smallest order"
-    study = StudyResults(write_study(tmp_path, Fake(candidates=(1, 2, 3), verdict=verdict)))
+    study = StudyResults(
+        write_study(
+            tmp_path, Fake(candidates=(1, 2, 3), protocols=("relaxation",), verdict=verdict)
+        )
+    )
     assert study.recommended.name == "kv_gm_3"

@@ -123,27 +123,30 @@ def test_curves_moved_one_at_a_time(study):
     np.testing.assert_allclose(at, moved.sel(parameter="J_beta", quantile=0.5)["curve"].values)
 
 
+@pytest.fixture(scope="module")
+def drawn(study):
+    """Figures of the study and of its first candidate, by name."""
+    scopes = {"study": study, "candidate": study.candidates[0]}
+    return {name: figures.draw(name, scopes[figures.module(name).SCOPE]) for name in SHEETS}
+
+
+def words(drawn):
+    return [t.get_text() for f in drawn for t in f.findobj(lambda a: hasattr(a, "get_text"))]
+
+
 @pytest.mark.parametrize("name", SHEETS)
-def test_figures(name, study):
-    results = study if figures.module(name).SCOPE == "study" else study.candidates[0]
-    drawn = figures.draw(name, results)
-    assert len(drawn) == SHEETS[name]
-    words = [t.get_text() for f in drawn for t in f.findobj(lambda a: hasattr(a, "get_text"))]
-    assert any("sine_0p05Hz" in word for word in words)
-    assert any("step_4kV" in word for word in words) == (len(drawn) > 1)
-    assert "simulated data" in words
+def test_figures_have_a_sheet_per_record(name, drawn):
+    assert len(drawn[name]) == SHEETS[name]
+    found = words(drawn[name])
+    assert any("sine_0p05Hz" in word for word in found)
+    assert any("step_4kV" in word for word in found) == (SHEETS[name] > 1)
+    assert "simulated data" in found
 
 
-def test_lost_draws_are_named_in_the_figures(study):
-    def words(name, results):
-        drawn = figures.draw(name, results)
-        return " ".join(
-            t.get_text() for f in drawn for t in f.findobj(lambda a: hasattr(a, "get_text"))
-        )
-
-    assert "fail: " in words("prior_curves", study)
-    assert "no response at 6.7 kPa" in words("one_at_a_time", study.candidates[0])
-    assert "draw fails" in words("sobol_indices", study.candidates[0])
+def test_failed_draws_are_named_in_the_figures(drawn):
+    assert "fail: " in " ".join(words(drawn["prior_curves"]))
+    assert "no response at 6.7 kPa" in words(drawn["one_at_a_time"])
+    assert "draw fails" in " ".join(words(drawn["sobol_indices"]))
 
 
 def driven_membrane(volts, **priors):

@@ -43,15 +43,14 @@ def test_cycles_start_where_the_sine_starts():
     np.testing.assert_allclose(times[1], [25.0, 30.0, 35.0, 40.0, 45.0], atol=2e-3)
 
 
-@pytest.mark.parametrize("share", [0.002, 0.02])
 @pytest.mark.parametrize("volts", [(-2000.0, 2000.0), (500.0, 5000.0), (-5000.0, -500.0)])
-def test_a_noisy_monitor_makes_no_cycles_of_a_densely_sampled_sine(share, volts):
-    """50 cycles of 1 Hz at 1 kHz, of which noise alone crossed any level hundreds of times."""
+def test_a_noisy_monitor_makes_no_cycles_of_a_densely_sampled_sine(volts):
+    """50 cycles of 1 Hz at 1 kHz, of which noise alone crosses any level hundreds of times."""
     low, high = volts
     time = np.arange(0.0, 50.0, 1e-3)
     wave = np.sin(2.0 * np.pi * (time - (0.0 if low == -high else np.sign(high + low) * 0.25)))
     clean = 0.5 * (high + low) + 0.5 * (high - low) * wave
-    noise = share * (high - low) * np.random.default_rng(2).standard_normal(time.size)
+    noise = 0.02 * (high - low) * np.random.default_rng(2).standard_normal(time.size)
     found = Cycles.driven(voltage(time, clean + noise))
     assert found.starts.size == 50
     assert found.frequency == pytest.approx(1.0, rel=1e-4)

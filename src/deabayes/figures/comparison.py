@@ -78,11 +78,11 @@ def _criterion(
         ax.errorbar(difference[name], row, xerr=width[name] or None, fmt="o", color=colour,
                     capsize=2, elinewidth=0.8)  # fmt: skip
     shown = difference[converged].dropna()
+    if not shown.empty:
+        ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
     if shown.empty:
         ax.set_xticks([])
-    else:
-        ax.axvline(0, color=style.GREY, linestyle=":", linewidth=0.8)
-    if np.ptp(np.append(shown, 0)) > WIDE:
+    elif np.ptp(np.append(shown, 0)) > WIDE:
         ax.set_xscale("symlog", linthresh=LINEAR)
         ax.set_xticks(_three(shown))
         label += " (log. beyond ±10)"
