@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class UserError(Exception):
@@ -20,6 +21,65 @@ class Faults(UserError):
     def __init__(self, faults: Iterable[str]) -> None:
         self.faults = tuple(faults)
         super().__init__("\n".join(self.faults))
+
+
+class Report:
+    """Faults and warnings in the order in which checks find them, each message once.
+
+    Attributes
+    ----------
+    place : file, row or key with which the messages begin; empty for none.
+    faults : what the user must correct.
+    warnings : what the user must know.
+    """
+
+    def __init__(self, place: str = "") -> None:
+        self.place = place
+        self.faults: list[str] = []
+        self.warnings: list[str] = []
+
+    def at(self, place: str) -> Report:
+        """Return the same report for messages about a place within this one."""
+        within = Report(self._at(place))
+        within.faults, within.warnings = self.faults, self.warnings
+        return within
+
+    def fault(self, message: str, key: str = "") -> None:
+        """Add a fault, as ``place, key: message``."""
+        self._add(self.faults, f"{self._at(key)}: {message}")
+
+    def warn(self, message: str, key: str = "") -> None:
+        """Add a warning, as ``place, key: message``."""
+        self._add(self.warnings, f"{self._at(key)}: {message}")
+
+    def include(self, faults: Iterable[str] = (), warnings: Iterable[str] = ()) -> None:
+        """Add messages that name their own place, as ``place, message``."""
+        for fault in faults:
+            self._add(self.faults, self._at(fault))
+        for warning in warnings:
+            self._add(self.warnings, self._at(warning))
+
+    @contextmanager
+    def catching(self) -> Iterator[None]:
+        """Include the faults of a `UserError` that is raised in this context."""
+        try:
+            yield
+        except UserError as error:
+            self.include(error.faults if isinstance(error, Faults) else [str(error)])
+
+    def raise_faults(self) -> None:
+        """Raise all faults together, if there are any."""
+        if self.faults:
+            raise Faults(self.faults)
+
+    def _at(self, key: str) -> str:
+        return ", ".join(filter(None, (self.place, key)))
+
+    @staticmethod
+    def _add(messages: list[str], message: str) -> None:
+        message = message.removeprefix(": ")
+        if message not in messages:
+            messages.append(message)
 
 
 class MissingQuantity(UserError):

@@ -31,13 +31,13 @@ class Made:
     @property
     def faults(self) -> list[str]:
         found = list(check_folder(self.path / "specimen", as_study=False).faults)
-        return found or check_study(self.study)[0]
+        return found or check_study(self.study).faults
 
     @property
     def warnings(self) -> list[str]:
         return [
             *check_folder(self.path / "specimen", as_study=False).warnings,
-            *check_study(self.study)[1],
+            *check_study(self.study).warnings,
         ]
 
     def fitted(self, candidate: str) -> Posterior:

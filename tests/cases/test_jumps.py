@@ -9,7 +9,7 @@ import pytest
 
 from deabayes import simulate
 from deabayes.experiment import FloatArray
-from deabayes.records.glitches import dropouts, response_jumps
+from deabayes.records.channels import dropouts, response_jumps
 from tests.cases.study_folder import made, noisy, row
 from tests.cases.test_fast_and_slow import TUBE, displacement
 

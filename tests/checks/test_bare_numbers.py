@@ -11,7 +11,7 @@ from tests.shared.strip_records import curve, prepared, relaxation
 from tests.shared.study_folders import make_folder, replace_in
 
 from deabayes.checks.study import check_study
-from deabayes.records.preparation.working import noting_bare_numbers
+from deabayes.faults import Report
 from deabayes.study import Study
 
 
@@ -35,19 +35,18 @@ from deabayes.study import Study
     ],
 )  # fmt: skip
 def test_quantities_without_a_unit_are_noted(step: Mapping[str, object], said: list[str]) -> None:
-    with noting_bare_numbers() as noted:
-        prepared(relaxation(end=20.0), step)
-    lines = list(noted)
+    report = Report()
+    prepared(relaxation(end=20.0), step, bare_numbers=report)
+    lines = report.warnings
     assert len(lines) == len(said)
     for line, start in zip(lines, said, strict=True):
         assert line.startswith(f"preparation.relaxation, {start}")
 
 
 def test_a_place_on_a_coordinate_without_a_unit_is_plain() -> None:
-    with noting_bare_numbers() as noted:
-        stretch = np.linspace(1.0, 3.0, 20)
-        curve(stretch, stretch, {"mask_before": {"time": 1.2}})
-    assert not noted
+    report, stretch = Report(), np.linspace(1.0, 3.0, 20)
+    curve(stretch, stretch, {"mask_before": {"time": 1.2}}, bare_numbers=report)
+    assert report.warnings == []
 
 
 def test_check_says_it_once_for_all_records_of_a_protocol(tmp_path: Path) -> None:
@@ -55,7 +54,8 @@ def test_check_says_it_once_for_all_records_of_a_protocol(tmp_path: Path) -> Non
     replace_in(folder / "experiments.csv", "pull,load_unload", "pull,relaxation")
     steps = ({"mask_before": {"time": 0.5}}, {"mask_after": {"time": "3.5 s"}})
     study = Study("s", folder, ("kv_gm_1",), preparation={"relaxation": steps})
-    faults, warnings = check_study(study)
+    report = check_study(study)
+    faults, warnings = report.faults, report.warnings
     assert faults == []
     assert [line for line in warnings if "without a unit" in line] == [
         "study s, preparation.relaxation, mask_before.time: 0.5 without a unit is 0.5 s; write "

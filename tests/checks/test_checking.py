@@ -99,7 +99,7 @@ def test_amplifier_at_its_limit_is_a_warning(tmp_path: Path) -> None:
 
 def test_an_sd_beyond_the_value_is_a_warning(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
-    assert check_folder(folder).warnings == ()
+    assert check_folder(folder).warnings == []
     replace_in(folder / "specimen.yaml", "sd: 1.1", "sd: 30")
     (warning,) = check_folder(folder).warnings
     assert "specimen.yaml, quantities.cross_section: its sd is 1.36 times its value" in warning
@@ -136,4 +136,4 @@ def test_every_shipped_folder_is_sound(folder: str) -> None:
     if missing_data(path, REAL_DATA):
         pytest.skip("public data not here")
     report = check_folder(path, REAL_DATA)
-    assert report.faults == ()
+    assert report.faults == []

@@ -34,7 +34,8 @@ def warned(folder: Path, candidate: str, preparation: dict[str, list[object]]) -
         validate=(),
         preparation=preparation,  # type: ignore[arg-type]
     )
-    faults, warnings = check_study(study)
+    report = check_study(study)
+    faults, warnings = report.faults, report.warnings
     assert faults == []
     return [warning for warning in warnings if "delay" in warning]
 

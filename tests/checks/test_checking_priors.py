@@ -30,6 +30,7 @@ def test_a_number_without_a_unit_is_a_warning(
     tmp_path: Path, name: str, settings: dict[str, object], said: list[str]
 ) -> None:
     study = Study("s", make_folder(tmp_path), ("kv_gm_1", "kv_gm_2"), priors={name: settings})
-    faults, warnings = check_study(study)
+    report = check_study(study)
+    faults, warnings = report.faults, report.warnings
     assert faults == []
     assert [warning for warning in warnings if "without a unit" in warning] == said

@@ -52,7 +52,7 @@ PRIOR = {"distribution": "lognormal", "median": 50, "sigma": 0.5}
 def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: list[str]) -> None:
     given = {"candidates": ("kv_gm_1",), **settings}
     study = Study("s", make_folder(tmp_path), **given)  # type: ignore[arg-type]
-    faults, _ = check_study(study)
+    faults = check_study(study).faults
     assert len(faults) == 1
     for word in words:
         assert word in faults[0]
@@ -61,7 +61,7 @@ def test_faults_of_a_study(tmp_path: Path, settings: dict[str, object], words: l
 def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     write_lines(folder / "records" / "relax.csv", record_lines(1, rows=11))
-    faults, _ = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4")))
+    faults = check_study(Study("s", folder, ("kv_gm_1", "kv_gm_4"))).faults
     assert len(faults) == 1
     assert "study s, kv_gm_4: 9 points cannot determine" in faults[0]  # 2 at the ramp's end masked
 
@@ -69,7 +69,7 @@ def test_too_few_points_for_a_candidate(tmp_path: Path) -> None:
 def test_a_step_that_leaves_nothing_says_what_there_was(tmp_path: Path) -> None:
     steps = {"relaxation": [{"mask_before": {"time": "5 h"}}]}
     study = Study("s", make_folder(tmp_path), ("kv_gm_1",), preparation=steps)
-    (fault,) = check_study(study)[0]
+    (fault,) = check_study(study).faults
     assert "step 'mask_before' leaves no sample of those from 0 to 3.9 s; change its" in fault
 
 
@@ -80,7 +80,7 @@ def test_further_experiments_of_a_study_are_checked_before_a_job(tmp_path):
     slow, other = check_names(study)
     assert "study s, further_experiments: slow: pull (load_unload) does not end with a" in slow
     assert "other: like 'puls' is not a record of the study; did you mean 'pull'" in other
-    assert set(check_study(study)[0]) >= {slow, other}
+    assert set(check_study(study).faults) >= {slow, other}
 
 
 def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
@@ -88,9 +88,9 @@ def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
     replace_in(folder / "experiments.csv", "calibrate", "validate")
     (folder / "records" / "pull.csv").write_bytes((folder / "records" / "relax.csv").read_bytes())
     study = Study("s", folder, ("kv_gm_1",), calibrate=("relax",), validate=("pull",))
-    (fault,) = check_study(study)[0]
+    (fault,) = check_study(study).faults
     assert "study s: validate record 'pull' holds the same values" in fault
-    (twice,) = check_study(Study("s", folder, ("kv_gm_1",), calibrate=("relax", "pull")))[0]
+    (twice,) = check_study(Study("s", folder, ("kv_gm_1",), calibrate=("relax", "pull"))).faults
     assert "calibrate record 'pull' holds the same values as calibrate record 'relax'" in twice
     assert "would count twice" in twice
 
@@ -98,15 +98,18 @@ def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     """Where somebody wrote the prior down; default ones follow the records."""
     folder = make_folder(tmp_path)
-    assert check_study(Study("s", folder, ("kv_gm_2",))) == ([], [])
+    report = check_study(Study("s", folder, ("kv_gm_2",)))
+    assert report.faults == report.warnings == []
     long = {"tau_beta": {"distribution": "loguniform", "lower": "0.1 s", "upper": "5000 s"}}
-    faults, warnings = check_study(Study("s", folder, ("kv_gm_2",), priors=long))
+    report = check_study(Study("s", folder, ("kv_gm_2",), priors=long))
+    faults, warnings = report.faults, report.warnings
     assert faults == []
     assert len(warnings) == 1
     assert "kv_gm_2, the longest record: lasts 3.9 s" in warnings[0]
     short = {"tau_beta": {"distribution": "loguniform", "lower": "0.1 s", "upper": "2 s"}}
     own = Study("s", tmp_path / "strip", ("kv_gm_2",), priors=short)
-    assert check_study(own) == ([], [])
+    report = check_study(own)
+    assert report.faults == report.warnings == []
 
 
 @pytest.mark.parametrize(
@@ -120,8 +123,9 @@ def test_a_unit_that_is_a_thousand_off_is_a_warning(
                " unit: N}}", "force: {}")  # fmt: skip
     replace_in(folder / "records" / "relax.csv", "force [N]", f"force [{unit}]")
     study = Study("s", folder, ("kv_gm_1", "kv_gm_2"))
-    assert not [line for line in check_study(study)[1] if "prior expects" in line]
-    faults, warnings = check_study(study, compare=True)
+    assert not [line for line in check_study(study).warnings if "prior expects" in line]
+    report = check_study(study, compare=True)
+    faults, warnings = report.faults, report.warnings
     found = [line for line in warnings if "prior expects" in line]
     assert faults == [] and len(found) == (said is not None)
     assert said is None or f"s, kv_gm_1, relax: force {said}, where" in found[0]
@@ -132,7 +136,7 @@ def test_a_held_out_record_is_held_against_the_prior_too(tmp_path: Path) -> None
     replace_in(folder / "specimen.yaml", "force: {noise: {value: 1, unit: mN}, range: {value: 10,"
                " unit: N}}", "force: {}")  # fmt: skip
     replace_in(folder / "records" / "pull.csv", "force [N]", "force [kN]")
-    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True).warnings
     (found,) = [line for line in warnings if "prior expects" in line]
     assert "s, kv_gm_1, pull: force reaches" in found
 
@@ -142,7 +146,7 @@ def test_a_response_of_the_wrong_sign_is_a_warning(tmp_path: Path) -> None:
     first, *rows = record_lines(1)
     turned = [",".join([*cells[:2], f"-{cells[2]}"]) for cells in (row.split(",") for row in rows)]
     write_lines(folder / "records" / "relax.csv", [first, *(t.replace("--", "") for t in turned)])
-    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True).warnings
     (found,) = [line for line in warnings if "relax: " in line]
     assert "force falls where the prior expects it to rise; is its sign right?" in found
 
@@ -151,7 +155,7 @@ def test_a_record_that_no_draw_of_the_prior_has_a_response_to(tmp_path: Path) ->
     folder = make_folder(tmp_path)
     replace_in(folder / "specimen.yaml", "unit: mm, source: ruler", "unit: um, source: ruler")
     replace_in(folder / "experiments.csv", ",0.25", ",")
-    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True)[1]
+    warnings = check_study(Study("s", folder, ("kv_gm_1",)), compare=True).warnings
     (found,) = [line for line in warnings if "relax: " in line]
     assert "0 of 200 draws of the prior have a response to it; are the units" in found
 
@@ -173,11 +177,11 @@ def test_warnings_of_a_study_stand_under_a_heading(
 def test_a_candidate_of_another_system_is_said_to_be(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     for candidate in ("voigt_kelvin_2", "voigt_kelvin_2_inertia_circuit"):
-        (fault,) = check_study(Study("s", folder, (candidate,)))[0]
+        (fault,) = check_study(Study("s", folder, (candidate,))).faults
         assert f"candidate '{candidate}' belongs to system 'tubular', and the" in fault
-    (fault,) = check_study(Study("s", folder, ("kvgm_2",)))[0]
+    (fault,) = check_study(Study("s", folder, ("kvgm_2",))).faults
     assert "unknown candidate 'kvgm_2' of system 'tensile_strip'; did you mean 'kv_gm_2'?" in fault
-    (fault,) = check_study(Study("s", folder, ("voigt",)))[0]
+    (fault,) = check_study(Study("s", folder, ("voigt",))).faults
     assert "unknown candidate 'voigt' of system 'tensile_strip'; known: " in fault
 
 
@@ -193,7 +197,7 @@ def test_a_candidate_is_asked_only_for_what_it_computes(
     candidates: tuple[str, ...], calibrate: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     study = Study("s", SPECIMENS / "tubular", candidates, calibrate=calibrate, validate=())
-    faults, _ = check_study(study)
+    faults = check_study(study).faults
     assert len(faults) == (1 if words else 0), faults
     for word in words:
         assert word in faults[0]

@@ -37,7 +37,8 @@ def test_a_record_that_no_candidate_predicts(
 def test_steps_that_no_record_takes_are_a_warning(tmp_path: Path) -> None:
     steps = {"sine": [{"decimate": {"every": 2}}]}
     study = Study("s", make_folder(tmp_path), ("kv_gm_1",), preparation=steps)
-    faults, warnings = check_study(study)
+    report = check_study(study)
+    faults, warnings = report.faults, report.warnings
     assert not faults
     assert "preparation.sine: no record of the study is of this protocol" in warnings[0]
 
@@ -65,7 +66,8 @@ def test_masks_that_hide_nothing_are_a_warning(
     rows = 40 if said else 80
     write_lines(folder / "records" / "late.csv", record_lines(3, rows))
     study = Study("s", folder, ("kv_gm_1",), preparation={"relaxation": [step]})
-    faults, warnings = check_study(study)
+    report = check_study(study)
+    faults, warnings = report.faults, report.warnings
     assert not faults
     found = [warning for warning in warnings if "hides no sample" in warning]
     assert len(found) == (said is not None)
@@ -113,7 +115,7 @@ def test_missing_quantities_are_said_with_the_faults_of_records(tmp_path: Path, 
     faults = check_folder(folder).faults
     assert len(faults) == 2 + both
     assert sum("lacks gauge_length" in fault for fault in faults) == 1
-    assert check_study(Study("s", folder, ("kv_gm_1",)))[0] == list(faults)
+    assert check_study(Study("s", folder, ("kv_gm_1",))).faults == list(faults)
 
 
 def test_nothing_is_asked_of_a_specimen_with_faults(tmp_path: Path) -> None:
@@ -136,8 +138,8 @@ def test_what_preparation_warns_of_is_shown(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     replace_in(folder / "experiments.csv", "load_unload", "quasi_static")
     replace_in(folder / "records" / "pull.csv", "\n1.0000,20.0000,", "\n1.0000,16.0000,")
-    assert check_folder(folder, as_study=False).warnings == ()
-    (warning, *_) = check_study(Study("s", folder, ("ogden_1",)))[1]
+    assert check_folder(folder, as_study=False).warnings == []
+    (warning, *_) = check_study(Study("s", folder, ("ogden_1",))).warnings
     assert warning.startswith("study s, pull: displacement goes back and forth")
 
 

@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 from tests.shared.study_folders import make_folder, replace_in, write_lines
 
-from deabayes.checks.prepared import missed_by_lines, too_coarse
+from deabayes.checks.prepared import missed_by_lines, warn_if_coarse
 from deabayes.checks.study import check_study
 from deabayes.experiment import Excitation
+from deabayes.faults import Report
 from deabayes.study import Study
 
 
 def voltage(time, values):
     return Excitation("voltage", "V", np.asarray(time), np.asarray(values))
+
+
+def warnings(excitation):
+    report = Report()
+    warn_if_coarse(excitation, report)
+    return report.warnings
 
 
 def sine(per_period, periods=10, noise=0.0):
@@ -34,10 +41,10 @@ def test_what_is_missed_is_what_lines_miss(per_period):
 
 
 def test_a_sine_of_few_samples_is_said_and_of_many_not():
-    assert "2.1 % of its range" in too_coarse(sine(8))
-    assert too_coarse(sine(20, noise=40.0)), "a hundredth of the range of noise hides nothing"
-    assert too_coarse(sine(32)) is None
-    assert too_coarse(sine(200, noise=40.0)) is None
+    assert "2.1 % of its range" in warnings(sine(8))[0]
+    assert warnings(sine(20, noise=40.0)), "a hundredth of the range of noise hides nothing"
+    assert warnings(sine(32)) == []
+    assert warnings(sine(200, noise=40.0)) == []
 
 
 @pytest.mark.parametrize(
@@ -53,13 +60,13 @@ def test_a_sine_of_few_samples_is_said_and_of_many_not():
 )
 def test_what_lines_follow_is_not_said(shape):
     time = np.linspace(0.0, 10.0, 401)
-    assert too_coarse(voltage(time, shape(time, np.random.default_rng(2)))) is None
+    assert warnings(voltage(time, shape(time, np.random.default_rng(2)))) == []
 
 
 def test_without_time_nothing_is_said():
     curve = np.linspace(0.0, 1.0, 30)
     turning = Excitation("stretch", "1", curve, np.sin(12.0 * curve), in_time=False)
-    assert too_coarse(turning) is None
+    assert warnings(turning) == []
 
 
 def test_check_says_it(tmp_path):
@@ -71,7 +78,7 @@ def test_check_says_it(tmp_path):
     write_lines(folder / "records" / "pull.csv", rows)
     replace_in(folder / "experiments.csv", ",0.25", ",")
     study = Study("s", folder, ("kv_gm_1",), calibrate=("pull",), validate=())
-    faults, warnings = check_study(study)
-    assert faults == []
-    (said,) = (warning for warning in warnings if "straight lines" in warning)
+    report = check_study(study)
+    assert report.faults == []
+    (said,) = (warning for warning in report.warnings if "straight lines" in warning)
     assert said.startswith("study s, pull: between its samples the displacement")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tests.shared.study_folders import make_config, replace_in
 
-from deabayes.faults import UserError
+from deabayes.faults import Report, UserError
 from deabayes.studies import load_studies
 
 
@@ -74,7 +74,7 @@ def test_studies_of_one_protocol_or_response(config: Path) -> None:
     )
     (study,) = load_studies(config)
     assert selected(rows, study.select) == rows
-    assert check_study(study)[0] == []
+    assert check_study(study).faults == []
 
 
 @pytest.mark.parametrize(
@@ -94,18 +94,17 @@ def test_a_listed_record_has_the_role_of_its_list(
     """Where the other list is not given, the role column does not take it back."""
     from deabayes.checks.study import used_rows
     from deabayes.pipeline import select_rows
-    from deabayes.records.folder import scan_folder
+    from deabayes.records.folder import read_folder
 
     (study,) = load_studies(config)
     study = replace(study, **given)  # type: ignore[arg-type]
-    read, _ = scan_folder(study.specimen)
-    assert read is not None
-    faults: list[str] = []
-    used = used_rows(study, read, faults)
+    report = Report()
+    read = read_folder(study.specimen)
+    used = used_rows(study, read, report)
     roles = {row.name: row.role for row in used}
     for role in ("calibrate", "validate"):
         assert all(roles[name] == role for name in given[role] or ())
-    assert [word for fault in faults for word in words if word in fault] == words
+    assert [word for fault in report.faults for word in words if word in fault] == words
     if words:
         with pytest.raises(UserError, match=words[0]):
             select_rows(study, read.table)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deabayes.faults import Faults
+from deabayes.faults import Faults, Report
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.folder import read_folder
 from deabayes.records.record import hidden_excitation
@@ -114,7 +114,9 @@ def hidden(
     units = {"time": "s", "voltage": "V", "displacement": "m"}
     columns = {"time": time, "voltage": voltage, "displacement": displacement}
     raw = RawRecord(columns, units, "ab" * 32)
-    return hidden_excitation(row, raw, NEEDED, before, "a.csv (step)")
+    report = Report("a.csv (step)")
+    hidden_excitation(row, raw, NEEDED, before, report)
+    return report.faults
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import UserError
 from deabayes.integrate.amplifier import Amplifier
+from deabayes.records.checks import checked
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation import prepare
 
@@ -109,7 +110,7 @@ def recorded(
         "ab" * 32,
     )
     row = ExperimentRow("a", "creep", "a.csv", "calibrate", excitation, "strain", {})
-    return prepare(row, raw, specimen, list(steps))  # type: ignore[arg-type]
+    return prepare(row, checked(row, raw, specimen), specimen, list(steps))  # type: ignore[arg-type]
 
 
 def test_the_step_puts_the_output_in_place_of_the_command() -> None:

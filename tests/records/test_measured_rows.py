@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.shared.study_folders import faults_of
 
 from deabayes.checks.study import check_study
 from deabayes.experiment import FloatArray
 from deabayes.faults import Faults
 from deabayes.pipeline.fit import prepare_study
-from deabayes.records.folder import read_folder, scan_folder
+from deabayes.records.folder import read_folder
 from deabayes.study import Study
 
 SPECIMEN = """\
@@ -70,7 +71,7 @@ def row(name: str, role: str, response: str) -> str:
     ],
 )  # fmt: skip
 def test_what_a_gain_brings_is_not_given_again(tmp_path: Path, added: str, said: str) -> None:
-    faults = scan_folder(folder(tmp_path, added))[1]
+    faults = faults_of(folder(tmp_path, added))
     assert len([fault for fault in faults if said in fault]) == 1
     assert len(faults) == 1 + ("F1_phase" in added)
 
@@ -80,15 +81,15 @@ def test_what_is_only_held_out_may_be_the_same(tmp_path: Path) -> None:
     path = folder(tmp_path, row("f1p", "validate", "phase"))
     table = (path / "experiments.csv").read_text()
     (path / "experiments.csv").write_text(table.replace("calibrate", "validate"))
-    assert scan_folder(path)[1] == []
+    assert faults_of(path) == []
     study = Study("s", path, ("voigt_kelvin_1_inertia",), calibrate=("f1p",), validate=("f1",))
-    (fault,) = check_study(study)[0]
+    (fault,) = check_study(study).faults
     assert "study s: calibrate record 'f1p' is the phase that validate record 'f1' brings" in fault
 
 
 def test_a_phase_without_a_value_is_a_fault_of_the_folder(tmp_path: Path) -> None:
     lost = np.where(FREQUENCY < 3.0, np.nan, PHASE)
-    (fault,) = scan_folder(folder(tmp_path, phase=lost))[1]
+    (fault,) = faults_of(folder(tmp_path, phase=lost))
     assert "f1.csv (f1), column phase: values missing, NaN or infinite: 3" in fault
 
 
@@ -115,7 +116,7 @@ def test_a_phase_of_the_wrong_sign_rises(tmp_path: Path) -> None:
     """Its prior expects it to fall, and says which sign a lag has."""
     path = folder(tmp_path, phase=-PHASE)
     study = Study("s", path, ("voigt_kelvin_1_inertia",))
-    warnings = check_study(study, compare=True)[1]
+    warnings = check_study(study, compare=True).warnings
     (found,) = [line for line in warnings if "f1_phase" in line]
     assert found.endswith(
         "f1_phase: phase rises where the prior expects it to fall; is its sign right (lag is "
@@ -136,7 +137,7 @@ def test_a_candidate_without_mass_says_nothing_of_a_resonance(
 ) -> None:
     """Only its lag fades with frequency; one of the wrong sign fades from above."""
     study = Study("s", folder(tmp_path, phase=phase, faster=20.0), ("voigt_kelvin_1",))
-    warnings = check_study(study, compare=True)[1]
+    warnings = check_study(study, compare=True).warnings
     (found,) = [line for line in warnings if "f1_phase" in line]
     assert found.endswith(f"f1_phase: phase falls where the prior expects it {said}")
 

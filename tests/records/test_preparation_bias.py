@@ -14,7 +14,7 @@ import pytest
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation import prepare
-from deabayes.records.preparation.bins import gauss
+from deabayes.records.preparation.average import gauss
 from deabayes.systems import System, build
 
 SLIGHT = 1e-4

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.records.checks import checked
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation import REGISTRY, prepare
-from deabayes.records.preparation.bins import width_for
+from deabayes.records.preparation.average import width_for
 from deabayes.records.preparation.defaults import _every
 
 FILM = Specimen("film", "membrane", {"kind": "simulated"}, {})
@@ -20,7 +21,7 @@ def recorded(
     columns = {"time": time, "voltage": volts, "displacement": moved}
     raw = RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
     row = ExperimentRow("a", protocol, "a.csv", "calibrate", "voltage", "displacement", {})
-    return prepare(row, raw, FILM, list(steps) or None)  # type: ignore[arg-type]
+    return prepare(row, checked(row, raw, FILM), FILM, list(steps) or None)  # type: ignore[arg-type]
 
 
 def kept(experiment: Experiment, frequency: float, lag: float = 0.3) -> float:

@@ -9,6 +9,7 @@ import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
 from deabayes.faults import Faults
+from deabayes.records.checks import checked
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation import prepare
 
@@ -30,7 +31,8 @@ def pull(
     row = ExperimentRow(
         "a", "quasi_static", "a.csv", "calibrate", "displacement", "force", metadata
     )  # type: ignore[arg-type]
-    return prepare(row, RawRecord(columns, units, "cd" * 32), specimen)
+    raw = checked(row, RawRecord(columns, units, "cd" * 32), specimen)
+    return prepare(row, raw, specimen)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from tests.shared.strip_records import relaxation
 
-from deabayes.records.preparation.polyline import corners, polyline
+from deabayes.records.preparation.excitation import corners, polyline
 from deabayes.records.preparation.prepared import thinned
 
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Specimen
+from deabayes.records.channels import value_before
+from deabayes.records.checks import check_record
 from deabayes.records.columns import ExperimentRow, RawRecord
-from deabayes.records.excitation import value_before
-from deabayes.records.record_checks import record_warnings
 
 TIME = 0.01 * np.arange(400)
 SINE = np.sin(2.0 * np.pi * TIME)
+RAMP = np.clip(TIME, 0.0, 1.0)
 UNITS = {"voltage": "V", "control_voltage": "V", "stretch": "1", "displacement": "m"}
 SETTLED = {"prehistory": "equilibrium"}
 
@@ -28,7 +29,7 @@ def beginning(
     units = {"time": "s", **UNITS}
     row = ExperimentRow("a", protocol, "a.csv", "calibrate", excitation, "displacement", said or {})
     raw = RawRecord(columns, units, "ab" * 32)
-    found = record_warnings(row, raw, Specimen("film", system, {}, {}), "a.csv (a)")
+    found = check_record(row, raw, Specimen("film", system, {}, {}), "a.csv (a)").warnings
     return [warning for warning in found if "first sample" in warning]
 
 
@@ -57,7 +58,7 @@ def test_a_voltage_was_off_and_what_else_there_is_as_in_the_first_sample(
 @pytest.mark.parametrize("excitation", ["voltage", "control_voltage"])
 def test_a_voltage_that_is_not_off_at_first_is_said_to_jump(excitation: str, protocol: str) -> None:
     """It was taken for a jump from rest without a word."""
-    (warning,) = beginning("membrane", 2000.0 + 1000.0 * SINE, excitation, protocol)
+    (warning,) = beginning("membrane", 2000.0 + 1000.0 * RAMP, excitation, protocol)
     assert warning.startswith(f"a.csv (a): {excitation} begins with 2 kV and is taken to have")
     assert "if it was on before, add the rows since then" in warning
     assert "prehistory" not in warning, "a membrane has none"

@@ -1,4 +1,4 @@
-"""The tiny checks: each speaks when it should and is silent when it should be."""
+"""Checks of single channels: each reports what it should and nothing else."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from deabayes.experiment import Quantity
+from deabayes.faults import Report
 from deabayes.records import checks
 
 RNG = np.random.default_rng(7)
@@ -22,102 +24,87 @@ MOSTLY_CLIPPED = np.minimum(STEP + 1e-3 * RNG.normal(size=TIME.size), 1.0)
 COARSE_STEP = np.round(STEP / 0.2) * 0.2
 CURRENT = np.where(TIME < 0.5, 0.12, 0.0)
 
-SPEAKS: list[tuple[Callable[[], list[str]], list[str]]] = [
+
+def newton(value: float) -> Quantity:
+    return Quantity(value, "N")
+
+
+def force(check: Callable[..., None], values: np.ndarray, *stated: Quantity | None) -> tuple:
+    """A check of a force: the check, its values, what the instrument states, channel, unit."""
+    return (check, values, *stated, "force", "N")
+
+
+REPORTED: list[tuple[tuple, list[str]]] = [
+    (force(checks.clipped_sensor, NOISY, newton(0.9)), ["column force", "range of 900 mN"]),
+    (force(checks.clipped_sensor, CLIPPED, None), ["largest value 800 mN", "held"]),
+    (force(checks.clipped_sensor, -CLIPPED, None), ["smallest value -800 mN"]),
     (
-        lambda: checks.clipped_sensor(NOISY, 0.9, "force", "N", "a.csv"),
-        ["column force", "range of 900 mN"],
-    ),
-    (
-        lambda: checks.clipped_sensor(CLIPPED, None, "force", "N", "a.csv"),
-        ["largest value 800 mN", "held"],
-    ),
-    (
-        lambda: checks.clipped_sensor(-CLIPPED, None, "force", "N", "a.csv"),
-        ["smallest value -800 mN"],
-    ),
-    (
-        lambda: checks.clipped_sensor(MOSTLY_CLIPPED, None, "force", "N", "a.csv"),
+        force(checks.clipped_sensor, MOSTLY_CLIPPED, None),
         ["largest value 1 N is held for 175 samples in a row (88% of all)", "clipped"],
     ),
+    (force(checks.clipped_sensor, np.minimum(RISE, 0.9), None), ["value 900 mN"]),
+    (force(checks.clipped_sensor, np.maximum(NOISY, 0.1), None), ["value 100 mN"]),
+    (force(checks.coarse_quantisation, COARSE_STEP, None, None), ["steps of 200 mN"]),
+    (force(checks.coarse_quantisation, COARSE, None, None), ["steps of 200 mN"]),
     (
-        lambda: checks.clipped_sensor(np.clip(NOISY, -0.5, 0.9), 2.0, "force", "N", "a")[1:],
-        ["smallest value -500 mN"],
-    ),
-    (
-        lambda: checks.coarse_quantisation(COARSE_STEP, None, None, "force", "N", "a"),
-        ["steps of 200 mN"],
-    ),
-    (
-        lambda: checks.clipped_sensor(np.minimum(RISE, 0.9), None, "force", "N", "a"),
-        ["value 900 mN"],
-    ),
-    (
-        lambda: checks.clipped_sensor(np.maximum(NOISY, 0.1), None, "force", "N", "a"),
-        ["value 100 mN"],
-    ),
-    (
-        lambda: checks.coarse_quantisation(COARSE, None, None, "force", "N", "a.csv"),
-        ["steps of 200 mN"],
-    ),
-    (
-        lambda: checks.coarse_quantisation(NOISY, 1e-2, 1e-3, "force", "N", "a.csv"),
+        force(checks.coarse_quantisation, NOISY, newton(1e-2), newton(1e-3)),
         ["resolution 10 mN", "noise 1 mN"],
     ),
-    (lambda: checks.sampling_jitter(JITTERED, "a.csv"), ["jitter", "10%", "0.02 s"]),
-    (lambda: checks.sampling_jitter(GAP, "a.csv"), ["gap of 3.02 s after 2 s"]),
-    (lambda: checks.current_at_limit(CURRENT, 0.12, "creep", "a.csv"), ["120 mA", "12.50%"]),
-    (lambda: checks.current_at_limit(CURRENT, 0.12, "sine", "a.csv"), ["distorted"]),
-    (lambda: checks.shorter_than_time_constant(4.0, 500.0, "a.csv"), ["4 s", "500 s", "prior"]),
-    (lambda: checks.too_few_points(5, 7, "study a, kv_gm_3"), ["5 points", "7 parameters", "give"]),
-    (lambda: checks.too_few_points(7, 7, "a"), ["7 points"]),
-    (lambda: checks.not_positive(np.array([1.0, 0.0]), "stretch", "a"), ["data row 2", "offset"]),
-    (lambda: checks.not_positive(np.array([1.0, -40.0]), "gain", "a"), ["is -40", "no decibels"]),
-    (lambda: checks.not_positive(np.array([0.0, 1.0]), "frequency", "a"), ["remove the row"]),
+    ((checks.sampling_jitter, JITTERED), ["jitter", "10%", "0.02 s"]),
+    ((checks.sampling_jitter, GAP), ["gap of 3.02 s after 2 s"]),
+    ((checks.current_at_limit, CURRENT, 0.12, "creep"), ["120 mA", "12.50%"]),
+    ((checks.current_at_limit, CURRENT, 0.12, "sine"), ["distorted"]),
+    ((checks.not_positive, np.array([1.0, 0.0]), "stretch"), ["data row 2", "offset"]),
+    ((checks.not_positive, np.array([1.0, -40.0]), "gain"), ["is -40", "no decibels"]),
+    ((checks.not_positive, np.array([0.0, 1.0]), "frequency"), ["remove the row"]),
     (
-        lambda: checks.not_finite(np.array([1.0, np.nan, np.inf, 1.0, np.nan]), "force", "a.csv"),
+        (checks.not_finite, np.array([1.0, np.nan, np.inf, 1.0, np.nan]), "force"),
         ["infinite: 3", "data row 2", "a run of 2"],
     ),
+    ((checks.not_finite, np.array([1.0, np.nan, np.nan]), "force"), ["infinite: 2", "a run of 2"]),
     (
-        lambda: checks.not_finite(np.array([1.0, np.nan, np.nan]), "force", "a.csv"),
-        ["infinite: 2", "a run of 2"],
-    ),
-    (
-        lambda: checks.not_finite(np.full(3, np.nan), "phase", "a.csv"),
+        (checks.not_finite, np.full(3, np.nan), "phase"),
         ["column phase", "no value in any of its 3 rows", "name the column"],
     ),
 ]
 
-SILENT: list[Callable[[], list[str]]] = [
-    lambda: checks.clipped_sensor(NOISY, 2.0, "force", "N", "a"),
-    lambda: checks.clipped_sensor(NOISY, None, "force", "N", "a"),
-    lambda: checks.clipped_sensor(RISE, None, "displacement", "m", "a"),
-    lambda: checks.clipped_sensor(-RISE, None, "displacement", "m", "a"),
-    lambda: checks.clipped_sensor(COARSE, None, "force", "N", "a"),
-    lambda: checks.clipped_sensor(COARSE_STEP, None, "force", "N", "a"),
-    lambda: checks.coarse_quantisation(MOSTLY_CLIPPED, None, None, "force", "N", "a"),
-    lambda: checks.less_than_noise(np.full(9, 0.5), 1e-3, "force", "N", "a"),
-    lambda: checks.coarse_quantisation(NOISY, 1e-4, 1e-3, "force", "N", "a"),
-    lambda: checks.coarse_quantisation(NOISY, None, None, "force", "N", "a"),
-    lambda: checks.sampling_jitter(TIME, "a"),
-    lambda: checks.sampling_jitter(np.append(TIME, TIME[-1] + 0.001), "a"),
-    lambda: checks.current_at_limit(CURRENT, 0.2, "creep", "a"),
-    lambda: checks.shorter_than_time_constant(500.0, 400.0, "a"),
-    lambda: checks.too_few_points(8, 7, "a"),
-    lambda: checks.constant_channel(np.array([1.0, 1.0, 1.001]), "force", "a"),
-    lambda: checks.outside_range(np.array([-0.5, 0.5]), 0.5, "displacement", "m", "a"),
-    lambda: checks.not_finite(NOISY, "force", "a"),
-    lambda: checks.time_goes_back(TIME, "a") + checks.time_repeats(TIME, "a"),
+SOUND: list[tuple] = [
+    force(checks.clipped_sensor, NOISY, newton(2.0)),
+    force(checks.clipped_sensor, NOISY, None),
+    (checks.clipped_sensor, RISE, None, "displacement", "m"),
+    (checks.clipped_sensor, -RISE, None, "displacement", "m"),
+    force(checks.clipped_sensor, COARSE, None),
+    force(checks.clipped_sensor, COARSE_STEP, None),
+    force(checks.clipped_sensor, np.clip(NOISY, -0.5, 0.9), newton(2.0)),
+    force(checks.coarse_quantisation, MOSTLY_CLIPPED, None, None),
+    force(checks.coarse_quantisation, NOISY, newton(1e-4), newton(1e-3)),
+    force(checks.coarse_quantisation, NOISY, None, None),
+    (checks.less_than_noise, np.full(9, 0.5), newton(1e-3), "force"),
+    (checks.sampling_jitter, TIME),
+    (checks.sampling_jitter, np.append(TIME, TIME[-1] + 0.001)),
+    (checks.current_at_limit, CURRENT, 0.2, "creep"),
+    (checks.constant_channel, np.array([1.0, 1.0, 1.001]), "force"),
+    (checks.outside_range, np.array([-0.5, 0.5]), newton(0.5), "force", 1e-9),
+    (checks.not_finite, NOISY, "force"),
+    (checks.time_goes_back, TIME),
+    (checks.time_repeats, TIME),
 ]
 
 
-@pytest.mark.parametrize(("check", "words"), SPEAKS)
-def test_speaks(check: Callable[[], list[str]], words: list[str]) -> None:
-    sentences = check()
-    assert len(sentences) == 1
+def messages(check: Callable[..., None], *arguments: object) -> list[str]:
+    report = Report("a.csv")
+    check(report, *arguments)
+    return report.faults + report.warnings
+
+
+@pytest.mark.parametrize(("call", "words"), REPORTED)
+def test_a_wrong_channel_is_reported(call: tuple, words: list[str]) -> None:
+    (message,) = messages(*call)
+    assert message.startswith("a.csv")
     for word in words:
-        assert word in sentences[0]
+        assert word in message
 
 
-@pytest.mark.parametrize("check", SILENT)
-def test_is_silent(check: Callable[[], list[str]]) -> None:
-    assert check() == []
+@pytest.mark.parametrize("call", SOUND)
+def test_a_sound_channel_is_not_reported(call: tuple) -> None:
+    assert messages(*call) == []

@@ -9,7 +9,7 @@ import pytest
 from tests.shared.study_folders import make_folder, record_lines
 
 from deabayes.faults import Faults, UserError
-from deabayes.records import download
+from deabayes.records import record
 from deabayes.records.download import fetch, missing_data, read_registry
 from deabayes.records.folder import read_folder
 from deabayes.records.table import read_table
@@ -19,7 +19,7 @@ from deabayes.records.table import read_table
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study folder whose records are public data that are not there."""
     monkeypatch.delenv("DEABAYES_DATA", raising=False)
-    monkeypatch.setattr(download, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(record, "cache_folder", lambda: tmp_path / "cache")
     made = make_folder(tmp_path)
     (made / "records").rename(tmp_path / "published")
     digests = {

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.shared.study_folders import (
+    faults_of,
     make_folder,
     record_lines,
     replace_in,
     write_lines,
 )
 
-from deabayes.faults import Faults, UserError
+from deabayes.faults import Faults, Report, UserError
 from deabayes.records.folder import read_folder, scan_folder
 from deabayes.records.table import scan_table
 
@@ -59,7 +60,9 @@ def test_only_columns_that_the_system_reads_can_be_misspelt(
 ) -> None:
     folder = make_folder(tmp_path)
     replace_in(folder / "experiments.csv", "stretch_rate_per_s", written)
-    found = [fault for fault in scan_table(folder, system)[1] if "no model reads" in fault]
+    report = Report()
+    scan_table(folder, report, system)
+    found = [fault for fault in report.faults if "no model reads" in fault]
     assert bool(found) == (meant is not None)
     assert meant is None or f"column {written!r}; did you mean {meant!r}?" in found[0]
 
@@ -68,22 +71,22 @@ def test_only_columns_that_the_system_reads_can_be_misspelt(
 def test_a_pull_on_an_actuator_needs_its_voltage(
     tmp_path: Path, known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deabayes.records import record_checks
+    from deabayes.records import checks
 
     channels = ({"voltage": "V", "displacement": "m"}, {"force": "N"})
-    monkeypatch.setattr(record_checks, "channels_of", lambda system, protocol: channels)
+    monkeypatch.setattr(checks, "channels_of", lambda system, protocol: channels)
     folder = make_folder(tmp_path)
     replace_in(folder / "experiments.csv", "relaxation", "quasi_static")
     if known:
         replace_in(folder / "experiments.csv", "stretch_rate_per_s", "voltage_kV")
         replace_in(folder / "experiments.csv", "first,", "first,4")
-    faults = scan_folder(folder)[1]
+    faults = faults_of(folder)
     assert [f for f in faults if "voltage during the pull is not known" in f] == faults
     assert len(faults) == (0 if known else 1)
 
 
 def test_missing_folder(tmp_path: Path) -> None:
-    assert "no such folder" in scan_folder(tmp_path / "gone")[1][0]
+    assert "no such folder" in faults_of(tmp_path / "gone")[0]
 
 
 def test_table_in_another_dialect(tmp_path: Path) -> None:
@@ -124,7 +127,8 @@ def test_voltage_on_from_the_first_sample_is_a_step_not_a_fault(tmp_path: Path) 
         lines = [f"{0.1 * i:.1f},{volts},{i + volts}" for i in range(9)]
         header_line = "time [s],voltage [kV],strain [%]"
         write_lines(folder / "records" / f"{name}.csv", [header_line, *lines])
-    read, faults = scan_folder(folder)
+    report = Report()
+    read, faults = scan_folder(folder, report), report.faults
     assert read is not None
     assert len(faults) == 1
     assert "(b), column voltage: is constant" in faults[0]

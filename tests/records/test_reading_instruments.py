@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from deabayes.faults import Report
 from deabayes.records.specimen import read_instruments
 
 MS, ZERO = {"value": 2, "unit": "ms"}, {"value": 0, "unit": "ms"}
@@ -12,10 +13,10 @@ LIMIT = {"value": 5, "unit": "mA"}
 
 def found(system: str, **instruments: object) -> tuple[dict[str, float], list[str]]:
     """Values by property, and faults."""
-    faults: list[str] = []
+    report = Report()
     content = {"system": system, "instruments": instruments}
-    read = read_instruments(content, "specimen.yaml", faults)
-    return {name: quantity.value for name, quantity in read.items()}, faults
+    read = read_instruments(content, "specimen.yaml", report)
+    return {name: quantity.value for name, quantity in read.items()}, report.faults
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.shared.breaks import column, specimen, table, voltage
-from tests.shared.study_folders import make_folder
+from tests.shared.study_folders import faults_of, make_folder
 
 from deabayes.experiment import Specimen
 from deabayes.faults import Faults
+from deabayes.records.checks import check_record
 from deabayes.records.columns import ExperimentRow, RawRecord
-from deabayes.records.folder import read_folder, scan_folder
-from deabayes.records.record_checks import record_faults
+from deabayes.records.folder import read_folder
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_voltages_that_agree_with_their_row(
 def test_a_constant_response_is_one_fault(tmp_path: Path) -> None:
     folder = make_folder(tmp_path)
     column(2, "0.5")(folder)
-    (fault,) = scan_folder(folder)[1]
+    (fault,) = faults_of(folder)
     assert "column force: is constant" in fault
 
 
@@ -46,7 +46,7 @@ def test_an_excitation_of_zeros_is_one_fault() -> None:
     raw = RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
     said = {"voltage_kV": 3.0}
     row = ExperimentRow("a", "creep", "a.csv", "calibrate", "voltage", "displacement", said)
-    (fault,) = record_faults(row, raw, Specimen("film", "membrane", {}, {}), "a.csv")
+    (fault,) = check_record(row, raw, Specimen("film", "membrane", {}, {}), "a.csv").faults
     assert "column voltage: is constant (0 in all" in fault
 
 
@@ -56,7 +56,7 @@ def test_a_clipped_sensor_may_read_five_per_cent_beyond_its_range(
 ) -> None:
     folder = make_folder(tmp_path)  # forces up to 1.167 N
     specimen("range: {value: 10, unit: N}", f"range: {{value: {newton}, unit: N}}")(folder)
-    faults = scan_folder(folder)[1]
+    faults = faults_of(folder)
     assert len(faults) == 2 * refused  # both records
     assert all("column force: reaches 1.16" in fault for fault in faults)
 

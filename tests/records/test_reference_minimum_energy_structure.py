@@ -22,9 +22,10 @@ from scipy.integrate import solve_ivp
 from tests.shared.golden import REPOSITORY, golden_table, load_golden
 
 from deabayes.experiment import Specimen
+from deabayes.faults import Report
+from deabayes.records.checks import check_record
 from deabayes.records.folder import repeated_records
 from deabayes.records.record import read_record
-from deabayes.records.record_checks import record_faults, record_warnings
 from deabayes.records.schema import violations
 from deabayes.records.table import read_table
 from deabayes.units import to_si
@@ -241,9 +242,10 @@ def test_records_are_read_and_have_no_faults():
     raws = {row.name: read_record(SHIPPED / row.record) for row in rows}
     anything = Specimen("x", "", {}, {}, {})
     for row in rows:
-        assert record_faults(row, raws[row.name], anything, row.name) == []
-        assert record_warnings(row, raws[row.name], anything, row.name) == []
-    assert repeated_records([(row, raws[row.name]) for row in rows], "") == []
+        report = check_record(row, raws[row.name], anything, row.name)
+        assert report.faults == report.warnings == []
+    repeated_records([(row, raws[row.name]) for row in rows], report := Report())
+    assert report.faults == []
     calibrate = {row.name for row in rows if row.role == "calibrate"}
     sines = {f"sine_5kV_{frequency}Hz" for frequency in (1, 5, 10)}
     assert calibrate == {"quasi_static_0kV", "quasi_static_5kV", *sines}

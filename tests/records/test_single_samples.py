@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from deabayes.experiment import Experiment, FloatArray, Specimen
+from deabayes.records.channels import glitches, least_swing, single_samples, without_single_samples
+from deabayes.records.checks import checked
 from deabayes.records.columns import ExperimentRow, RawRecord
-from deabayes.records.glitches import glitches, least_swing, single_samples, without_single_samples
 from deabayes.records.preparation import prepare
 
 TIME = np.arange(0.0, 60.0, 0.2)
@@ -19,7 +20,8 @@ def prepared(volts: FloatArray, moved: FloatArray, protocol: str = "creep") -> E
     columns = {"time": TIME, "voltage": volts, "displacement": moved}
     raw = RawRecord(columns, {"time": "s", "voltage": "V", "displacement": "m"}, "ab" * 32)
     row = ExperimentRow("a", protocol, "a.csv", "calibrate", "voltage", "displacement", {})
-    return prepare(row, raw, Specimen("film", "membrane", {"kind": "simulated"}, {}))
+    film = Specimen("film", "membrane", {"kind": "simulated"}, {})
+    return prepare(row, checked(row, raw, film), film)
 
 
 def crept(*glitches: tuple[float, float]) -> FloatArray:

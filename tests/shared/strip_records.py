@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from deabayes.experiment import Experiment, FloatArray, Quantity, Specimen
+from deabayes.faults import Report
+from deabayes.records.checks import checked
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation import prepare
 
@@ -36,18 +38,26 @@ def raw(time: FloatArray, displacement: FloatArray, force: FloatArray) -> RawRec
 
 
 def prepared(
-    record: RawRecord, *steps: object, protocol: str = "relaxation", specimen: Specimen = STRIP
+    record: RawRecord,
+    *steps: object,
+    protocol: str = "relaxation",
+    specimen: Specimen = STRIP,
+    bare_numbers: Report | None = None,
 ) -> Experiment:
     row = ExperimentRow("a", protocol, "a.csv", "calibrate", "displacement", "force", {"note": "x"})
-    return prepare(row, record, specimen, list(steps))  # type: ignore[arg-type]
+    return prepare(row, checked(row, record, specimen), specimen, list(steps), bare_numbers)  # type: ignore[arg-type]
 
 
 def curve(
-    stretch: FloatArray, stress: FloatArray, *steps: object, **metadata: object
+    stretch: FloatArray,
+    stress: FloatArray,
+    *steps: object,
+    bare_numbers: Report | None = None,
+    **metadata: object,
 ) -> Experiment:
     row = ExperimentRow(
         "a", "quasi_static", "a.csv", "calibrate", "stretch", "nominal_stress", metadata
     )  # type: ignore[arg-type]
     columns = {"stretch": stretch, "nominal_stress": stress}
     record = RawRecord(columns, {"stretch": "1", "nominal_stress": "Pa"}, "cd" * 32)
-    return prepare(row, record, STRIP, list(steps))  # type: ignore[arg-type]
+    return prepare(row, checked(row, record, STRIP), STRIP, list(steps), bare_numbers)  # type: ignore[arg-type]

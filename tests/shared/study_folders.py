@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from deabayes.faults import Report
+from deabayes.records.folder import scan_folder
+
 SPECIMEN = """\
 name: strip A
 system: tensile_strip
@@ -87,3 +90,10 @@ def make_config(folder: Path) -> Path:
     path = folder / "config.yaml"
     path.write_text(CONFIG, encoding="utf-8")
     return path
+
+
+def faults_of(folder: Path) -> list[str]:
+    """Every fault of a study folder and its records."""
+    report = Report()
+    scan_folder(folder, report)
+    return report.faults

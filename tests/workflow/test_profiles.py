@@ -25,7 +25,7 @@ def test_their_studies_have_no_faults(name: str, monkeypatch: pytest.MonkeyPatch
     studies = load_studies(read_yaml(path), str(path))
     assert studies
     for study in studies:
-        assert check_study(study)[0] == []
+        assert check_study(study).faults == []
 
 
 def test_four_terms_come_beside_the_shipped_studies(tmp_path: Path) -> None:

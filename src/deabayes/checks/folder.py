@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sized
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from deabayes.checks.study import without_candidate
-from deabayes.faults import Faults, UserError
+from deabayes.checks.study import check_on_records, without_candidate
+from deabayes.faults import Report, UserError
 from deabayes.quantities import display_unit, short, with_unit
+from deabayes.records.channels import usual_interval
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.folder import StudyFolder, scan_folder
 
@@ -19,22 +17,23 @@ if TYPE_CHECKING:
     from deabayes.experiment import FloatArray, Quantity
 
 
-@dataclass(frozen=True)
-class CheckReport:
+class FolderReport(Report):
     """The result of checking a study folder.
 
     Attributes
     ----------
     folder : the study folder.
+    read : what was read of it; None if its specimen.yaml cannot be read.
+    reading_faults : the faults of its files; `faults` also has those of a study of all records.
     understood : lines on the specimen, its quantities and every readable record.
-    faults : what the user must correct.
-    warnings : what the user must know.
     """
 
-    folder: Path
-    understood: tuple[str, ...]
-    faults: tuple[str, ...]
-    warnings: tuple[str, ...]
+    def __init__(self, folder: Path, data_root: Path | None = None) -> None:
+        super().__init__()
+        self.folder = folder
+        self.read = scan_folder(folder, self, data_root)
+        self.reading_faults = tuple(self.faults)
+        self.understood: list[str] = []
 
     @property
     def ok(self) -> bool:
@@ -59,47 +58,43 @@ def counted(faults: Sized, warnings: Sized) -> str:
     return ", ".join(f"{len(found)} {kind}{'s' * (len(found) != 1)}" for found, kind in kinds)
 
 
-def check_folder(folder: Path, data_root: Path | None = None, as_study: bool = True) -> CheckReport:
+def check_folder(
+    folder: Path, data_root: Path | None = None, as_study: bool = True
+) -> FolderReport:
     """Check specimen.yaml, experiments.csv and all records, without raising user errors.
 
     Parameters
     ----------
     as_study : whether to add the faults and warnings of a study of all records.
     """
-    read, faults = scan_folder(Path(folder), data_root)
-    if read is None:
-        return CheckReport(Path(folder), (), tuple(faults), ())
-    faults += without_candidate(read)
-    understood = _specimen_lines(read)
-    warnings = [*_wide(read), *_left_to_fill_in(read)]
-    for row in read.table:
-        lines, found = _record_lines(read, row)
-        understood += lines
-        warnings += found
-    if as_study and not faults:
-        more_faults, more_warnings = _as_studied(read, data_root)
-        faults, warnings = [*faults, *more_faults], [*warnings, *more_warnings]
-    return CheckReport(Path(folder), tuple(understood), tuple(faults), tuple(warnings))
+    report = FolderReport(Path(folder), data_root)
+    if report.read is None:
+        return report
+    without_candidate(report.read, report)
+    report.understood += _specimen_lines(report.read)
+    _warn_of_specimen(report.read, report.at(f"{folder}/specimen.yaml"))
+    for row in report.read.table:
+        report.understood += _record_lines(report.read, row, report)
+    if as_study and not report.faults:
+        _check_as_study(report.read, report)
+    return report
 
 
-def _as_studied(read: StudyFolder, data_root: Path | None) -> tuple[list[str], list[str]]:
+def _check_as_study(read: StudyFolder, report: Report) -> None:
     """Check a study of all records, with the first candidate that can model them.
 
     Its model may have to be compiled.
     """
-    from deabayes.checks.study import check_study
     from deabayes.study import Study
     from deabayes.systems import OWN, candidates
 
     system = read.specimen.system
     for candidate in () if system in OWN else candidates(system):
-        study = Study(read.path.name, read.path, (candidate,), data_root=data_root)
-        faults, warnings = check_study(study, compare=True)
-        said = f"study {study.name}, "
-        if any(f.startswith((f"{said}{candidate}", f"{said}candidates")) for f in faults):
-            continue
-        return [f.removeprefix(said) for f in faults], [w.removeprefix(said) for w in warnings]
-    return [], []
+        study, found = Study(read.path.name, read.path, (candidate,)), Report()
+        check_on_records(study, read, found, compare=True)
+        if not any(fault.startswith((candidate, "candidates")) for fault in found.faults):
+            report.include(found.faults, found.warnings)
+            return
 
 
 def _specimen_lines(read: StudyFolder) -> list[str]:
@@ -111,29 +106,24 @@ def _specimen_lines(read: StudyFolder) -> list[str]:
     return lines
 
 
-def _wide(read: StudyFolder) -> list[str]:
-    """Warn of quantities whose sd seems to be in per cent or in another unit."""
-    ratios = {name: q.sd / abs(q.value) for name, q in read.specimen.quantities.items() if q.sd}
-    return [
-        f"{read.path}/specimen.yaml, quantities.{name}: its sd is {ratio:.3g} times its value; an "
-        "sd is in the value's unit, not in per cent"
-        for name, ratio in ratios.items()
-        if ratio > 1.0
-    ]
-
-
-def _left_to_fill_in(read: StudyFolder) -> list[str]:
-    """Warn of placeholders from `deabayes new` that nobody replaced."""
-    texts = {f"provenance.{key}": text for key, text in read.specimen.provenance.items()}
+def _warn_of_specimen(read: StudyFolder, report: Report) -> None:
+    """Warn of an sd that seems to be in per cent or another unit, and of placeholders left."""
+    specimen = read.specimen
+    for name, quantity in specimen.quantities.items():
+        ratio = (quantity.sd or 0.0) / abs(quantity.value)
+        if ratio > 1.0:
+            report.warn(
+                f"its sd is {ratio:.3g} times its value; an sd is in the value's unit, not in per "
+                "cent",
+                f"quantities.{name}",
+            )
+    texts = {f"provenance.{key}": text for key, text in specimen.provenance.items()}
     for kind in ("quantities", "instruments"):
-        for name, quantity in getattr(read.specimen, kind).items():
+        for name, quantity in getattr(specimen, kind).items():
             texts[f"{kind}.{name}.source"] = quantity.source
-    return [
-        f"{read.path}/specimen.yaml, {key}: is '...', as `deabayes new` writes it; fill it in, or "
-        "remove the key"
-        for key, text in texts.items()
-        if text.strip() in ("...", "…")
-    ]
+    for key, text in texts.items():
+        if text.strip() in ("...", "…"):
+            report.warn("is '...', as `deabayes new` writes it; fill it in, or remove the key", key)
 
 
 def _shown(name: str, quantity: Quantity) -> str:
@@ -144,18 +134,19 @@ def _shown(name: str, quantity: Quantity) -> str:
     return f"{name} = {value} ± {short(quantity.sd / unit.factor, 2)}{unit.behind} (a parameter)"
 
 
-def _record_lines(read: StudyFolder, row: ExperimentRow) -> tuple[list[str], list[str]]:
-    """Return lines that describe one record, and its warnings; one note if it has faults."""
+def _record_lines(read: StudyFolder, row: ExperimentRow, report: Report) -> list[str]:
+    """Return lines that describe one record, and add its warnings; one note if it has faults."""
     title = f"{row.name}: {row.protocol}, {row.role}, {row.excitation} -> {row.response}"
     try:
-        raw, warnings = read.record(row), read.warnings(row)
-    except (Faults, UserError):
-        return ["", f"{title} (cannot be used, see the faults)"], []
-    extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items())
+        raw = read.record(row)
+    except UserError:
+        return ["", f"{title} (cannot be used, see the faults)"]
+    report.include(warnings=read.warnings(row))
     lines = ["", title, f"  {read.locate(row)}", f"  {_sampling(raw)}"]
-    lines += [f"  {name} {_extent(name, values, raw.units[name])}"
-              for name, values in raw.columns.items()]  # fmt: skip
-    return lines + ([f"  {extra}"] if extra else []), warnings
+    for name, values in raw.columns.items():
+        lines.append(f"  {name} {_extent(name, values, raw.units[name])}")
+    extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items())
+    return lines + ([f"  {extra}"] if extra else [])
 
 
 def _extent(name: str, values: FloatArray, unit: str) -> str:
@@ -169,5 +160,5 @@ def _sampling(raw: RawRecord) -> str:
     if "time" not in raw.columns:
         return f"{rows} rows"
     time = raw.columns["time"]
-    rate = with_unit(1.0 / float(np.median(np.diff(time))), "Hz", digits=4)
+    rate = with_unit(1.0 / usual_interval(time), "Hz", digits=4)
     return f"{rows} rows, {with_unit(float(time[-1] - time[0]), 's')}, sampled at {rate}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import UserError
+from deabayes.faults import Report, UserError
 from deabayes.quantities import with_unit
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
 from deabayes.systems.base import System
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from deabayes.records.folder import StudyFolder
     from deabayes.study import Study
 
+CAUSES = ("voltage", "control_voltage", "stretch", "displacement", "force")
+"""Channels that cause a response. Others, such as a current, are responses themselves."""
+STATED = {"voltage_kV": "voltage", "bias_kV": "voltage", "amplitude_kV": "voltage"}
+"""Columns of experiments.csv that state a channel."""
+AROUND = ("temperature", "humidity")
+"""Beginnings of column names for influences on a material that no shipped model includes."""
+HELD = 0.02
+"""Largest change of a channel that counts as constant, as a share of its largest value."""
 LARGEST_MISS = 0.002
 """Largest rms error as a share of the excitation's range: a sine with 28 samples per period."""
 FEWEST_SAMPLES = 16
@@ -50,151 +58,118 @@ def _surely(products: FloatArray) -> float:
     return mean if mean > 3.0 * error else 0.0
 
 
-def too_coarse(excitation: Excitation) -> str | None:
-    """Warning if straight lines describe an excitation badly; else None."""
+def warn_if_coarse(excitation: Excitation, report: Report) -> None:
+    """Warn if straight lines describe an excitation badly."""
     missed = missed_by_lines(excitation) if excitation.in_time else 0.0
-    if missed <= LARGEST_MISS:
-        return None
-    return (
-        f"between its samples the {excitation.name} is taken for straight lines, which miss "
-        f"{100 * missed:.2g} % of its range (rms): predicted amplitudes come out too small; log "
-        "the drive at 30 samples a period and more"
-    )
+    if missed > LARGEST_MISS:
+        report.warn(
+            f"between its samples the {excitation.name} is taken for straight lines, which miss "
+            f"{100 * missed:.2g} % of its range (rms): predicted amplitudes come out too small; "
+            "log the drive at 30 samples a period and more"
+        )
 
 
 def prepared_records(
-    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow]
-) -> tuple[list[Experiment], list[str], list[str]]:
-    """Return the prepared records, the faults of steps (each once), and warnings.
+    study: Study, read: StudyFolder, rows: Sequence[ExperimentRow], report: Report
+) -> list[Experiment]:
+    """Return the prepared records, and report faults and warnings of steps, each once.
 
-    The warnings concern the steps only. `StudyFolder.warnings` has the warnings of the records.
+    `StudyFolder.warnings` has the warnings of the records themselves.
     """
     from deabayes.records.preparation import measured_rows, prepare
     from deabayes.records.preparation.defaults import with_idle_masks
 
-    measured: list[ExperimentRow] = []
     experiments: list[Experiment] = []
+    of_records: set[str] = set()
     faults: dict[str, str] = {}
     for row in rows:
+        raw, steps = read.record(row), study.preparation.get(row.protocol)
+        of_records.update(*raw.warnings.values())
         try:
-            raw, steps = read.record(row), study.preparation.get(row.protocol)
-            for each in measured_rows(row, raw):
-                experiments.append(prepare(each, raw, read.specimen, steps))
-                measured.append(each)
+            for measured in measured_rows(row, raw):
+                experiments.append(prepare(measured, raw, read.specimen, steps, report))
         except UserError as error:
-            faults[str(error).replace(row.name, "")] = f"study {study.name}, {error}"
-    experiments = experiments if faults else with_idle_masks(experiments)
-    warnings = [
-        warning
-        for row, each in zip(measured, experiments, strict=True)
-        for warning in _of_steps(study, row, each)
-    ]
-    late = [line for each in experiments for line in _delay_left_in(study, read.specimen, each)]
-    coarse = [
-        f"study {study.name}, {each.name}: {said}"
-        for each in experiments
-        if (said := too_coarse(each.excitation))
-    ]
-    return experiments, list(faults.values()), [*warnings, *dict.fromkeys(late), *coarse]
+            faults[str(error).replace(row.name, "")] = str(error)
+    report.include(faults.values())
+    for experiment in experiments if faults else with_idle_masks(experiments):
+        for warning in experiment.warnings:
+            if warning not in of_records:
+                report.warn(warning, experiment.name)
+    for experiment in experiments:
+        _warn_of_delay(read.specimen, experiment, report)
+    for experiment in experiments:
+        warn_if_coarse(experiment.excitation, report.at(experiment.name))
+    return experiments
 
 
-def _of_steps(study: Study, row: ExperimentRow, experiment: Experiment) -> list[str]:
-    of_the_record = f"{row.record} ({row.name})"
-    return [
-        f"study {study.name}, {row.name}: {warning}"
-        for warning in experiment.warnings
-        if not warning.startswith(of_the_record)
-    ]
-
-
-def _delay_left_in(study: Study, specimen: Specimen, experiment: Experiment) -> list[str]:
-    """Warning: no step removes a sensor's delay; the default steps would."""
-    name, protocol = experiment.response_name, experiment.protocol
+def _warn_of_delay(specimen: Specimen, experiment: Experiment, report: Report) -> None:
+    """Warn if no step removes a sensor's delay; the default steps would."""
+    name = experiment.response_name
     sensor = instrument(specimen, "delay", name, "s")
     late = experiment.coordinate_name == "time" or name == "phase"
-    done = any(step["step"] == "delay" for step in experiment.steps)
-    if sensor is None or sensor.value == 0.0 or not late or done:
-        return []
-    return [
-        f"study {study.name}, preparation.{protocol}: the {name}'s delay of "
-        f"{with_unit(sensor.value, 's')}, stated in specimen.yaml, stays in the records, as none "
-        "of the steps is `delay`; add `delay: {}` as the first of them, or, if the records have no "
-        "delay, remove it from specimen.yaml"
-    ]
-
-
-CAUSES = ("voltage", "control_voltage", "stretch", "displacement", "force")
-"""Channels that cause a response. Others, such as a current, are responses themselves."""
-STATED = {"voltage_kV": "voltage", "bias_kV": "voltage", "amplitude_kV": "voltage"}
-"""Columns of experiments.csv that state a channel."""
-AROUND = ("temperature", "humidity")
-"""Beginnings of column names for influences on a material that no shipped model includes."""
-HELD = 0.02
-"""Largest change of a channel that counts as constant, as a share of its largest value."""
+    removed = any(step["step"] == "delay" for step in experiment.steps)
+    if sensor is not None and sensor.value != 0.0 and late and not removed:
+        report.warn(
+            f"the {name}'s delay of {with_unit(sensor.value, 's')}, stated in specimen.yaml, "
+            "stays in the records, as none of the steps is `delay`; add `delay: {}` as the first "
+            "of them, or, if the records have no delay, remove it from specimen.yaml",
+            f"preparation.{experiment.protocol}",
+        )
 
 
 def unmodelled(
-    system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]], study: str
-) -> list[str]:
-    """Faults: channels and conditions that vary within or between records and are in no model.
+    system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]], report: Report
+) -> None:
+    """Report channels and conditions that vary within or between records and are in no model.
 
     Without this check, their effect on the response would silently be attributed to other
     causes.
     """
-    found = [*_channels(system, records), *_conditions(system, [row for row, _ in records])]
-    return [f"study {study}, {each}" for each in found]
-
-
-def _known(system: type[System]) -> set[str]:
-    return {"time", *system.excitations, *system.responses}
-
-
-def _channels(
-    system: type[System], records: Sequence[tuple[ExperimentRow, RawRecord]]
-) -> list[str]:
-    """Faults: columns of records, such as the voltage of a system that voltage does not drive."""
-    faults = []
-    known = _known(system)
+    modelled = {"time", *system.excitations, *system.responses}
     for name in CAUSES:
-        if COMMANDS.get(name, name) in known:
-            continue
-        columns = {row.name: raw for row, raw in records if name in raw.columns}
-        values = [raw.columns[name] for raw in columns.values()]
-        if not values or (_is_constant(np.concatenate(values)) and len(columns) == len(records)):
-            continue
-        if not any(np.any(each != 0.0) for each in values):
-            continue
-        low, high = min(map(np.min, values)), max(map(np.max, values))
-        unit = next(iter(columns.values())).units[name]
-        span = f"{with_unit(float(low), unit, name, 3)} to {with_unit(float(high), unit, name, 3)}"
-        faults.append(
-            f"column {name} of {', '.join(columns)}: goes from {span}, and system "
-            f"{system.name!r} has no {name}: its effect would be attributed to the material. "
-            f"Fit records of one {name} only (`select` or `calibrate` and `validate`), "
-            f"or leave it out by `columns: {name} = -` in experiments.csv"
+        if COMMANDS.get(name, name) not in modelled:
+            _check_channel(name, system, records, report)
+    conditions = {name for names in (system.conditions or {}).values() for name in names}
+    for name in dict.fromkeys(name for row, _ in records for name in row.metadata):
+        is_channel = name in STATED and STATED[name] not in modelled
+        if name not in conditions and (is_channel or name.lower().startswith(AROUND)):
+            _check_condition(name, system, [row for row, _ in records], report)
+
+
+def _check_channel(
+    name: str,
+    system: type[System],
+    records: Sequence[tuple[ExperimentRow, RawRecord]],
+    report: Report,
+) -> None:
+    """Report a column of records, such as the voltage of a system that voltage does not drive."""
+    having = {row.name: raw for row, raw in records if name in raw.columns}
+    if not having:
+        return
+    values = np.concatenate([raw.columns[name] for raw in having.values()])
+    low, high, largest = (float(f(values)) for f in (np.min, np.max, lambda v: np.max(np.abs(v))))
+    constant = high - low <= HELD * largest and len(having) == len(records)
+    if constant or largest == 0.0:
+        return
+    unit = next(iter(having.values())).units[name]
+    report.fault(
+        f"goes from {with_unit(low, unit, name, 3)} to {with_unit(high, unit, name, 3)}, and "
+        f"system {system.name!r} has no {name}: its effect would be attributed to the material. "
+        f"Fit records of one {name} only (`select` or `calibrate` and `validate`), or leave it "
+        f"out by `columns: {name} = -` in experiments.csv",
+        f"column {name} of {', '.join(having)}",
+    )
+
+
+def _check_condition(
+    name: str, system: type[System], rows: Sequence[ExperimentRow], report: Report
+) -> None:
+    """Report a column of experiments.csv, such as a stated voltage or a temperature."""
+    values = sorted({str(row.metadata.get(name, "nothing")) for row in rows})
+    if len(values) > 1:
+        report.fault(
+            f"is {', '.join(values)} over the records, and no model of system {system.name!r} "
+            f"includes it: its effect would be attributed to the material. Fit records of one "
+            f"{name} only (`select: {{{name}: {values[0]}}}`, or `split_by: {name}`)",
+            f"column {name} of experiments.csv",
         )
-    return faults
-
-
-def _conditions(system: type[System], rows: Sequence[ExperimentRow]) -> list[str]:
-    """Faults: columns of experiments.csv, such as a stated voltage or a temperature."""
-    told = {name for names in (system.conditions or {}).values() for name in names}
-    faults = []
-    for name in dict.fromkeys(name for row in rows for name in row.metadata):
-        channel = STATED.get(name)
-        unknown = channel is not None and channel not in _known(system)
-        if name in told or not (unknown or name.lower().startswith(AROUND)):
-            continue
-        values = sorted({str(row.metadata.get(name, "nothing")) for row in rows})
-        if len(values) > 1:
-            faults.append(
-                f"column {name} of experiments.csv: is {', '.join(values)} over the records, and "
-                f"no model of system {system.name!r} includes it: its effect would be attributed "
-                f"to the material. Fit records of one {name} only (`select: {{{name}: "
-                f"{values[0]}}}`, or `split_by: {name}`)"
-            )
-    return faults
-
-
-def _is_constant(values: FloatArray) -> bool:
-    return float(np.ptp(values)) <= HELD * float(np.max(np.abs(values)))

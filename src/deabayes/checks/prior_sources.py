@@ -10,7 +10,7 @@ from pathlib import Path
 from deabayes.api import open_posterior
 from deabayes.checks.priors import overruled
 from deabayes.checks.study import used_rows
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.inference.default_priors import wider_systems
 from deabayes.population.settings import FOLDER, Population
 from deabayes.posteriors.inheritance import Inheritance, foreign_quantities, inherit_from
@@ -57,7 +57,7 @@ def _calibrated(study: Study) -> list[CountedRecord]:
         folder = read_folder(study.specimen, study.data_root, check_records=False)
     except UserError:
         return []
-    rows = [row for row in used_rows(study, folder, []) if row.role == "calibrate"]
+    rows = [row for row in used_rows(study, folder, Report()) if row.role == "calibrate"]
     files = [(row, folder.locate(row)) for row in rows]
     return [
         CountedRecord(study.name, row.name, row.response, sha256_of(path))

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import numpy as np
 
 from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
-from deabayes.faults import UserError
+from deabayes.faults import Report, UserError
 from deabayes.inference.default_priors import wider_systems
 from deabayes.prior.joint import Prior
 from deabayes.prior.overrides import overridden, targets_of
@@ -15,45 +15,6 @@ from deabayes.prior.parameter import Parameter
 from deabayes.quantities import with_unit
 from deabayes.study import Settings, Study
 from deabayes.systems import System
-
-
-def check_priors(
-    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
-) -> tuple[list[str], list[str]]:
-    """Return faults and warnings of the priors in a study.
-
-    Faults are priors that name no parameter of any candidate, or that cannot be used. Warnings
-    are numbers without a unit for parameters that have one.
-    """
-    from deabayes.inference.record_noise import noise_parameters
-    from deabayes.noise import REGISTRY as NOISE
-    from deabayes.prior.overrides import bare_numbers
-
-    calibrate = [each for each in experiments if each.role == "calibrate"]
-    if not systems:
-        return [], []
-    system = next(iter(systems.values()))
-    try:
-        noise = noise_parameters(study, NOISE[study.noise](), calibrate, system)
-    except UserError as error:
-        return [f"study {study.name}, {error}"], []
-    every = [each for s in systems.values() for each in (s, *wider_systems(study, s).values())]
-    known = [p.name for system in every for p in system.parameters()]
-    faults: list[str] = []
-    bare: list[str] = []
-    for system in systems.values():
-        parameters = (*system.parameters(), *noise)
-        try:
-            Prior.from_parameters(parameters, study.priors, known)
-            bare += bare_numbers(parameters, study.priors, known)
-        except UserError as error:
-            faults += str(error).splitlines()
-    return _said(study, faults), _said(study, bare)
-
-
-def _said(study: Study, sentences: Sequence[str]) -> list[str]:
-    return [f"study {study.name}, {sentence}" for sentence in dict.fromkeys(sentences)]
-
 
 DRAWS = 200
 FEWEST = 20
@@ -64,6 +25,36 @@ OPPOSITE = -0.5
 """Correlation with the median of the draws below which a record has the opposite direction."""
 BEYOND = 10.0
 """Factor beyond the outer draws above which a wrong unit is likelier than an unusual material."""
+
+
+def check_priors(
+    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment], report: Report
+) -> None:
+    """Report faults and warnings of the priors in a study.
+
+    Faults are priors that name no parameter of any candidate, or that cannot be used. Warnings
+    are numbers without a unit for parameters that have one.
+    """
+    from deabayes.inference.record_noise import noise_parameters
+    from deabayes.noise import REGISTRY as NOISE
+    from deabayes.prior.overrides import bare_numbers
+
+    calibrate = [experiment for experiment in experiments if experiment.role == "calibrate"]
+    if not systems:
+        return
+    first = next(iter(systems.values()))
+    noise = None
+    with report.catching():
+        noise = noise_parameters(study, NOISE[study.noise](), calibrate, first)
+    if noise is None:
+        return
+    models = [m for s in systems.values() for m in (s, *wider_systems(study, s).values())]
+    known = [parameter.name for model in models for parameter in model.parameters()]
+    for system in systems.values():
+        parameters = (*system.parameters(), *noise)
+        with report.catching():
+            Prior.from_parameters(parameters, study.priors, known)
+            report.include(warnings=bare_numbers(parameters, study.priors, known))
 
 
 def unexpected(study: Study, system: System, experiments: Iterable[Experiment]) -> list[str]:

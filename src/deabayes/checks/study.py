@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,72 +11,191 @@ import numpy as np
 from deabayes.checks.prepared import prepared_records, unmodelled
 from deabayes.checks.priors import check_priors, unexpected
 from deabayes.comparison import further as planned
-from deabayes.faults import Faults, MissingQuantity, UserError, nearest
+from deabayes.faults import Faults, MissingQuantity, Report, UserError, nearest
 from deabayes.own_models.checks import candidate_faults
 from deabayes.own_models.loading import said_of_the_model
 from deabayes.own_models.trial import try_models
-from deabayes.records.checks import too_few_points, too_short_for
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.folder import StudyFolder, read_folder, repeated_records, scan_folder
 from deabayes.records.preparation.defaults import misaddressed
-from deabayes.records.preparation.working import noting_bare_numbers
 from deabayes.records.table import in_roles, none_to_fit, selected, told_apart_by
 from deabayes.systems import system_class
 
 if TYPE_CHECKING:
+    from deabayes.checks.folder import FolderReport
     from deabayes.experiment import Excitation, Experiment, Specimen
     from deabayes.study import Study
     from deabayes.systems import System
 
-
-def few_points(
-    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
-) -> list[str]:
-    """Faults: candidates with at least as many parameters as there are prepared points to fit."""
-    fitted = [each.response.size for each in experiments if each.role == "calibrate"]
-    if not fitted:  # another check reports this
-        return []
-    return [
-        fault
-        for candidate, system in systems.items()
-        for fault in too_few_points(
-            sum(fitted), len(system.parameters()), f"study {study.name}, {candidate}"
-        )
-    ]
+SAMPLES = 50
+"""Number of samples of a record with which to ask whether a candidate can predict it."""
+UPPER_QUARTILE = 0.6745
+"""The upper quartile of a prior, in its normal coordinate: half of its mass lies near it."""
 
 
-def unused_steps(
-    study: Study, protocols: Iterable[str], known: Iterable[str]
-) -> tuple[list[str], list[str]]:
-    """Return faults and warnings: preparation of protocols that no record of the study has.
+def check_study(study: Study, compare: bool = False, folder: FolderReport | None = None) -> Report:
+    """Report faults and warnings of a study, given its folder's records.
+
+    Candidates, experiment names, noise model, preparation steps and parameters with a prior must
+    exist and have usable settings. There must be more points to calibrate on than parameters.
+    Records should be longer than the longest time constant of the prior.
 
     Parameters
     ----------
-    protocols : protocols of the study's records.
-    known : protocols that the specimen's system has a model of; others are a fault.
+    compare : whether to compare the first candidate's prior with the records; its model may have
+        to be compiled.
+    folder : the check of the study's folder; None reads the folder here.
     """
-    protocols, known = list(protocols), list(known)
-    faults = [
-        f"study {study.name}, preparation: the specimen's system has no model of protocol {name!r} "
-        f"(it has {', '.join(known)}); correct or remove it"
-        for name in study.preparation
-        if name not in known
-    ]
-    warnings = [
-        f"study {study.name}, preparation.{name}: no record of the study is of this protocol, so "
-        "these steps do nothing"
-        for name in study.preparation
-        if name in known and name not in protocols
-    ]
-    return faults, warnings
+    report = Report()
+    if folder is None:
+        read = scan_folder(study.specimen, report, study.data_root)
+    else:
+        read = folder.read
+        report.include(folder.reading_faults)
+    of_study = report.at(f"study {study.name}")
+    _check_names_of_methods(study, of_study)
+    if read is not None and report.faults:
+        without_candidate(read, report)
+    elif read is not None:
+        check_on_records(study, read, of_study, compare)
+    return report
 
 
-def built_candidates(study: Study, specimen: Specimen, faults: list[str]) -> dict[str, System]:
-    """Return the candidates that can be built, and add the faults of others to `faults`.
+def check_on_records(study: Study, read: StudyFolder, report: Report, compare: bool) -> None:
+    """Report faults and warnings of a study of a folder whose records have no faults."""
+    system = system_class(read.specimen.system)
+    report.include(misaddressed(study.preparation, read.table))
+    rows = used_rows(study, read, report)
+    _check_planned(study, rows, report)
+    records = [(row, read.record(row)) for row in rows]
+    if study.calibrate is not None or study.validate is not None:
+        repeated_records(records, report)
+    unmodelled(system, records, report)
+    systems = built_candidates(study, read.specimen, report)
+    _check_unused_steps(study, rows, system, report)
+    faults_before = len(report.faults)
+    experiments = prepared_records(study, read, rows, report)
+    if len(report.faults) == faults_before:
+        _check_number_of_points(systems, experiments, report)
+    if not report.faults:
+        _check_models(study, systems, experiments, report)
+    if not report.faults:
+        check_priors(study, systems, experiments, report)
+    if not report.faults and study.model is not None:
+        fitted = [experiment for experiment in experiments if experiment.role == "calibrate"]
+        faults, warnings = try_models(systems, fitted, study.priors, report.place)
+        report.faults += faults
+        report.warnings += warnings
+    if not report.faults:
+        for candidate in systems.values():
+            _check_length(study, candidate, records, report)
+    if not report.faults and compare:
+        name, candidate = next(iter(systems.items()))
+        report.at(name).include(warnings=unexpected(study, candidate, experiments))
 
-    Faults of the models of `predict_with` are added as well.
+
+def check_names(study: Study) -> list[str]:
+    """Return the faults that can be found without reading a record.
+
+    These concern the folder's tables, the names in them, and files. A workflow reports them for
+    all studies before its first job.
     """
-    systems, found = {}, []
+    report = Report()
+    of_study = report.at(f"study {study.name}")
+    read = None
+    with report.catching():
+        read = read_folder(study.specimen, study.data_root, check_records=False)
+        report.include(read.missing(read.table))
+    _check_names_of_methods(study, of_study)
+    if read is not None:
+        of_study.include(misaddressed(study.preparation, read.table))
+        _check_planned(study, used_rows(study, read, of_study), of_study)
+        built_candidates(study, read.specimen, of_study)
+    return report.faults
+
+
+def _check_names_of_methods(study: Study, report: Report) -> None:
+    """Report a noise model and preparation steps that do not exist."""
+    from deabayes.noise import REGISTRY as NOISE
+    from deabayes.records.preparation import REGISTRY as STEPS
+
+    if study.noise not in NOISE:
+        report.fault(f"unknown {study.noise!r}{nearest(study.noise, NOISE)}", "noise")
+    for protocol, steps in study.preparation.items():
+        for step in steps or ():
+            name = step if isinstance(step, str) else next(iter(step))
+            if name not in STEPS:
+                hint = nearest(name, STEPS)
+                report.fault(f"unknown step {name!r}{hint}", f"preparation.{protocol}")
+
+
+def used_rows(study: Study, read: StudyFolder, report: Report) -> list[ExperimentRow]:
+    """Return the rows that a study uses, in their roles in the study."""
+    kept = selected(read.table, study.select)
+    if not kept:
+        _nothing_selected(study, read, report)
+        return []
+    known = [row.name for row in kept]
+    all_known = True
+    for role, names in (("calibrate", study.calibrate), ("validate", study.validate)):
+        for name in names or ():
+            if name not in known:
+                all_known = False
+                hint = nearest(name, known)
+                report.fault(f"{study.specimen} has no experiment {name!r}{hint}", role)
+    used = in_roles(kept, study.calibrate, study.validate)
+    if all_known and not any(row.role == "calibrate" for row in used):
+        report.fault(none_to_fit(study.specimen, study.calibrate, study.validate))
+    return used
+
+
+def _nothing_selected(study: Study, read: StudyFolder, report: Report) -> None:
+    """Say why no row has the values of `select`, column by column."""
+    table = [told_apart_by(row) for row in read.table]
+    columns = dict.fromkeys(key for values in table for key in values)
+    reasons = []
+    for key, value in study.select.items():
+        if key not in columns:
+            reasons.append(f"no column {key!r} in experiments.csv{nearest(key, columns)}")
+        elif not selected(read.table, {key: value}):
+            values = dict.fromkeys(str(row[key]) for row in table if key in row)
+            reasons.append(f"no experiment with {key} {value!r}{nearest(value, values)}")
+    for reason in reasons or ["no experiment with all of these values; drop one of them"]:
+        report.fault(f"{study.specimen} has {reason}", "select")
+
+
+def _check_planned(study: Study, rows: Sequence[ExperimentRow], report: Report) -> None:
+    """Report planned experiments that are unknown, or impossible for a record."""
+    protocols = {row.name: row.protocol for row in rows}
+    for fault in planned.faults(study.further_experiments, protocols):
+        report.fault(fault, "further_experiments")
+
+
+def _check_unused_steps(
+    study: Study, rows: Sequence[ExperimentRow], system: type[System], report: Report
+) -> None:
+    """Report steps for a protocol that no record has: a fault if the system does not know it."""
+    protocols = {row.protocol for row in rows}
+    for name in study.preparation:
+        if name not in system.protocols:
+            report.fault(
+                f"the specimen's system has no model of protocol {name!r} (it has "
+                f"{', '.join(system.protocols)}); correct or remove it",
+                "preparation",
+            )
+        elif name not in protocols:
+            report.warn(
+                "no record of the study is of this protocol, so these steps do nothing",
+                f"preparation.{name}",
+            )
+
+
+def built_candidates(study: Study, specimen: Specimen, report: Report) -> dict[str, System]:
+    """Return the candidates that can be built, and report the faults of others.
+
+    Faults of the models of `predict_with` are reported as well.
+    """
+    systems = {}
     for candidate in study.candidates:
         key = "candidates"
         try:
@@ -85,8 +204,8 @@ def built_candidates(study: Study, specimen: Specimen, faults: list[str]) -> dic
             for ending in study.predict_with.values():
                 _built(study, candidate + ending, specimen)
         except UserError as error:
-            found += [f"study {study.name}, {key}: {each}" for each in str(error).splitlines()]
-    faults += dict.fromkeys(found)
+            for fault in str(error).splitlines():
+                report.fault(fault, key)
     return systems
 
 
@@ -104,12 +223,81 @@ def _built(study: Study, candidate: str, specimen: Specimen) -> System:
     return system
 
 
-SAMPLES = 50
-"""Number of samples of a record with which to ask whether a candidate can predict it."""
+def _check_number_of_points(
+    systems: Mapping[str, System], experiments: Sequence[Experiment], report: Report
+) -> None:
+    """Report candidates with at least as many parameters as there are points to calibrate on."""
+    points = sum(e.response.size for e in experiments if e.role == "calibrate")
+    for candidate, system in systems.items():
+        parameters = len(system.parameters())
+        if 0 < points <= parameters:  # another check reports that there are none
+            report.fault(
+                f"{points} points cannot determine {parameters} parameters; give more data or a "
+                "smaller candidate",
+                candidate,
+            )
 
 
-def without_candidate(read: StudyFolder) -> list[str]:
-    """Faults: records that no candidate can predict, for lack of a quantity or a condition.
+def _check_models(
+    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment], report: Report
+) -> None:
+    """Report records that a candidate cannot model, each reason once, and cautions of models."""
+    from deabayes.inference.default_priors import wider_systems
+
+    reasons: set[str] = set()
+    for candidate, system in systems.items():
+        wider = wider_systems(study, system)
+        for experiment in experiments:
+            held_out = experiment.role == "validate"
+            predicts = wider.get(experiment.protocol, system) if held_out else system
+            try:
+                predicts.simulator_of(experiment)
+            except UserError as error:
+                if str(error) not in reasons:
+                    report.fault(str(error), f"{candidate}, {experiment.name}")
+                reasons.add(str(error))
+    if not reasons:
+        for system in systems.values():
+            for experiment in experiments:
+                cautions = [w for w in system.cautions(experiment) if w not in report.warnings]
+                report.warnings += cautions
+
+
+def _check_length(
+    study: Study,
+    system: System,
+    records: Sequence[tuple[ExperimentRow, RawRecord]],
+    report: Report,
+) -> None:
+    """Warn of records that are all shorter than the longest time constant that a prior states.
+
+    Default priors follow the records and are not compared.
+    """
+    from deabayes.prior.joint import Prior
+    from deabayes.systems import OWN
+
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
+    durations = [
+        float(np.ptp(raw.columns["time"]))
+        for row, raw in records
+        if row.role == "calibrate" and "time" in raw.columns
+    ]
+    own = type(system) in OWN.values()
+    constants = [
+        float(parameter.prior.from_normal(np.array(UPPER_QUARTILE)))
+        for parameter in prior.parameters
+        if parameter.is_time_constant and (own or parameter.source == "config")
+    ]
+    if durations and constants and max(durations) < max(constants):
+        report.warn(
+            f"lasts {max(durations):.3g} s, less than the longest time constant of the prior "
+            f"({max(constants):.3g} s), which the prior will then set",
+            f"{system.candidate}, the longest record",
+        )
+
+
+def without_candidate(read: StudyFolder, report: Report) -> None:
+    """Report records that no candidate can predict, for lack of a quantity or a condition.
 
     Each fault is reported once, for the first record that has it. For a record with faults only
     missing quantities are reported. Nothing is reported if specimen.yaml has faults. A user's
@@ -119,20 +307,20 @@ def without_candidate(read: StudyFolder) -> list[str]:
 
     system = read.specimen.system
     if system in OWN or system not in REGISTRY or not read.file.sound:
-        return []
-    found: dict[str, str] = {}
+        return
+    faults: dict[str, str] = {}
     for row in read.table:
         try:
-            reasons = _reasons(read.specimen, row, _driven(read, row))
+            reasons = _reasons(read.specimen, row, _beginning_of_excitation(read, row))
         except UserError:  # other checks report this
-            reasons = _reasons(read.specimen, row, _stand_in(row, system))
-            reasons = [each for each in reasons if isinstance(each, MissingQuantity)]
+            reasons = _reasons(read.specimen, row, _excitation_like(row, system))
+            reasons = [reason for reason in reasons if isinstance(reason, MissingQuantity)]
         for reason in map(str, reasons):
-            found.setdefault(reason, f"{read.path / 'experiments.csv'} ({row.name}): {reason}")
-    return list(found.values())
+            faults.setdefault(reason, f"{read.path / 'experiments.csv'} ({row.name}): {reason}")
+    report.include(faults.values())
 
 
-def _driven(read: StudyFolder, row: ExperimentRow) -> Excitation:
+def _beginning_of_excitation(read: StudyFolder, row: ExperimentRow) -> Excitation:
     """Return the beginning of a record's excitation."""
     from deabayes.experiment import Excitation
     from deabayes.records.preparation.working import conditions, open_record
@@ -149,11 +337,11 @@ def _driven(read: StudyFolder, row: ExperimentRow) -> Excitation:
     )
 
 
-def _stand_in(row: ExperimentRow, system: str) -> Excitation:
+def _excitation_like(row: ExperimentRow, system: str) -> Excitation:
     """Return a plausible excitation for a record with faults, to find the quantities it needs."""
     from deabayes.experiment import Excitation
+    from deabayes.records.checks import POSITIVE
     from deabayes.records.columns import COMMANDS
-    from deabayes.records.record_checks import POSITIVE
     from deabayes.records.table import WITHOUT_TIME, channels_of
 
     unit = channels_of(system, row.protocol)[0][row.excitation]
@@ -161,11 +349,11 @@ def _stand_in(row: ExperimentRow, system: str) -> Excitation:
     values = 1.0 + 0.1 * time if row.excitation in POSITIVE else 1e-3 * time
     in_time = row.protocol not in WITHOUT_TIME
     name = COMMANDS.get(row.excitation, row.excitation)
-    held = {**row.metadata, "voltage": 0.0}
-    return Excitation(name, unit, time if in_time else values, values, held, in_time)
+    conditions = {**row.metadata, "voltage": 0.0}
+    return Excitation(name, unit, time if in_time else values, values, conditions, in_time)
 
 
-def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequence[UserError]:
+def _reasons(specimen: Specimen, row: ExperimentRow, excitation: Excitation) -> Sequence[UserError]:
     """Return the reasons why no candidate predicts a record; empty if one may.
 
     These are all missing quantities of the first candidate that lacks any, else the faults of
@@ -174,196 +362,32 @@ def _reasons(specimen: Specimen, row: ExperimentRow, driven: Excitation) -> Sequ
     """
     from deabayes.systems import candidates
 
-    each = [_obstacles(specimen, name, row, driven) for name in candidates(specimen.system)]
-    if [] in each:
+    tried = [_obstacles(specimen, name, row, excitation) for name in candidates(specimen.system)]
+    if [] in tried:
         return []
-    general = [found for found in each if not str(found[-1]).startswith("candidate ")]
-    lacking = [[e for e in found if isinstance(e, MissingQuantity)] for found in general]
+    general = [errors for errors in tried if not str(errors[-1]).startswith("candidate ")]
+    lacking = [[e for e in errors if isinstance(e, MissingQuantity)] for errors in general]
     return next(filter(None, lacking), next(iter(general), []))
 
 
 def _obstacles(
-    specimen: Specimen, candidate: str, row: ExperimentRow, driven: Excitation
+    specimen: Specimen, candidate: str, row: ExperimentRow, excitation: Excitation
 ) -> Sequence[UserError]:
     """Return every quantity that a candidate lacks, and any other fault of its prediction."""
     from deabayes.experiment import Quantity
     from deabayes.systems import build
 
-    found: list[UserError] = []
+    errors: list[UserError] = []
     while True:
         try:
             build(specimen.system, candidate, specimen).simulator(
-                driven, driven.coordinate, row.response
+                excitation, excitation.coordinate, row.response
             )
         except MissingQuantity as lacking:
-            found.append(lacking)
+            errors.append(lacking)
             stand_in = {lacking.quantity: Quantity(1.0, lacking.unit)}
             specimen = replace(specimen, quantities={**specimen.quantities, **stand_in})
         except UserError as error:
-            return [*found, error]
+            return [*errors, error]
         else:
-            return found
-
-
-def check_study(study: Study, compare: bool = False) -> tuple[list[str], list[str]]:
-    """Return faults and warnings of a study, given its folder's records.
-
-    Candidates, experiment names, noise model, preparation steps and parameters with a prior must
-    exist and have usable settings. There must be more points to calibrate on than parameters.
-    Records should be longer than the longest time constant of the prior. With `compare` the
-    first candidate's prior is compared with the records; its model may have to be compiled.
-    """
-    read, faults = scan_folder(study.specimen, study.data_root)
-    faults += _unknown_names(study)
-    if read is None or faults:
-        return faults + ([] if read is None else without_candidate(read)), []
-    faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
-    rows = used_rows(study, read, faults)
-    faults += _further_faults(study, rows)
-    if study.calibrate is not None or study.validate is not None:
-        every = ((row, read.record(row)) for row in rows)
-        faults += repeated_records(every, f"study {study.name}")
-    used = [(row, read.record(row)) for row in rows]
-    faults += unmodelled(system_class(read.specimen.system), used, study.name)
-    records = [(row, raw) for row, raw in used if row.role == "calibrate"]
-    warnings: list[str] = []
-    systems = built_candidates(study, read.specimen, faults)
-    unused = unused_steps(
-        study, [row.protocol for row in rows], system_class(read.specimen.system).protocols
-    )
-    faults, warnings = [*faults, *unused[0]], [*warnings, *unused[1]]
-    with noting_bare_numbers() as bare_numbers:
-        experiments, unprepared, said = prepared_records(study, read, rows)
-    warnings += [*(f"study {study.name}, {line}" for line in bare_numbers), *said]
-    faults += unprepared or few_points(study, systems, experiments)
-    if not faults:
-        faults += _without_model(study, systems, experiments)
-        each = [caution for s in systems.values() for e in experiments for caution in s.cautions(e)]
-        warnings += dict.fromkeys(each)
-    if not faults:
-        wrong, bare = check_priors(study, systems, experiments)
-        faults, warnings = [*faults, *wrong], [*warnings, *bare]
-    if not faults and study.model is not None:
-        fitted = [each for each in experiments if each.role == "calibrate"]
-        found = try_models(systems, fitted, study.priors, f"study {study.name}")
-        faults, warnings = found[0], [*warnings, *found[1]]
-    if not faults:
-        warnings += [line for s in systems.values() for line in _too_short(study, s, records)]
-    if compare and not faults:
-        candidate, system = next(iter(systems.items()))
-        lines = unexpected(study, system, experiments)
-        warnings += [f"study {study.name}, {candidate}, {line}" for line in lines]
-    return faults, warnings
-
-
-def check_names(study: Study) -> list[str]:
-    """Return the faults that can be found without reading a record.
-
-    These concern the folder's tables, the names in them, and files. A workflow reports them for
-    all studies before its first job.
-    """
-    try:
-        read = read_folder(study.specimen, study.data_root, check_records=False)
-    except UserError as error:
-        return [*str(error).splitlines(), *_unknown_names(study)]
-    faults = [*read.missing(read.table), *_unknown_names(study)]
-    faults += [f"study {study.name}, {x}" for x in misaddressed(study.preparation, read.table)]
-    faults += _further_faults(study, used_rows(study, read, faults))
-    built_candidates(study, read.specimen, faults)
-    return faults
-
-
-def _without_model(
-    study: Study, systems: Mapping[str, System], experiments: Sequence[Experiment]
-) -> list[str]:
-    """Faults: records that a candidate cannot model; each message appears once."""
-    from deabayes.inference.default_priors import wider_systems
-
-    found: dict[str, str] = {}
-    for candidate, system in systems.items():
-        wider = wider_systems(study, system)
-        for each in experiments:
-            held_out = each.role == "validate"
-            predicts = wider.get(each.protocol, system) if held_out else system
-            try:
-                predicts.simulator_of(each)
-            except UserError as error:
-                where = f"study {study.name}, {candidate}, {each.name}"
-                found.setdefault(str(error), f"{where}: {error}")
-    return list(found.values())
-
-
-def _unknown_names(study: Study) -> list[str]:
-    from deabayes.noise import REGISTRY as NOISE
-    from deabayes.records.preparation import REGISTRY as STEPS
-
-    faults = []
-    if study.noise not in NOISE:
-        faults.append(f"study {study.name}, noise: unknown {study.noise!r}"
-                      f"{nearest(study.noise, NOISE)}")  # fmt: skip
-    for protocol, steps in study.preparation.items():
-        for step in steps or ():
-            name = step if isinstance(step, str) else next(iter(step))
-            if name not in STEPS:
-                faults.append(f"study {study.name}, preparation.{protocol}: unknown step {name!r}"
-                              f"{nearest(name, STEPS)}")  # fmt: skip
-    return faults
-
-
-def used_rows(study: Study, read: StudyFolder, faults: list[str]) -> list[ExperimentRow]:
-    """Return the rows that a study uses, in their roles in the study."""
-    kept = selected(read.table, study.select)
-    if not kept:
-        faults += _nothing_selected(study, read)
-        return []
-    known = [row.name for row in kept]
-    unknown = [
-        f"study {study.name}, {role}: {study.specimen} has no experiment {name!r}"
-        f"{nearest(name, known)}"
-        for role, names in (("calibrate", study.calibrate), ("validate", study.validate))
-        for name in names or ()
-        if name not in known
-    ]
-    faults += unknown
-    used = in_roles(kept, study.calibrate, study.validate)
-    if not unknown and not any(row.role == "calibrate" for row in used):
-        said = none_to_fit(study.specimen, study.calibrate, study.validate)
-        faults.append(f"study {study.name}: {said}")
-    return used
-
-
-def _nothing_selected(study: Study, read: StudyFolder) -> list[str]:
-    """Say why no row has the values of `select`, column by column."""
-    table = [told_apart_by(row) for row in read.table]
-    columns = dict.fromkeys(key for values in table for key in values)
-    found = []
-    for key, value in study.select.items():
-        where = f"study {study.name}, select: {study.specimen}"
-        values = [str(each[key]) for each in table if key in each]
-        if key not in columns:
-            found.append(f"{where} has no column {key!r} in experiments.csv{nearest(key, columns)}")
-        elif not selected(read.table, {key: value}):
-            hint = nearest(value, dict.fromkeys(values))
-            found.append(f"{where} has no experiment with {key} {value!r}{hint}")
-    return found or [f"{where} has no experiment with all of these values; drop one of them"]
-
-
-def _further_faults(study: Study, rows: Sequence[ExperimentRow]) -> list[str]:
-    """Faults of planned experiments: unknown records, or plans that are impossible for a record."""
-    found = planned.faults(study.further_experiments, {row.name: row.protocol for row in rows})
-    return [f"study {study.name}, further_experiments: {fault}" for fault in found]
-
-
-def _too_short(
-    study: Study, system: System, records: Sequence[tuple[ExperimentRow, RawRecord]]
-) -> list[str]:
-    """Warn of stated time-constant priors beyond the records; default priors follow the records."""
-    from deabayes.prior.joint import Prior
-    from deabayes.systems import OWN
-
-    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
-    durations = [float(np.ptp(raw.columns["time"])) for _, raw in records if "time" in raw.columns]
-    where = f"study {study.name}, {system.candidate}, the longest record"
-    own = type(system) in OWN.values()
-    written = [p for p in prior.parameters if own or p.source == "config"]
-    return too_short_for(written, durations, where)
+            return errors

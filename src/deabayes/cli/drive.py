@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.records.checks import not_finite, time_goes_back, time_repeats
 from deabayes.records.columns import CHANNELS, RawRecord
 from deabayes.records.record import read_record
@@ -35,16 +35,16 @@ def read_drive(system: str, path: Path) -> dict[str, FloatArray]:
             f"file has only {', '.join(record.columns)}; add such a column"
         )
     _check_time(record, channels, kind, path)
-    faults = [
-        fault for name, values in drive.items() for fault in not_finite(values, name, str(path), "")
-    ]
-    if not faults and "time" in drive:
-        faults = time_goes_back(drive["time"], str(path))
-        faults += time_repeats(drive["time"], str(path), "")
-    elif not faults:
-        faults = _not_ascending(drive, kind, path)
-    if faults:
-        raise Faults(faults)
+    report = Report(str(path))
+    for name, values in drive.items():
+        not_finite(report, values, name, otherwise="")
+    report.raise_faults()
+    if "time" in drive:
+        time_goes_back(report, drive["time"])
+        time_repeats(report, drive["time"], otherwise="")
+    else:
+        _check_ascending(report, drive, kind)
+    report.raise_faults()
     return drive
 
 
@@ -72,15 +72,14 @@ def _check_time(record: RawRecord, channels: list[str], kind: type[System], path
         )
 
 
-def _not_ascending(drive: dict[str, FloatArray], kind: type[System], path: Path) -> list[str]:
-    """Faults of channels that do not ascend, as a coordinate without time must."""
-    faults = []
+def _check_ascending(report: Report, drive: dict[str, FloatArray], kind: type[System]) -> None:
+    """Report channels that do not ascend, as a coordinate without time must."""
     for name, values in drive.items():
         back = np.flatnonzero(np.diff(values) <= 0.0)
         if back.size:
             remedy = "" if name in kind.without_time else ", or add a column 'time [s]'"
-            faults.append(
-                f"{path}, column {name}: does not ascend at data row {back[0] + 2}, and there is "
-                f"no time; sort the rows{remedy}"
+            report.fault(
+                f"does not ascend at data row {back[0] + 2}, and there is no time; sort the rows"
+                f"{remedy}",
+                f"column {name}",
             )
-    return faults

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from deabayes.cli.arguments import CONFIG, TARGET, find_population, find_study
-from deabayes.faults import Faults, UserError
+from deabayes.faults import Report
 
 if TYPE_CHECKING:
     from deabayes.population.settings import Population
@@ -85,8 +84,7 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
     load_for(system_named(folder), config)
     report = check_folder(folder)
     say(report.text(with_faults=False))
-    if report.faults:
-        raise Faults(report.faults)
+    report.raise_faults()
 
 
 def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
@@ -94,38 +92,38 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
     from deabayes.checks.folder import check_folder, counted
     from deabayes.checks.study import check_study
 
-    report = check_folder(study.specimen, study.data_root, as_study=False)
-    faults, warnings = check_study(study, compare=True)
-    if not faults:
-        faults, of_prior = _of_prior(study, config)
-        warnings += of_prior
-    of_folder = tuple(fault for fault in report.faults if fault in faults)
-    its_own = len(faults) > len(of_folder)
-    say(replace(report, faults=of_folder).text(with_faults=False, with_count=not its_own))
+    folder = check_folder(study.specimen, study.data_root, as_study=False)
+    report = check_study(study, compare=True, folder=folder)
+    if not report.faults:
+        _check_prior_source(study, config, report)
+    folder.faults = [fault for fault in folder.faults if fault in report.faults]
+    its_own = len(report.faults) > len(folder.faults)
+    say(folder.text(with_faults=False, with_count=not its_own))
     if its_own:
-        count = counted(faults, [*report.warnings, *warnings])
-        say(f"\n{count} in {report.folder} and study {study.name}")
-    elif warnings:
-        say(f"\n{len(warnings)} warning{'s' if warnings[1:] else ''} on study {study.name}")
-    for warning in warnings:
+        count = counted(report.faults, [*folder.warnings, *report.warnings])
+        say(f"\n{count} in {folder.folder} and study {study.name}")
+    elif report.warnings:
+        plural = "s" if report.warnings[1:] else ""
+        say(f"\n{len(report.warnings)} warning{plural} on study {study.name}")
+    for warning in report.warnings:
         say(f"  - {warning}")
-    if faults:
-        raise Faults(faults)
+    report.raise_faults()
 
 
-def _of_prior(study: Study, config: Path) -> tuple[list[str], list[str]]:
-    """Faults and warnings on the posterior that a study takes as its prior."""
+def _check_prior_source(study: Study, config: Path, report: Report) -> None:
+    """Report faults and warnings on the posterior that a study takes as its prior."""
     from deabayes.checks.prior_sources import Sources
     from deabayes.population.settings import load_populations
     from deabayes.studies import load_studies
 
     if study.prior_from is None:
-        return [], []
+        return
     studies = {each.name: each for each in load_studies(config)}
     populations = {each.name: each for each in load_populations(config)}
     sources = Sources(studies, populations)
-    faults = sources.faults(study)
-    return faults, [] if faults else sources.cautions(study)
+    report.include(sources.faults(study))
+    if not report.faults:
+        report.include(warnings=sources.cautions(study))
 
 
 def _check_population(population: Population, config: Path, say: Callable[[str], None]) -> None:
@@ -134,25 +132,21 @@ def _check_population(population: Population, config: Path, say: Callable[[str],
         f"population {population.name}: {len(population.studies)} specimens by "
         f"{population.candidate}, {', '.join(population.parameters)} scatter between them"
     )
-    faults: list[str] = []
+    report = Report()
     for name in population.studies:
         say("")
-        try:
+        with report.catching():
             _check_study(find_study(name, config), say, config)
-        except UserError as error:
-            faults += str(error).splitlines()
-    if faults:
-        raise Faults(faults)
+    report.raise_faults()
 
 
 def checked(study: Study, compare: bool = False) -> list[str]:
     """Raise the faults of a study; return its warnings."""
     from deabayes.checks.study import check_study
 
-    faults, warnings = check_study(study, compare)
-    if faults:
-        raise Faults(faults)
-    return warnings
+    report = check_study(study, compare)
+    report.raise_faults()
+    return report.warnings
 
 
 def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:

@@ -32,13 +32,18 @@ class ExperimentRow:
 class RawRecord:
     """One record as in its file, with columns converted to SI and no other change.
 
-    `left_out` counts the rows removed because specimen.yaml says so (`incomplete_rows`).
+    Attributes
+    ----------
+    columns, units : channel name -> its samples, and its SI unit.
+    left_out : number of rows removed because specimen.yaml says so (`incomplete_rows`).
+    warnings : name of each experiment of the record -> what its checks warn of.
     """
 
     columns: Mapping[str, FloatArray]
     units: Mapping[str, str]
     sha256: str
     left_out: int = 0
+    warnings: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 CHANNELS: Mapping[str, str] = {

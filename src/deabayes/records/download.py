@@ -10,10 +10,10 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from deabayes.faults import UserError
+from deabayes.records.record import VARIABLE, locate, roots
 from deabayes.records.schema import read_yaml
 from deabayes.records.specimen import FILE
 
-VARIABLE = "DEABAYES_DATA"
 REGISTRY_LINE = re.compile(r"(\S.*?)\s+([0-9a-fA-F]{64})(?:\s+(\S.*))?")
 
 
@@ -22,31 +22,6 @@ class PublicRecord(NamedTuple):
 
     sha256: str
     source: str
-
-
-def roots(download: Mapping[str, str], data_root: Path | None = None) -> list[Path]:
-    """Folders that may hold a data set, in order: $DEABAYES_DATA, `data_root`, pooch's cache."""
-    stated = [os.environ.get(VARIABLE), data_root]
-    local = [Path(root) / download["folder"] for root in stated if root]
-    return [*local, cache_folder() / download["folder"]]
-
-
-def cache_folder() -> Path:
-    """Folder for downloaded data on this machine."""
-    import pooch
-
-    return Path(pooch.os_cache("deabayes"))
-
-
-def locate(
-    record: str,
-    folder: Path,
-    download: Mapping[str, str] | None = None,
-    data_root: Path | None = None,
-) -> Path | None:
-    """Return the record's file, in the study folder or one of the `roots`; None if not found."""
-    places = [Path(folder), *(roots(download, data_root) if download else [])]
-    return next((place / record for place in places if (place / record).is_file()), None)
 
 
 def read_registry(path: Path) -> dict[str, PublicRecord]:
@@ -117,7 +92,7 @@ def fetch(folder: Path, data_root: Path | None = None, progress: bool = False) -
     for place in [Path(folder), *roots(download, data_root)[:-1]]:
         if all((place / record).is_file() for record in registry):
             return place
-    target = cache_folder() / download["folder"]
+    target = roots(download)[-1]
     _fetch_into(target, download, registry, progress)
     return target
 

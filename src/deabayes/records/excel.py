@@ -19,8 +19,8 @@ from deabayes.records.columns import (
     renamed,
     unit_hint,
 )
-from deabayes.records.lines import refuse_skipped_data
 from deabayes.records.matlab import opened
+from deabayes.records.text import refuse_skipped_data
 
 
 def read_xlsx(

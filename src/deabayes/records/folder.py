@@ -4,75 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from deabayes.experiment import FloatArray, Specimen
-from deabayes.faults import Faults, UserError, closest
+from deabayes.experiment import Specimen
+from deabayes.faults import Faults, Report, UserError, closest
+from deabayes.records.channels import value_before
+from deabayes.records.checks import checked, needed_columns
 from deabayes.records.columns import CHANNELS, ExperimentRow, RawRecord, from_text
-from deabayes.records.download import PublicRecord, locate, missing_sentence, read_registry
-from deabayes.records.excitation import value_before
-from deabayes.records.record import hidden_excitation, read_record, without_incomplete
-from deabayes.records.record_checks import needed_columns, record_faults, record_warnings
+from deabayes.records.record import hidden_excitation, locate, read_record, without_incomplete
 from deabayes.records.schema import read_yaml
 from deabayes.records.specimen import SpecimenFile, read_specimen_file
 from deabayes.records.table import FILE, channels_of, measured_rows, scan_table
-
-
-def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Faults: rows with the values of another record, unless neither is fitted.
-
-    The phase that belongs to a gain counts as a record, too.
-    """
-    every = [
-        (row, each, raw.columns[each.response])
-        for row, raw in records
-        for each in measured_rows(row, raw)
-        if each.response in raw.columns
-    ]
-    every.sort(key=lambda found: (found[0] is found[1], found[1].role != "calibrate"))
-    seen: dict[str, tuple[ExperimentRow, ExperimentRow]] = {}
-    faults: dict[str, str] = {}
-    for row, each, values in every:
-        gain, first = seen.setdefault(_digest(values), (row, each))
-        fitted = "calibrate" in (first.role, each.role)
-        if first.name != each.name and fitted:  # `_repeated` of table.py reports repeated names
-            brought = first is not gain and each is row
-            said = _brought(each, first, gain) if brought else _same(each, first)
-            faults[row.name] = f"{where}: {said}"
-    return list(faults.values())
-
-
-def taken_names(records: Sequence[tuple[ExperimentRow, RawRecord]], where: str) -> list[str]:
-    """Faults: rows named like the phase that belongs to a gain."""
-    own = {row.name.lower(): row.name for row, _ in records}
-    return [
-        f"{where}: row {own[phase.name.lower()]!r} has the name of the phase that row {row.name!r} "
-        "brings with its gain; rename it, or remove it if it is that phase"
-        for row, raw in records
-        for phase in measured_rows(row, raw)[1:]
-        if phase.name.lower() in own
-    ]
-
-
-def _digest(values: FloatArray) -> str:
-    return hashlib.sha256(values.tobytes()).hexdigest()
-
-
-def _same(row: ExperimentRow, first: ExperimentRow) -> str:
-    twice = ", and would count twice" if row.role == first.role else ""
-    return (
-        f"{row.role} record {row.name!r} holds the same values as {first.role} record "
-        f"{first.name!r}{twice}; give it another measurement, or remove the row"
-    )
-
-
-def _brought(row: ExperimentRow, phase: ExperimentRow, gain: ExperimentRow) -> str:
-    return (
-        f"{row.role} record {row.name!r} is the phase that {gain.role} record {gain.name!r} "
-        f"brings with its gain, as {phase.name!r}; remove the row {row.name!r}"
-    )
-
 
 KEPT_BYTES = 200e6
 """Records stay in memory up to this size, so that checking and preparing read them only once."""
@@ -101,7 +44,7 @@ class StudyFolder:
         return locate(row.record, self.path, self.file.download, self.data_root)
 
     def record(self, row: ExperimentRow) -> RawRecord:
-        """Return the row's record in SI units.
+        """Return the row's record in SI units, with the warnings of its checks.
 
         Raises
         ------
@@ -109,18 +52,23 @@ class StudyFolder:
         """
         if row.name in self._kept:
             return self._kept[row.name]
-        raw = self.read(row)
-        where = self._where(row)
-        found = [record_faults(e, raw, self.specimen, where) for e in measured_rows(row, raw)]
-        if faults := dict.fromkeys(fault for each in found for fault in each):
-            raise Faults(list(faults))
+        raw = checked(row, self._read(row), self.specimen, self.locate(row))
+        if self._differs_from_published(row, raw):
+            note = f"{row.record} ({row.name}): differs from the published file (SHA-256)"
+            warnings = {**raw.warnings, row.name: (*raw.warnings[row.name], note)}
+            raw = replace(raw, warnings=warnings)
         used = sum(a.nbytes for r in self._kept.values() for a in r.columns.values())
         if used + sum(a.nbytes for a in raw.columns.values()) < KEPT_BYTES:
             self._kept[row.name] = raw
         return raw
 
-    def read(self, row: ExperimentRow) -> RawRecord:
-        """Return the row's record with unchecked values."""
+    def warnings(self, row: ExperimentRow) -> list[str]:
+        """Warnings that a user must know before trusting a row's record, with its file's path."""
+        warnings = self.record(row).warnings[row.name]
+        return [f"{self.locate(row)}{w.removeprefix(row.record)}" for w in warnings]
+
+    def _read(self, row: ExperimentRow) -> RawRecord:
+        """Return the row's record with unchecked values, without rows to be left out."""
         path = self.locate(row)
         if path is None:
             raise UserError(self._missing_file(row))
@@ -130,41 +78,28 @@ class StudyFolder:
         if (self.file.record_format or {}).get("incomplete_rows") != "drop":
             return raw
         needed = [name for each in measured_rows(row, raw) for name in needed_columns(each)]
-        before = value_before(row, self.specimen.system)
-        if hidden := hidden_excitation(row, raw, needed, before, self._where(row)):
-            raise Faults(hidden)
+        before, report = value_before(row, self.specimen.system), Report(self._place(row))
+        hidden_excitation(row, raw, needed, before, report)
+        report.raise_faults()
         return without_incomplete(raw, needed)
 
-    def warnings(self, row: ExperimentRow) -> list[str]:
-        """Warnings that a user must know before trusting a row's record."""
-        raw = self.record(row)
-        found = record_warnings(row, raw, self.specimen, self._where(row))
-        published = self._published().get(row.record)
-        if published is not None and published.sha256 != raw.sha256:
-            found.append(f"{self._where(row)}: differs from the published file (SHA-256)")
-        return found
-
-    def faults(self, rows: Sequence[ExperimentRow] | None = None) -> list[str]:
-        """Every fault of the rows' records, and of the rows together."""
-        rows = self.table if rows is None else rows
-        found = self.missing(rows)
+    def check_records(self, report: Report) -> None:
+        """Report every fault of the records, and of the rows together."""
+        report.include(self.missing(self.table))
         sound = []
-        for row in rows:
-            if self.locate(row) is None:
-                continue
-            try:
-                sound.append((row, self.record(row)))
-            except Faults as error:
-                found += error.faults
-            except UserError as error:
-                found.append(str(error))
-        table = str(self.path / FILE)
-        return found + repeated_records(sound, table) + taken_names(sound, table)
+        for row in self.table:
+            if self.locate(row) is not None:
+                with report.catching():
+                    sound.append((row, self.record(row)))
+        repeated_records(sound, report.at(str(self.path / FILE)))
+        _check_names_of_phases(sound, report.at(str(self.path / FILE)))
 
     def missing(self, rows: Sequence[ExperimentRow]) -> list[str]:
         """Messages about rows whose record's file is missing."""
         lost = [row for row in rows if self.locate(row) is None]
         if lost and self.file.download is not None:
+            from deabayes.records.download import missing_sentence
+
             names = [row.record for row in lost]
             return [missing_sentence(self.path, self.file.download, names, len(rows))]
         return [self._missing_file(row) for row in lost]
@@ -176,12 +111,16 @@ class StudyFolder:
             return CHANNELS
         return {**CHANNELS, **excitations, **responses}
 
-    def _where(self, row: ExperimentRow) -> str:
+    def _place(self, row: ExperimentRow) -> str:
         return f"{self.locate(row) or self.path / row.record} ({row.name})"
 
-    def _published(self) -> dict[str, PublicRecord]:
-        download = self.file.download
-        return {} if download is None else read_registry(self.path / download["registry"])
+    def _differs_from_published(self, row: ExperimentRow, raw: RawRecord) -> bool:
+        if self.file.download is None:
+            return False
+        from deabayes.records.download import read_registry
+
+        published = read_registry(self.path / self.file.download["registry"]).get(row.record)
+        return published is not None and published.sha256 != raw.sha256
 
     def _missing_file(self, row: ExperimentRow) -> str:
         """Message about a missing file, with a similar name as a hint.
@@ -216,53 +155,106 @@ def read_folder(
     ------
     Faults : every fault of specimen.yaml, experiments.csv and the records.
     """
-    read, faults = scan_folder(folder, data_root, check_records)
-    if faults or read is None:
-        raise Faults(faults)
+    report = Report()
+    read = scan_folder(folder, report, data_root, check_records)
+    report.raise_faults()
+    assert read is not None  # else the report has a fault
     return read
 
 
 def scan_folder(
-    folder: Path, data_root: Path | None = None, check_records: bool = True
-) -> tuple[StudyFolder | None, list[str]]:
-    """Read as much of a study folder as possible, and return it with every fault."""
+    folder: Path, report: Report, data_root: Path | None = None, check_records: bool = True
+) -> StudyFolder | None:
+    """Read as much of a study folder as possible, and report every fault."""
     folder = Path(folder)
     if folder.is_file():
-        return None, [f"{folder}: is a file; name its folder {_study_of(folder)}"]
+        report.fault(f"{folder}: is a file; name its folder {_study_of(folder)}")
+        return None
     if not folder.is_dir():
-        return None, [f"{folder}: there is no such folder; `deabayes new` makes one to fill in"]
-    faults: list[str] = []
-    file = _specimen_file(folder, faults)
+        report.fault(f"{folder}: there is no such folder; `deabayes new` makes one to fill in")
+        return None
+    file = _specimen_file(folder, report)
     system = file.specimen.system if file is not None and file.specimen.system else None
-    rows, wrong = scan_table(folder, system)
-    faults += wrong
+    rows = scan_table(folder, report, system)
     if file is None:
-        return None, faults
+        return None
     read = StudyFolder(folder, file, tuple(rows), data_root)
-    return read, faults + (read.faults() if check_records else [])
+    if check_records:
+        read.check_records(report)
+    return read
 
 
 def _study_of(file: Path) -> Path:
     """Return the study folder above a file at any depth; else the file's own folder."""
-    above = (each for each in file.parents if (each / "specimen.yaml").is_file())
+    above = (folder for folder in file.parents if (folder / "specimen.yaml").is_file())
     return next(above, file.parent)
 
 
-def _specimen_file(folder: Path, faults: list[str]) -> SpecimenFile | None:
+def _specimen_file(folder: Path, report: Report) -> SpecimenFile | None:
     """Read specimen.yaml; if faulty, return only what checks of the records need."""
     try:
         return read_specimen_file(folder)
     except UserError as error:
-        found = list(error.faults) if isinstance(error, Faults) else [str(error)]
-    faults += found
-    if any("record_format" in fault or "download" in fault for fault in found):
+        faults = error.faults if isinstance(error, Faults) else (str(error),)
+    report.include(faults)
+    if any("record_format" in fault or "download" in fault for fault in faults):
         return None
     try:
         content = read_yaml(folder / "specimen.yaml")
     except UserError:
         return None
-    known = not any(", system" in fault for fault in found)
+    known = not any(", system" in fault for fault in faults)
     system = content.get("system") if known else None
     specimen = Specimen(str(content.get("name")), system if isinstance(system, str) else "", {}, {})
     given = content.get("record_format"), content.get("download")
     return SpecimenFile(specimen, *given, sound=False)
+
+
+def repeated_records(records: Iterable[tuple[ExperimentRow, RawRecord]], report: Report) -> None:
+    """Report rows with the values of another record, unless neither is fitted.
+
+    The phase that belongs to a gain counts as a record, too.
+    """
+    measured = [
+        (row, part, raw.columns[part.response])
+        for row, raw in records
+        for part in measured_rows(row, raw)
+        if part.response in raw.columns
+    ]
+    measured.sort(key=lambda entry: (entry[0] is entry[1], entry[1].role != "calibrate"))
+    first_with: dict[str, tuple[ExperimentRow, ExperimentRow]] = {}
+    faults: dict[str, str] = {}
+    for row, part, values in measured:
+        digest = hashlib.sha256(values.tobytes()).hexdigest()
+        gain, first = first_with.setdefault(digest, (row, part))
+        if first.name == part.name or "calibrate" not in (first.role, part.role):
+            continue  # `table.py` reports repeated names
+        if first is not gain and part is row:
+            faults[row.name] = (
+                f"{row.role} record {row.name!r} is the phase that {gain.role} record "
+                f"{gain.name!r} brings with its gain, as {first.name!r}; remove the row "
+                f"{row.name!r}"
+            )
+            continue
+        twice = ", and would count twice" if part.role == first.role else ""
+        faults[row.name] = (
+            f"{part.role} record {part.name!r} holds the same values as {first.role} record "
+            f"{first.name!r}{twice}; give it another measurement, or remove the row"
+        )
+    for fault in faults.values():
+        report.fault(fault)
+
+
+def _check_names_of_phases(
+    records: Sequence[tuple[ExperimentRow, RawRecord]], report: Report
+) -> None:
+    """Report rows named like the phase that belongs to a gain."""
+    rows = {row.name.lower(): row.name for row, _ in records}
+    for row, raw in records:
+        for phase in measured_rows(row, raw)[1:]:
+            if phase.name.lower() in rows:
+                report.fault(
+                    f"row {rows[phase.name.lower()]!r} has the name of the phase that row "
+                    f"{row.name!r} brings with its gain; rename it, or remove it if it is that "
+                    "phase"
+                )

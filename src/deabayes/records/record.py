@@ -1,8 +1,9 @@
-"""Read one record from any supported file into columns in SI units."""
+"""Find one record, and read it from any supported file into columns in SI units."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import UserError
+from deabayes.faults import Report, UserError
 from deabayes.integrate.periodic import roughness
 from deabayes.quantities import with_unit
+from deabayes.records.channels import excitation_range
 from deabayes.records.columns import (
     CHANNELS,
     Column,
@@ -25,10 +27,41 @@ from deabayes.records.columns import (
     to_record,
 )
 from deabayes.records.excel import read_xlsx
-from deabayes.records.excitation import excitation_range
 from deabayes.records.matlab import read_mat
 from deabayes.records.tdms import read_tdms
 from deabayes.records.text import read_text
+
+VARIABLE = "DEABAYES_DATA"
+REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
+MISSED = 0.01
+"""Largest deviation that left-out rows may hide, as a share of the excitation's range."""
+OVER_NOISE = 8.0
+"""Largest distance of a left-out row from the line over it, in standard deviations of noise."""
+
+
+def roots(download: Mapping[str, str], data_root: Path | None = None) -> list[Path]:
+    """Folders that may hold a data set, in order: $DEABAYES_DATA, `data_root`, pooch's cache."""
+    stated = [os.environ.get(VARIABLE), data_root]
+    local = [Path(root) / download["folder"] for root in stated if root]
+    return [*local, cache_folder() / download["folder"]]
+
+
+def cache_folder() -> Path:
+    """Folder for downloaded data on this machine."""
+    import pooch
+
+    return Path(pooch.os_cache("deabayes"))
+
+
+def locate(
+    record: str,
+    folder: Path,
+    download: Mapping[str, str] | None = None,
+    data_root: Path | None = None,
+) -> Path | None:
+    """Return the record's file, in the study folder or one of the `roots`; None if not found."""
+    places = [Path(folder), *(roots(download, data_root) if download else [])]
+    return next((place / record for place in places if (place / record).is_file()), None)
 
 
 def read_record(
@@ -86,13 +119,6 @@ def _read_table(
             return read_text(path, record_format, columns)
 
 
-REMEDY = "or have such rows left out: record_format: {incomplete_rows: drop} in specimen.yaml"
-MISSED = 0.01
-"""Largest deviation that left-out rows may hide, as a share of the excitation's range."""
-OVER_NOISE = 8.0
-"""Largest distance of a left-out row from the line over it, in standard deviations of noise."""
-
-
 def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
     """Remove rows that lack a needed value or repeat the time of the row before.
 
@@ -107,9 +133,13 @@ def without_incomplete(raw: RawRecord, needed: Sequence[str]) -> RawRecord:
 
 
 def hidden_excitation(
-    row: ExperimentRow, raw: RawRecord, needed: Sequence[str], before: float | None, where: str
-) -> list[str]:
-    """Faults if rows to be left out hold excitation that the line over them misses.
+    row: ExperimentRow,
+    raw: RawRecord,
+    needed: Sequence[str],
+    before: float | None,
+    report: Report,
+) -> None:
+    """Report rows to be left out if they hold excitation that the line over them misses.
 
     Rows after the last complete row do not matter: they drive no response that is kept.
 
@@ -118,25 +148,24 @@ def hidden_excitation(
     row, raw : a record with all its rows.
     needed : columns in which a complete row has a value.
     before : excitation assumed before the first complete row; None takes its value there.
-    where : the file and the experiment.
     """
     kept = _complete(raw, needed)
     if kept.all() or "time" not in needed:
-        return []
+        return
     off, allowed = _off_the_line(row, raw, kept, before)
     if not np.any(off > allowed):
-        return []
+        return
     name, response = row.excitation, row.response
     first, last = _run(kept, int(np.argmax(off > allowed)))
     missed = with_unit(float(off[first : last + 1].max()), raw.units[name], name, digits=3)
     rows = f"data row {first + 1}" if first == last else f"data rows {first + 1} to {last + 1}"
-    return [
-        f"{where}, column {name}: {rows}, without {response}, cannot be left out "
-        f"(record_format.incomplete_rows): the {name} measured there is up to {missed} off what "
-        f"would stand in its place; fill in the {response} of a row beside them and hide it with "
-        "the preparation step `mask_between`, let the record end before them, or begin behind "
-        "them at rest"
-    ]
+    report.fault(
+        f"{rows}, without {response}, cannot be left out (record_format.incomplete_rows): the "
+        f"{name} measured there is up to {missed} off the line between the rows that are kept; "
+        f"fill in the {response} of a row beside them and hide it with the preparation step "
+        "`mask_between`, let the record end before them, or begin behind them at rest",
+        f"column {name}",
+    )
 
 
 def _off_the_line(

@@ -7,19 +7,42 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deabayes.experiment import Quantity, Specimen
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.records.columns import CHANNELS
 from deabayes.records.schema import read_yaml, violations
-from deabayes.records.text import format_faults
+from deabayes.records.text import check_format
 from deabayes.systems import system_class
 from deabayes.systems.specimen_quantities import PROPERTIES
 from deabayes.units import parse_quantity, same_dimension, si_unit, to_si
 
-if TYPE_CHECKING:
-    pass
+FILE = "specimen.yaml"
+MINIMAL = {"name": "specimen", "provenance": {"kind": "simulated"}}
+INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
+MAY_BE_ZERO = ("delay", "resolution")
+SUPPLY = "current"
+"""The channel that a `current_limit` applies to."""
+
+
+@dataclass(frozen=True)
+class SpecimenFile:
+    """specimen.yaml as read: the specimen, and how its records are stored.
+
+    Attributes
+    ----------
+    units : quantity -> the unit it was written in, for display.
+    sound : whether the file was read completely; if not, only what checks of records need is
+        present.
+    """
+
+    specimen: Specimen
+    record_format: Mapping[str, Any] | None = None
+    download: Mapping[str, str] | None = None
+    note: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    sound: bool = True
 
 
 def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
@@ -34,22 +57,13 @@ def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Q
     return Quantity(value, unit, sd, str(entry.get("source", "")))
 
 
-INSTRUMENT_UNITS = {"delay": "s", "current_limit": "A"}
-MAY_BE_ZERO = ("delay", "resolution")
-SUPPLY = "current"
-"""The channel that a `current_limit` applies to."""
-
-
-def read_instruments(
-    content: Mapping[str, Any], where: str, faults: list[str]
-) -> dict[str, Quantity]:
+def read_instruments(content: Mapping[str, Any], where: str, report: Report) -> dict[str, Quantity]:
     """Read instrument properties by name, or ``channel.name`` for those of one channel.
 
     Parameters
     ----------
     content : specimen.yaml, valid by its schema.
     where : the file, for messages.
-    faults : list to which faults are added.
     """
     read = {}
     for key, entry in content.get("instruments", {}).items():
@@ -58,14 +72,12 @@ def read_instruments(
             prop = name.rpartition(".")[2]
             unit = INSTRUMENT_UNITS.get(prop) or (None if key in PROPERTIES else CHANNELS[key])
             place = f"{where}, instruments.{name}"
-            try:
+            with report.catching():
                 read[name] = _possible(stated_quantity(item, unit, place), item, prop, place)
                 if unit is None:
                     _check_dimension(read[name], item, prop, content["system"], place)
                 if key not in PROPERTIES and read[name].value > 0.0:
                     _check_channel(key, prop, content["system"], place)
-            except UserError as error:
-                faults.append(str(error))
     return read
 
 
@@ -119,24 +131,6 @@ def _channels(system: str) -> tuple[Mapping[str, str], Mapping[str, str]]:
     return kind.responses, kind.excitations
 
 
-FILE = "specimen.yaml"
-MINIMAL = {"name": "specimen", "provenance": {"kind": "simulated"}}
-
-
-@dataclass(frozen=True)
-class SpecimenFile:
-    """specimen.yaml as read: the specimen, and how its records are stored."""
-
-    specimen: Specimen
-    record_format: Mapping[str, Any] | None = None
-    download: Mapping[str, str] | None = None
-    note: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Quantity -> the unit it was written in, for display."""
-    sound: bool = True
-    """Whether the file was read completely; if not, only what checks of records need is present."""
-
-
 def read_specimen(folder: Path) -> Specimen:
     """Return the specimen of a study folder, in SI units.
 
@@ -162,14 +156,15 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
     path = Path(folder) / FILE
     content = read_yaml(path)
     content |= {key: {} for key in ("quantities", "instruments") if content.get(key, 0) is None}
-    faults = violations(content, "specimen", str(path))
-    if faults:
-        raise Faults(faults + _system_faults(content, str(path)))
-    faults = format_faults(content.get("record_format"), str(path))
-    quantities = _quantities(content, str(path), faults)
-    instruments = read_instruments(content, str(path), faults)
-    if faults:
-        raise Faults(faults)
+    report = Report()
+    report.include(violations(content, "specimen", str(path)))
+    if report.faults:
+        _check_system(content, str(path), report)
+    report.raise_faults()
+    check_format(content.get("record_format"), report.at(str(path)))
+    quantities = _quantities(content, str(path), report)
+    instruments = read_instruments(content, str(path), report)
+    report.raise_faults()
     provenance = {key: str(value) for key, value in content["provenance"].items()}
     return SpecimenFile(
         Specimen(str(content["name"]), content["system"], provenance, quantities, instruments),
@@ -190,24 +185,20 @@ def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Spec
     where = "specimen"
     units = known_quantities(system)
     content: dict[str, Any] = {"system": system, "quantities": {}}
-    faults: list[str] = []
+    report = Report()
     for name, given in quantities.items():
         if isinstance(given, Mapping):
             content["quantities"][name] = plain = _plain(given)
             mapping = {**MINIMAL, "system": system, "quantities": {name: plain}}
-            faults += violations(mapping, "specimen", where)
+            report.include(violations(mapping, "specimen", where))
             continue
         unit = units.get(name, "1")
-        try:
+        with report.catching():
             value = parse_quantity(given, unit, f"{where}, {name}")
             content["quantities"][name] = {"value": value, "unit": unit}
-        except UserError as error:
-            faults.append(str(error))
-    if faults:
-        raise Faults(faults)
-    read = _quantities(content, where, faults)
-    if faults:
-        raise Faults(faults)
+    report.raise_faults()
+    read = _quantities(content, where, report)
+    report.raise_faults()
     return Specimen(where, system, {"kind": "simulated"}, read, {})
 
 
@@ -234,39 +225,37 @@ def known_quantities(system: str) -> dict[str, str]:
     return {**kind.required_quantities, **kind.optional_quantities}
 
 
-def _system_faults(content: Mapping[str, Any], where: str) -> list[str]:
-    """Faults of the system's name; other faults may be present."""
+def _check_system(content: Mapping[str, Any], where: str, report: Report) -> bool:
+    """Report an unknown name of the system, and return whether it is known."""
     if not isinstance(content.get("system"), str):
-        return []
+        return False
     try:
         system_class(content["system"])
     except UserError as error:
-        return [f"{where}, system: {error}"]
-    return []
+        report.fault(f"{where}, system: {error}")
+        return False
+    return True
 
 
-def _quantities(content: Mapping[str, Any], where: str, faults: list[str]) -> dict[str, Quantity]:
-    """Return all quantities in SI, and add their faults to `faults`."""
-    faults += (wrong := _system_faults(content, where))
-    units = {} if wrong else known_quantities(content["system"])
-    required = {} if wrong else system_class(content["system"]).required_quantities
+def _quantities(content: Mapping[str, Any], where: str, report: Report) -> dict[str, Quantity]:
+    """Return all quantities in SI, and report their faults."""
+    system, known = content["system"], _check_system(content, where, report)
+    units = known_quantities(system) if known else {}
+    required = system_class(system).required_quantities if known else {}
     read = {}
     for name, entry in content["quantities"].items():
         place = f"{where}, quantities.{name}"
         if units and name not in units:
-            faults.append(f"{place}: system {content['system']!r} has no such quantity"
-                          f"{nearest(name, units)}")  # fmt: skip
+            hint = nearest(name, units)
+            report.fault(f"{place}: system {system!r} has no such quantity{hint}")
             continue
-        try:
+        with report.catching():
             read[name] = _positive(stated_quantity(entry, units.get(name), place), entry, place)
-        except UserError as error:
-            faults.append(str(error))
     for name, unit in required.items():
         if name not in content["quantities"]:
-            example = f"{name}: {{value: ..., unit: {unit}}}"
-            faults.append(
-                f"{where}, quantities: system {content['system']!r} requires {name!r}; "
-                f"add {example}"
+            report.fault(
+                f"{where}, quantities: system {system!r} requires {name!r}; add {name}: {{value: "
+                f"..., unit: {unit}}}"
             )
     return read
 

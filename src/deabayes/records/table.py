@@ -13,12 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.experiment import FREQUENCY_RESPONSE, PHASE, Role
-from deabayes.faults import Faults, UserError, nearest, rename_hint
+from deabayes.faults import Report, UserError, nearest, rename_hint
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
-from deabayes.records.lines import DELIMITERS, is_number
 from deabayes.records.schema import schema, violations
+from deabayes.records.text import DELIMITERS, is_number
 from deabayes.systems import system_class
 
+FILE = "experiments.csv"
+WITHOUT_TIME = ("quasi_static", "frequency_response")
+FIXED = ("name", "protocol", "record", "role", "excitation", "response")
+TEXTS = (*FIXED, "note", "columns")
 NUMBERS = ("load_g", "bias_kV", "voltage_kV", "frequency_Hz", "amplitude_kV")
 READ_BY_MODELS = (*NUMBERS, "deformation", "prehistory", "columns")
 """Optional columns that models or readers use if present."""
@@ -28,37 +32,37 @@ ALIKE = 0.82
 """Similarity above which an unknown name counts as a misspelt column."""
 
 
-def header_faults(header: list[str], path: Path) -> list[str]:
-    """Faults of the header: columns missing, given twice, or not separated."""
-    required = schema("experiments")["required"]
+def _check_header(header: list[str], place: str) -> None:
+    """Raise the faults of a header: columns that are missing, given twice, or not separated."""
+    report, required = Report(place), schema("experiments")["required"]
     missing = [name for name in required if name not in header]
     unknown = [h for h in header if h and h not in (*required, *READ_BY_MODELS, "note")]
-    faults = [
-        f"{path}: column {name!r} is missing{rename_hint(name, unknown) or '; add it'}"
-        for name in missing
-    ]
     if missing and len(header) == 1:
-        return [f"{path}: only one column found; separate columns with a comma, ';' or a tab"]
-    repeated = [name for name, count in Counter(h for h in header if h).items() if count > 1]
-    return faults + [f"{path}: column {name!r} occurs twice; remove one" for name in repeated]
+        raise UserError(
+            f"{place}: only one column found; separate columns with a comma, ';' or a tab"
+        )
+    for name in missing:
+        report.fault(f"column {name!r} is missing{rename_hint(name, unknown) or '; add it'}")
+    for name, count in Counter(filter(None, header)).items():
+        if count > 1:
+            report.fault(f"column {name!r} occurs twice; remove one")
+    report.raise_faults()
 
 
-def misspelt(header: list[str], path: Path, system: str | None) -> list[str]:
-    """Faults: columns that would be ignored because of their spelling or unit."""
+def _check_spelling(header: list[str], system: str | None, report: Report) -> None:
+    """Report columns that would be ignored because of their spelling or unit."""
     spelling = {name.lower(): name for name in READ_BY_MODELS}
     read = {name.lower(): name for name in _read_by(system)}
     stems = {name.partition("_")[0]: name for name in read.values()}
-    faults = []
     for name in header:
         low = name.lower()
-        close = [read[each] for each in get_close_matches(low, read, 1, ALIKE)]
+        close = [read[other] for other in get_close_matches(low, read, 1, ALIKE)]
         meant = spelling.get(low) or stems.get(low) or next(iter(close), None)
         if meant and name not in READ_BY_MODELS and meant not in header:
-            faults.append(
-                f"{path}: no model reads column {name!r}; did you mean {meant!r}? Rename it so, "
-                "with values in that unit, or give it a less similar name"
+            report.fault(
+                f"no model reads column {name!r}; did you mean {meant!r}? Rename it so, with "
+                "values in that unit, or give it a less similar name"
             )
-    return faults
 
 
 def _read_by(system: str | None) -> tuple[str, ...]:
@@ -75,10 +79,6 @@ def _read_by(system: str | None) -> tuple[str, ...]:
     return tuple(n for n in READ_BY_MODELS if n in (*held, *driven, *OF_ANY_RECORD))
 
 
-FILE = "experiments.csv"
-WITHOUT_TIME = ("quasi_static", "frequency_response")
-
-
 def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
     """Return all rows of experiments.csv.
 
@@ -86,14 +86,14 @@ def read_table(folder: Path, system: str | None = None) -> list[ExperimentRow]:
     ------
     Faults : every fault of every row, from `scan_table`.
     """
-    rows, faults = scan_table(folder, system)
-    if faults:
-        raise Faults(faults)
+    report = Report()
+    rows = scan_table(folder, report, system)
+    report.raise_faults()
     return rows
 
 
-def scan_table(folder: Path, system: str | None = None) -> tuple[list[ExperimentRow], list[str]]:
-    """Return the sound rows of experiments.csv, and every fault of the others with its line.
+def scan_table(folder: Path, report: Report, system: str | None = None) -> list[ExperimentRow]:
+    """Return the sound rows of experiments.csv, and report every fault of the others.
 
     Parameters
     ----------
@@ -101,52 +101,57 @@ def scan_table(folder: Path, system: str | None = None) -> tuple[list[Experiment
     system : name of the system, to check protocols and channels; None skips these checks.
     """
     path = Path(folder) / FILE
-    try:
-        lines, header, cells, delimiter = _read_cells(path)
-    except UserError as error:
-        return [], [str(error)]
-    faults = header_faults(header, path)
-    if faults:
-        return [], faults
-    faults = misspelt(header, path, system)
+    table = report.at(str(path))
     rows: list[ExperimentRow] = []
-    for line, values in zip(lines, cells, strict=True):
-        where = f"{path}, line {line}"
-        content = _content(header, values)
-        no_numbers = _no_numbers(content, where)
-        sound = {name: cell for name, cell in content.items() if name not in no_numbers}
-        wrong = _too_many(header, values, delimiter, where) + violations(
-            sound, "experiments", where
-        )
-        wrong += no_numbers.values()
-        row = None if wrong else _row(content)
-        if row is not None and system is not None:
-            wrong = _system_faults(row, system, where)
-        faults += wrong
-        rows += [row] if row is not None and not wrong else []
-    if not cells:
-        faults.append(f"{path}: lists no record; add a row per record below the header")
-    return rows, faults + _repeated(rows, path)
+    with report.catching():
+        lines, header, cells, delimiter = _read_cells(path)
+        _check_header(header, str(path))
+        _check_spelling(header, system, table)
+        if not cells:
+            table.fault("lists no record; add a row per record below the header")
+        for line, values in zip(lines, cells, strict=True):
+            with report.catching():
+                rows.append(_read_row(header, values, delimiter, system, f"{path}, line {line}"))
+    for name, count in Counter(row.name.lower() for row in rows).items():
+        if count > 1:
+            table.fault(
+                f"{count} rows are named {name!r} (upper and lower case count as one); rename them"
+            )
+    return rows
 
 
-def _too_many(header: list[str], values: list[str], delimiter: str, where: str) -> list[str]:
+def _read_row(
+    header: list[str], values: list[str], delimiter: str, system: str | None, place: str
+) -> ExperimentRow:
+    """Return a row without faults.
+
+    Raises
+    ------
+    Faults : every fault of the row.
+    """
+    report, content = Report(place), _content(header, values)
     if any(values[len(header) :]):
         mark = {",": "a comma", "\t": "a tab"}.get(delimiter, repr(delimiter))
-        return [
-            f"{where}: has {len(values)} cells under {len(header)} columns; put a text that "
-            f'holds {mark} in "quotation marks"'
-        ]
-    return []
-
-
-def _no_numbers(content: Mapping[str, Any], where: str) -> dict[str, str]:
-    """Column that models read as a number -> the fault, if its cell is no number."""
-    return {
-        name: f"{where}, {name}: expected a number, found '{value}'; {_remedy(name, str(value))}, "
-        "or leave the cell empty"
+        report.fault(
+            f"has {len(values)} cells under {len(header)} columns; put a text that holds {mark} "
+            'in "quotation marks"'
+        )
+    no_numbers = {
+        name: str(value)
         for name, value in content.items()
         if name in NUMBERS and not (isinstance(value, float) and math.isfinite(value))
     }
+    sound = {name: cell for name, cell in content.items() if name not in no_numbers}
+    report.faults += violations(sound, "experiments", place)
+    for name, cell in no_numbers.items():
+        remedy = f"{_remedy(name, cell)}, or leave the cell empty"
+        report.fault(f"expected a number, found '{cell}'; {remedy}", name)
+    report.raise_faults()
+    metadata = {key: value for key, value in content.items() if key not in FIXED}
+    row = ExperimentRow(**{key: content[key] for key in FIXED}, metadata=metadata)
+    if system is not None:
+        _check_system(row, system, Report(f"{place} ({row.name})"))
+    return row
 
 
 def _remedy(name: str, cell: str) -> str:
@@ -198,11 +203,10 @@ def _is_comment(line: str) -> bool:
 
 def _content(header: list[str], values: list[str]) -> dict[str, Any]:
     """Return a row's filled cells by column; metadata are numbers where possible."""
-    texts = ("name", "protocol", "record", "role", "excitation", "response", "note", "columns")
     content: dict[str, Any] = {}
     for name, cell in zip(header, values, strict=False):
         if name and cell:
-            content[name] = cell if name in texts else number_or_text(cell)
+            content[name] = cell if name in TEXTS else number_or_text(cell)
     return content
 
 
@@ -212,12 +216,6 @@ def number_or_text(cell: str) -> float | str:
         return float(cell)
     except ValueError:
         return cell
-
-
-def _row(content: Mapping[str, Any]) -> ExperimentRow:
-    fixed = ("name", "protocol", "record", "role", "excitation", "response")
-    metadata = {key: value for key, value in content.items() if key not in fixed}
-    return ExperimentRow(**{key: content[key] for key in fixed}, metadata=metadata)
 
 
 def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, str]]:
@@ -235,34 +233,23 @@ def channels_of(system: str, protocol: str) -> tuple[dict[str, str], dict[str, s
     return excitations, responses
 
 
-def _system_faults(row: ExperimentRow, system: str, where: str) -> list[str]:
-    kind = system_class(system)
-    place = f"{where} ({row.name})"
-    if row.protocol not in kind.protocols:
-        known = ", ".join(kind.protocols)
-        return [
-            f"{place}: system {system!r} has no model of protocol {row.protocol!r} "
-            f"(it has {known}); correct or remove the row"
-        ]
-    excitations, responses = channels_of(system, row.protocol)
-    faults = []
-    for key, name, known_channels in (
-        ("excitation", row.excitation, excitations),
-        ("response", row.response, responses),
-    ):
-        if name not in known_channels:
-            hint = nearest(name, known_channels)
-            faults.append(f"{place}: system {system!r} has no {key} {name!r}{hint}")
-    return faults
-
-
-def _repeated(rows: list[ExperimentRow], path: Path) -> list[str]:
-    names = Counter(row.name.lower() for row in rows)
-    return [
-        f"{path}: {count} rows are named {name!r} (upper and lower case count as one); rename them"
-        for name, count in names.items()
-        if count > 1
-    ]
+def _check_system(row: ExperimentRow, system: str, report: Report) -> None:
+    """Raise the faults of a row with a protocol or a channel that the system does not have."""
+    protocols = system_class(system).protocols
+    if row.protocol not in protocols:
+        report.fault(
+            f"system {system!r} has no model of protocol {row.protocol!r} (it has "
+            f"{', '.join(protocols)}); correct or remove the row"
+        )
+    else:
+        excitations, responses = channels_of(system, row.protocol)
+        if row.excitation not in excitations:
+            hint = nearest(row.excitation, excitations)
+            report.fault(f"system {system!r} has no excitation {row.excitation!r}{hint}")
+        if row.response not in responses:
+            hint = nearest(row.response, responses)
+            report.fault(f"system {system!r} has no response {row.response!r}{hint}")
+    report.raise_faults()
 
 
 def measured_rows(row: ExperimentRow, raw: RawRecord) -> list[ExperimentRow]:

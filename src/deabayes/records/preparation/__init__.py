@@ -11,25 +11,36 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, Specimen
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.preparation.average import average
 from deabayes.records.preparation.cycles import cycles
 from deabayes.records.preparation.defaults import DEFAULT_STEPS, default_steps
-from deabayes.records.preparation.excitation_knots import excitation_knots
-from deabayes.records.preparation.excitation_spline import excitation_spline
-from deabayes.records.preparation.limit_current import limit_current
+from deabayes.records.preparation.excitation import (
+    excitation_knots,
+    excitation_spline,
+    limit_current,
+    slack_end,
+    take_up_slack,
+    warn_of_slack,
+)
 from deabayes.records.preparation.masks import (
+    crop,
+    decimate,
     mask_after,
     mask_before,
     mask_between,
     mask_ramp_end,
     mask_slack,
 )
-from deabayes.records.preparation.response import baseline, delay, scale
-from deabayes.records.preparation.rest import begins_apart, drift_at_rest, reading_at_rest
-from deabayes.records.preparation.selection import crop, decimate
-from deabayes.records.preparation.take_up_slack import slack_left_in, take_up_slack
+from deabayes.records.preparation.response import (
+    baseline,
+    delay,
+    reading_at_rest,
+    scale,
+    warn_if_apart,
+    warn_of_drift,
+)
 from deabayes.records.preparation.working import WorkingRecord, conditions, open_record
 from deabayes.records.table import measured_rows
 
@@ -78,44 +89,44 @@ def prepare(
     raw: RawRecord,
     specimen: Specimen,
     steps: Sequence[Mapping[str, object] | str] | None = None,
+    bare_numbers: Report | None = None,
 ) -> Experiment:
     """Prepare one raw record for inference.
 
     Parameters
     ----------
     row : the record's row of experiments.csv.
-    raw : the record's columns in SI.
+    raw : the record's columns in SI, checked (`StudyFolder.record`).
     specimen : what was tested; `instruments.delay` is used by the step `delay`.
     steps : ordered single-key mappings {step: settings}; a bare name is a step
         without settings; None takes the default steps (`defaults`).
+    bare_numbers : takes a warning on each setting without a unit, which is read as SI.
 
     Raises
     ------
-    UserError : unknown step or setting, wrong unit, missing column, no samples left.
-    Faults : all faults of the record's values.
+    UserError : unknown step or setting, wrong unit, no samples left.
     """
-    record = open_record(row, raw, specimen)
-    slack, apart, rest = slack_left_in(record), begins_apart(record), reading_at_rest(record)
-    drift = drift_at_rest(record)
-    if rest is not None and (not rest.is_offset or (slack and not rest.seen)):
+    record = open_record(row, raw, specimen, bare_numbers)
+    slack, rest = slack_end(record), reading_at_rest(record)
+    if rest is not None and (not rest.is_offset or (slack is not None and not rest.seen)):
         rest = None
-    usual = default_steps(record, rest is not None and rest.seen) if steps is None else steps
-    for entry in usual:
-        record = _apply(entry, record)
-    done = {str(entry["step"]) for entry in record.steps}
-    if rest is not None and (steps is None or "baseline" not in done):
-        record = record.with_warning(rest.sentence("baseline" in done))
-    if drift:
-        record = record.with_warning(drift)
-    for step, sentence in (("take_up_slack", slack), ("delay", apart)):
-        if sentence and step not in done:
-            record = record.with_warning(sentence)
+    entries = default_steps(record, rest is not None and rest.seen) if steps is None else steps
+    settings_of = [_parsed(entry, record) for entry in entries]
+    names = {name for name, _ in settings_of}
+    if rest is not None and (steps is None or "baseline" not in names):
+        record.report.warn(rest.sentence("baseline" in names))
+    warn_of_drift(record)
+    if slack is not None and "take_up_slack" not in names:
+        warn_of_slack(record, slack)
+    if "delay" not in names:
+        warn_if_apart(record)
+    for name, settings in settings_of:
+        record = _apply(name, settings, record)
     return _experiment(record, raw)
 
 
-def _apply(entry: Mapping[str, object] | str, record: WorkingRecord) -> WorkingRecord:
+def _apply(name: str, settings: Mapping[str, object], record: WorkingRecord) -> WorkingRecord:
     """Apply one step and add it to the record's history."""
-    name, settings = _parsed(entry, record)
     if name not in REGISTRY:
         raise UserError(
             f"preparation of {record.row.protocol}: unknown step {name!r}{nearest(name, REGISTRY)}"
@@ -197,5 +208,5 @@ def _experiment(record: WorkingRecord, raw: RawRecord) -> Experiment:
         provenance=record.specimen.provenance.get("kind", "measured"),
         record_sha256=raw.sha256,
         steps=record.steps,
-        warnings=record.warnings,
+        warnings=(*raw.warnings.get(row.name, ()), *record.report.warnings),
     )

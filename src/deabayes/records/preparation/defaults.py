@@ -11,10 +11,17 @@ import numpy as np
 from deabayes.experiment import PHASE, Experiment
 from deabayes.faults import UserError, nearest
 from deabayes.integrate.periodic import passes
+from deabayes.records.channels import STEPS, usual_interval
 from deabayes.records.columns import ExperimentRow
-from deabayes.records.preparation.bins import LONGEST_GRID, NOTED, harmonics, width_for
-from deabayes.records.preparation.periods import found_period, whole_cycles
-from deabayes.records.preparation.ringing import Ringing, ringing
+from deabayes.records.preparation.average import (
+    LONGEST_GRID,
+    NOTED,
+    Ringing,
+    harmonics,
+    ringing,
+    width_for,
+)
+from deabayes.records.preparation.cycles import found_period, whole_cycles
 from deabayes.records.preparation.working import WorkingRecord
 from deabayes.systems.specimen_quantities import instrument
 
@@ -37,7 +44,7 @@ def sine_steps(record: WorkingRecord) -> list[Step]:
     many = record.excitation.size > MANY_SAMPLES
     knots: list[Step] = [{"excitation_knots": {"fraction": FINE}}] if many else []
     visible = record.coordinate[record.used]
-    span, interval = float(np.ptp(visible)), float(np.median(np.diff(visible)))
+    span, interval = float(np.ptp(visible)), usual_interval(visible)
     times = passes(record.excitation_coordinate, record.excitation)
     period = float(np.diff(times).min()) if times.size > 1 else span
     width = width_for(0.2 * NOTED, harmonics(record) / period)
@@ -85,7 +92,6 @@ def _every(least: float, share: float) -> int:
 
 
 Step = Mapping[str, Mapping[str, object]]
-HELD = ("creep", "step")
 WIDEST = 50.0
 """A record's length over the widest bins of `average`."""
 MOST_THINNED = 5
@@ -118,7 +124,7 @@ def default_steps(record: WorkingRecord, offset: bool = False) -> list[Step]:
     steps = list(DEFAULT_STEPS.get(protocol, ()))
     if protocol == "sine":
         steps = sine_steps(record)
-    elif protocol in HELD and (rings := ringing(record)) is not None:
+    elif protocol in STEPS and (rings := ringing(record)) is not None:
         steps = _ringing_steps(record, rings)
     if offset:
         steps = [{"baseline": {}}, *steps]

@@ -14,7 +14,7 @@ from deabayes.experiment import Excitation, Experiment, FloatArray, Nodes
 from deabayes.faults import UserError
 from deabayes.files import write_netcdf_atomically
 from deabayes.records.columns import RawRecord
-from deabayes.records.preparation.polyline import polyline
+from deabayes.records.preparation.excitation import polyline
 from deabayes.records.preparation.working import EXCITATION_COLUMN, BoolArray, IntArray
 
 if TYPE_CHECKING:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any
@@ -13,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Nodes, Specimen
-from deabayes.faults import Faults, UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.quantities import taken_in_si
+from deabayes.records.channels import excitation_range, usual_interval
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
-from deabayes.records.excitation import excitation_range
-from deabayes.records.record_checks import record_faults, record_warnings
 from deabayes.units import parse_quantity
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 START_FRACTIONS = (0.02, 0.04)
+EXCITATION_COLUMN = "excitation_column"
+NOT_CONDITIONS = ("note", EXCITATION_COLUMN)
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,8 @@ class WorkingRecord:
     delay : how far the response has been shifted towards earlier times [coordinate].
     steps : one entry per finished step: `step`, `settings`, `effect` and `masked`, the masked
         intervals on the raw file's coordinate.
-    warnings : what a user must know before trusting the record.
+    report : takes what a user must know before trusting the record; all states share it.
+    bare_numbers : takes a warning on each setting without a unit, which a step reads as SI.
     remarks : what the current step reports for its entry in `steps`. `effect` and `masked` are
         added to what `with_step` finds itself; other keys are entered unchanged.
     """
@@ -67,7 +67,8 @@ class WorkingRecord:
     nodes: Nodes | None = None
     delay: float = 0.0
     steps: tuple[Mapping[str, object], ...] = ()
-    warnings: tuple[str, ...] = ()
+    report: Report = field(default_factory=Report)
+    bare_numbers: Report = field(default_factory=Report)
     remarks: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -80,13 +81,14 @@ class WorkingRecord:
         """Largest change of the excitation; for a step at the first sample, its largest size."""
         return excitation_range(self.row.protocol, self.excitation, self.excitation_unit)
 
+    @property
+    def interval(self) -> float:
+        """Median distance of neighbouring samples of the response."""
+        return usual_interval(self.coordinate)
+
     def mask(self, hidden: BoolArray, **changes: object) -> WorkingRecord:
         """Hide samples (M,) from the likelihood; hidden samples stay hidden."""
         return replace(self, used=self.used & ~hidden, **changes)  # type: ignore[arg-type]
-
-    def with_warning(self, warning: str) -> WorkingRecord:
-        """Return the record with one more warning."""
-        return replace(self, warnings=(*self.warnings, warning))
 
     def with_step(
         self, name: str, settings: Mapping[str, object], before: WorkingRecord
@@ -159,31 +161,21 @@ def _effect(before: WorkingRecord, after: WorkingRecord) -> str:
     return "; ".join(parts) or "no change"
 
 
-EXCITATION_COLUMN = "excitation_column"
-NOT_CONDITIONS = ("note", EXCITATION_COLUMN)
-
-
 def coordinate_name(row: ExperimentRow) -> str:
     """Name of the coordinate: time, or the excitation if the record has no time."""
     return row.excitation if row.protocol in ("quasi_static", "frequency_response") else "time"
 
 
-def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> WorkingRecord:
-    """Check a raw record and return the channels that its row names.
+def open_record(
+    row: ExperimentRow, raw: RawRecord, specimen: Specimen, bare_numbers: Report | None = None
+) -> WorkingRecord:
+    """Return the channels of a record that its row names.
 
     A command (`control_voltage`) is used as the excitation that it asks for.
 
     A record without time is sorted by its coordinate. A phase is known only up to whole turns
     and is made continuous (see `continuous_phase`).
-
-    Raises
-    ------
-    Faults : all faults that `record_checks.record_faults` finds.
     """
-    where = f"{row.record} ({row.name})"
-    faults = record_faults(row, raw, specimen, where)
-    if faults:
-        raise Faults(faults)
     name = coordinate_name(row)
     coordinate = np.asarray(raw.columns[name], dtype=float)
     record = WorkingRecord(
@@ -199,7 +191,7 @@ def open_record(row: ExperimentRow, raw: RawRecord, specimen: Specimen) -> Worki
         samples_averaged=np.ones(coordinate.size),
         excitation_coordinate=coordinate,
         excitation=np.asarray(raw.columns[row.excitation], dtype=float),
-        warnings=tuple(record_warnings(row, raw, specimen, where)),
+        bare_numbers=bare_numbers or Report(),
     )
     if record.in_time:
         return record
@@ -244,15 +236,16 @@ def _ascending(record: WorkingRecord) -> WorkingRecord:
         return ordered
     loaded = record.row.protocol == "quasi_static"
     mixed = ", so that loading and unloading are mixed" if loaded else ""
-    return ordered.with_warning(
+    record.report.warn(
         f"{record.coordinate_name} goes back and forth; samples were put in ascending order{mixed}"
     )
+    return ordered
 
 
 def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
     """Return what was held constant: the row's metadata, and the voltage of a pull test [V].
 
-    The column `voltage` has priority over `voltage_kV`. `record_checks` checks that the voltage
+    The column `voltage` has priority over `voltage_kV`. `check_record` checks that the voltage
     is constant.
     """
     held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
@@ -263,24 +256,6 @@ def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
     elif "voltage_kV" in held:
         held["voltage"] = 1000.0 * float(held["voltage_kV"])
     return held
-
-
-_noted: ContextVar[dict[str, None] | None] = ContextVar("_noted", default=None)
-"""Sentences about numbers without a unit, collected inside `noting_bare_numbers`; else None."""
-
-
-@contextmanager
-def noting_bare_numbers() -> Iterator[dict[str, None]]:
-    """Collect a sentence on each setting without a unit that a step reads as SI.
-
-    A sentence that several records of a protocol share is collected once, in order.
-    """
-    noted: dict[str, None] = {}
-    before = _noted.set(noted)
-    try:
-        yield noted
-    finally:
-        _noted.reset(before)
 
 
 class Settings:
@@ -336,9 +311,9 @@ class Settings:
                 raise UserError(f"{self.where}: needs {key!r}, a quantity in {unit}; add it")
             return default
         value = self.values[key]
-        noted = _noted.get()
-        if noted is not None and unit != "1" and isinstance(value, Real) and value:
-            noted[taken_in_si(value, unit, f"{self.entry}.{key}")] = None
+        if unit != "1" and isinstance(value, Real) and value:
+            note = taken_in_si(value, unit, f"{self.entry}.{key}")
+            self.record.bare_numbers.include(warnings=[note])
         return parse_quantity(value, unit, f"{self.where}.{key}")  # type: ignore[arg-type]
 
     def positive(self, key: str, unit: str, default: float | None = None) -> float:

@@ -1,16 +1,27 @@
-"""Single outlying samples, and jumps that only one channel of a record has."""
+"""Properties of a record's channels: steps, noise, single outlying samples and jumps."""
 
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray
-from deabayes.quantities import with_unit
+from deabayes.faults import UserError
+from deabayes.records.columns import COMMANDS, ExperimentRow
+from deabayes.systems import system_class
 
+STEPS = ("creep", "step")
+NEAR = 0.02
+"""Share of the largest excitation; a smaller first value is an offset, not a jump."""
+HELD_CONSTANT = 0.01
+MONITOR_NOISE = 10.0
+"""Range of a monitored voltage at rest [V]; the force at 10 V is 1e-5 of the force at 3 kV."""
+WIDEST_NOISE = 12.0
+"""Largest range of white noise over its standard deviation; for 10^5 normal numbers it is 9."""
 SWING = 0.02
 """Share of the response's range; smaller changes are no swing."""
 OVER_NOISE = 10.0
@@ -22,6 +33,74 @@ response may oscillate."""
 BEHIND = 3
 JUMPS = 10
 """Most jumps per outlying sample of an excitation; more are part of the excitation."""
+SETTLED, SAME_RATE = 20, 0.2
+"""Number of samples on each side of a response's jump in which the excitation must be steady.
+Second, the largest difference between the changes before and behind, as a share of its
+largest change over as many samples."""
+AROUND, USUAL = 8, 8.0
+"""Neighbours on each side of a jump, and the smallest ratio of the jump to their median change."""
+OF_RESOLUTION = 1.5
+"""Multiple of the smallest change; a smaller jump is a step of the display."""
+BACK = 0.1
+"""Largest distance of the excitation from its old level after a dropout, as a share of its
+height."""
+LONGEST = 8
+"""Most samples of a dropout; a longer one is a pulse."""
+
+
+def usual_interval(coordinate: FloatArray) -> float:
+    """Return the median distance of neighbouring samples."""
+    return float(np.median(np.diff(coordinate)))
+
+
+def is_held(voltage: FloatArray) -> bool:
+    """Whether a voltage [V] varies by at most 1 % or a monitor's noise."""
+    allowed = max(HELD_CONSTANT * abs(float(np.mean(voltage))), MONITOR_NOISE)
+    return float(np.ptp(voltage)) <= allowed
+
+
+def is_step_from_the_start(protocol: str, excitation: FloatArray, unit: str) -> bool:
+    """Whether the excitation of a creep or step is on and constant from its first sample.
+
+    A voltage may have a monitor's noise, which changes from sample to sample. A small step on a
+    bias, or a drift, does not count as constant.
+    """
+    spread, size = float(np.ptp(excitation)), abs(float(np.mean(excitation)))
+    noise = float(np.std(np.diff(excitation))) / np.sqrt(2.0) if unit == "V" else 0.0
+    constant = spread <= WIDEST_NOISE * noise and is_held(excitation)
+    return protocol in STEPS and constant and spread < size
+
+
+def excitation_range(protocol: str, excitation: FloatArray, unit: str) -> float:
+    """Largest change of an excitation; for a step at its first sample, its largest size."""
+    if is_step_from_the_start(protocol, excitation, unit):
+        return float(np.max(np.abs(excitation)))
+    return float(np.ptp(excitation))
+
+
+def knows_prehistory(system: str, excitation: str) -> bool:
+    """Whether experiments.csv can state that a system had settled under the first excitation."""
+    try:
+        conditions = system_class(system).conditions or {}
+    except UserError:  # other checks report a wrong system name
+        return False
+    return "prehistory" in conditions.get(COMMANDS.get(excitation, excitation), {})
+
+
+def value_before(row: ExperimentRow, system: str) -> float | None:
+    """Excitation before the first sample: 0 for a voltage; None if as in the first sample.
+
+    None applies to a stretch, and to a voltage if the row states equilibrium.
+    """
+    if COMMANDS.get(row.excitation, row.excitation) != "voltage":
+        return None
+    settled = row.metadata.get("prehistory") == "equilibrium"
+    return None if settled and knows_prehistory(system, row.excitation) else 0.0
+
+
+def is_near(first: float, before: float, excitation: FloatArray) -> bool:
+    """Whether the first sample is close to the value before it, compared with the excitation."""
+    return abs(first - before) <= NEAR * float(np.max(np.abs(excitation - before)))
 
 
 def least_swing(response: FloatArray) -> float:
@@ -77,48 +156,19 @@ def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
     return found if far.sum() <= JUMPS * found.size else found[:0]
 
 
-def outliers_named(
-    found: NDArray[np.intp],
-    time: FloatArray,
-    values: FloatArray,
-    channel: str,
-    unit: str,
-    remedy: str,
-) -> str:
-    """Sentence on outlying samples, with time and value of the first."""
-    at = int(found[0])
-    value, beside = (with_unit(float(values[i]), unit, channel) for i in (at, at + 1))
-    others = f" (and {found.size - 1} more)" if found.size > 1 else ""
-    return (
-        f"column {channel}: the single sample at {time[at]:.6g} s, {value} before {beside}, "
-        f"stands out{others}; {remedy}"
-    )
-
-
 def _off_neighbours(values: FloatArray) -> FloatArray:
     """Distance of each sample from the mean of its neighbours."""
     return np.abs(np.pad(0.5 * np.diff(values, 2), 1))
 
 
-def white_noise(values: FloatArray) -> float:
-    """Standard deviation of white noise, from second differences, which remove a trend."""
-    steps = np.abs(np.diff(values, 2))
-    return float(1.4826 * np.median(steps) / np.sqrt(6.0)) if steps.size else 0.0
+def white_noise(values: FloatArray, order: int = 2) -> float:
+    """Standard deviation of white noise, from differences of an order that remove a trend.
 
-
-SETTLED, SAME_RATE = 20, 0.2
-"""Number of samples on each side of a response's jump in which the excitation must be steady.
-Second, the largest difference between the changes before and behind, as a share of its
-largest change over as many samples."""
-AROUND, USUAL = 8, 8.0
-"""Neighbours on each side of a jump, and the smallest ratio of the jump to their median change."""
-OF_RESOLUTION = 1.5
-"""Multiple of the smallest change; a smaller jump is a step of the display."""
-BACK = 0.1
-"""Largest distance of the excitation from its old level after a dropout, as a share of its
-height."""
-LONGEST = 8
-"""Most samples of a dropout; a longer one is a pulse."""
+    The sum of squares of the coefficients of a difference of order n is (2n)! / n!^2.
+    """
+    differences = np.abs(np.diff(values, order))
+    size = np.sqrt(float(math.comb(2 * order, order)))
+    return float(1.4826 * np.median(differences) / size) if differences.size else 0.0
 
 
 def response_jumps(
@@ -169,14 +219,3 @@ def dropouts(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
         if 1 < away.size <= LONGEST and back and float(np.ptp(near)) <= follows:
             found.append(first + 1)
     return np.array(found, dtype=np.intp)
-
-
-def jump_named(
-    found: NDArray[np.intp], time: FloatArray, channel: str, size: float, unit: str, remedy: str
-) -> str:
-    """Sentence on jumps; `size` is the size of the first."""
-    others = f" (and {found.size - 1} more)" if found.size > 1 else ""
-    return (
-        f"column {channel}: jumps by {with_unit(size, unit, channel, digits=3)} at "
-        f"{time[found[0]]:.6g} s{others}, {remedy}"
-    )
