@@ -24,7 +24,6 @@ class FolderReport(Report):
     ----------
     folder : the study folder.
     read : what was read of it; None if its specimen.yaml cannot be read.
-    reading_faults : the faults of its files; `faults` also has those of a study of all records.
     understood : lines on the specimen, its quantities and every readable record.
     """
 
@@ -32,7 +31,6 @@ class FolderReport(Report):
         super().__init__()
         self.folder = folder
         self.read = scan_folder(folder, self, data_root)
-        self.reading_faults = tuple(self.faults)
         self.understood: list[str] = []
 
     @property

@@ -22,7 +22,6 @@ from deabayes.records.table import in_roles, none_to_fit, selected, told_apart_b
 from deabayes.systems import system_class
 
 if TYPE_CHECKING:
-    from deabayes.checks.folder import FolderReport
     from deabayes.experiment import Excitation, Experiment, Specimen
     from deabayes.study import Study
     from deabayes.systems import System
@@ -33,7 +32,7 @@ UPPER_QUARTILE = 0.6745
 """The upper quartile of a prior, in its normal coordinate: half of its mass lies near it."""
 
 
-def check_study(study: Study, compare: bool = False, folder: FolderReport | None = None) -> Report:
+def check_study(study: Study, compare: bool = False, read: StudyFolder | None = None) -> Report:
     """Report faults and warnings of a study, given its folder's records.
 
     Candidates, experiment names, noise model, preparation steps and parameters with a prior must
@@ -44,14 +43,13 @@ def check_study(study: Study, compare: bool = False, folder: FolderReport | None
     ----------
     compare : whether to compare the first candidate's prior with the records; its model may have
         to be compiled.
-    folder : the check of the study's folder; None reads the folder here.
+    read : the study's folder with checked records; None reads it here.
     """
     report = Report()
-    if folder is None:
+    if read is None:
         read = scan_folder(study.specimen, report, study.data_root)
     else:
-        read = folder.read
-        report.include(folder.reading_faults)
+        report.include(read.faults)
     of_study = report.at(f"study {study.name}")
     _check_names_of_methods(study, of_study)
     if read is not None and report.faults:

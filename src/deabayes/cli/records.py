@@ -93,7 +93,7 @@ def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None
     from deabayes.checks.study import check_study
 
     folder = check_folder(study.specimen, study.data_root, as_study=False)
-    report = check_study(study, compare=True, folder=folder)
+    report = check_study(study, compare=True, read=folder.read)
     if not report.faults:
         _check_prior_source(study, config, report)
     folder.faults = [fault for fault in folder.faults if fault in report.faults]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deabayes.experiment import FloatArray, Role
-from deabayes.faults import Faults, UserError
+from deabayes.faults import Report, UserError
 from deabayes.units import same_dimension, si_unit, to_si
 
 
@@ -104,7 +104,6 @@ class Table:
 
     columns: Sequence[Column]
     arrays: Sequence[NDArray[Any]]
-    faults: Sequence[str] = field(default_factory=tuple)
     decimal: str = "."
 
 
@@ -170,28 +169,25 @@ def to_record(table: Table, sha256: str, channels: Mapping[str, str], where: str
     ------
     Faults : every fault of every column.
     """
-    faults = list(table.faults)
+    errors = Report()
+    report = errors.at(where)
     unnamed = set(channels) - {column.name for column in table.columns}
     values: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     for column, array in zip(table.columns, table.arrays, strict=True):
         name = column.name
         if column.unit is None and (wrong := _unit_mistaken(name, unnamed)):
-            faults.append(f"{where}: the unit of column {name!r} {wrong}")
+            report.fault(f"the unit of column {name!r} {wrong}")
+        elif name in (None, "-") or (name not in channels and not _is_unit(column.unit)):
             continue
-        if name in (None, "-") or (name not in channels and not _is_unit(column.unit)):
-            continue
-        if name in values:
-            faults.append(f"{where}: column {name!r} occurs twice; rename or remove one")
-            continue
-        try:
-            place = f"{where}, column {name}"
-            values[name] = _convert(column, array, channels.get(name), place, table.decimal)
-            units[name] = channels.get(name) or si_unit(column.unit or "")
-        except UserError as error:
-            faults.append(str(error))
-    if faults:
-        raise Faults(faults)
+        elif name in values:
+            report.fault(f"column {name!r} occurs twice; rename or remove one")
+        else:
+            with errors.catching():
+                place = f"{where}, column {name}"
+                values[name] = _convert(column, array, channels.get(name), place, table.decimal)
+                units[name] = channels.get(name) or si_unit(column.unit or "")
+    report.raise_faults()
     return RawRecord(values, units, sha256)
 
 

@@ -25,13 +25,14 @@ KEPT_BYTES = 200e6
 class StudyFolder:
     """A user's study folder: the specimen, the rows of experiments.csv, and their records.
 
-    `specimen` and `table` are already checked; `record` reads and checks a record.
+    `record` reads and checks a record. `faults` are those of all files that were read so far.
     """
 
     path: Path
     file: SpecimenFile
     table: tuple[ExperimentRow, ...]
     data_root: Path | None = None
+    faults: list[str] = field(default_factory=list, compare=False)
     _kept: dict[str, RawRecord] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -173,14 +174,15 @@ def scan_folder(
     if not folder.is_dir():
         report.fault(f"{folder}: there is no such folder; `deabayes new` makes one to fill in")
         return None
-    file = _specimen_file(folder, report)
+    found, read = Report(), None
+    file = _specimen_file(folder, found)
     system = file.specimen.system if file is not None and file.specimen.system else None
-    rows = scan_table(folder, report, system)
-    if file is None:
-        return None
-    read = StudyFolder(folder, file, tuple(rows), data_root)
-    if check_records:
-        read.check_records(report)
+    rows = scan_table(folder, found, system)
+    if file is not None:
+        read = StudyFolder(folder, file, tuple(rows), data_root, found.faults)
+        if check_records:
+            read.check_records(found)
+    report.include(found.faults)
     return read
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deabayes.faults import UserError, nearest
+from deabayes.faults import Report, UserError, nearest
 from deabayes.records.columns import Column, Table
 
 COMPLEX = ("real", "imag")
@@ -29,9 +28,11 @@ def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
             "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
             "under record_format.columns in specimen.yaml"
         )
-    table = pick(path, columns, variables, "variable")
-    if table.faults and structures:
-        return replace(table, faults=[*table.faults, f"{path}: holds {_fields_wanted(structures)}"])
+    report = Report(str(path))
+    table = pick(columns, variables, "variable", report)
+    if report.faults and structures:
+        report.fault(f"holds {_fields_wanted(structures)}")
+    report.raise_faults()
     return table
 
 
@@ -43,26 +44,29 @@ def _fields_wanted(structures: Sequence[str]) -> str:
 
 
 def pick(
-    path: Path, columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str
+    columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]], kind: str, report: Report
 ) -> Table:
     """Select the arrays that `columns` name; `kind` is the file format's word for an array."""
-    faults, picked, values = [], [], []
+    if not arrays:
+        report.fault(f"holds no {kind}s; copy the record again")
+        return Table([], [])
+    picked, values = [], []
     for column in columns:
         name = column.source or column.name
         if column.name in (None, "-") or name is None:
             continue
         if name not in arrays:
-            faults.append(f"{path}: holds no {kind} {name!r}{nearest(name, arrays)}")
+            report.fault(f"holds no {kind} {name!r}{nearest(name, arrays)}")
             continue
         picked.append(column)
         values.append(np.asarray(arrays[name]).ravel())
     lengths = {column.name: array.size for column, array in zip(picked, values, strict=True)}
     if len(set(lengths.values())) > 1:
         sizes = ", ".join(f"{name} {size}" for name, size in lengths.items())
-        faults.append(f"{path}: the {kind}s differ in length ({sizes}); cut them to one length")
-    if not arrays or not (values or faults):
-        faults = [f"{path}: holds no {kind}s; copy the record again"]
-    return Table([] if faults else picked, [] if faults else values, faults)
+        report.fault(f"the {kind}s differ in length ({sizes}); cut them to one length")
+    if not values and not report.faults:
+        report.fault(f"holds no {kind}s; copy the record again")
+    return Table(picked, values)
 
 
 def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from deabayes.experiment import FloatArray
-from deabayes.faults import UserError
+from deabayes.faults import Report, UserError
 from deabayes.records.columns import Column, Table, from_header
 from deabayes.records.matlab import opened, pick
 
@@ -57,15 +57,18 @@ def read_tdms(path: Path, columns: Sequence[Column] | None) -> Table:
     wanted = [_column(c) for c in paths.values()] if columns is None else columns
     wanted = [replace(c, source=_called(c, paths, channels)) for c in wanted]
     samplings = _samplings(wanted, channels)
-    faults = _ambiguous(path, wanted, paths, channels) + _uneven(path, samplings)
-    if faults:
-        return Table([], [], faults)
+    report = Report(str(path))
+    _check_groups(wanted, paths, channels, report)
+    _check_sampling(samplings, report)
+    report.raise_faults()
     arrays = {name: np.asarray(channel[:]) for name, channel in channels.items()}
     name, sampling = next(iter(samplings.items()), ("", Sampling(None, 0.0, None)))
     if sampling.increment is not None and not _clocked(wanted, channels):
         arrays["time"] = sampling.times(arrays[name].size)
         wanted = [c for c in wanted if c.source != "time"] + [Column("time", "s", source="time")]
-    return pick(path, wanted, arrays, "channel")
+    table = pick(wanted, arrays, "channel", report)
+    report.raise_faults()
+    return table
 
 
 def _truncated(path: Path) -> bool:
@@ -116,29 +119,27 @@ def _samplings(columns: Sequence[Column], channels: Mapping[str, Any]) -> dict[s
     return {n: s for n, s in found.items() if s.increment is not None or not clocked}
 
 
-def _ambiguous(
-    path: Path, columns: Sequence[Column], paths: Mapping[str, Any], channels: Mapping[str, Any]
-) -> list[str]:
-    """Faults: channel names that occur in several groups."""
-    faults = {}
+def _check_groups(
+    columns: Sequence[Column], paths: Mapping[str, Any], channels: Mapping[str, Any], report: Report
+) -> None:
+    """Report channel names that occur in several groups."""
     for column in columns:
         name = column.source
         groups = [full.removesuffix(f"/{name}") for full, c in paths.items() if c.name == name]
         if groups and name not in channels and column.name != "-":
             example = f"{groups[0]}/{name} = {column.name} [{column.unit or '1'}]"
-            faults[name] = (
-                f"{path}: channel {name!r} is in groups {' and '.join(groups)}; name one in the "
-                f"`columns` column of experiments.csv, such as {example!r}"
+            report.fault(
+                f"channel {name!r} is in groups {' and '.join(groups)}; name one in the `columns` "
+                f"column of experiments.csv, such as {example!r}"
             )
-    return list(faults.values())
 
 
-def _uneven(path: Path, samplings: Mapping[str, Sampling]) -> list[str]:
-    """Fault: the first channel that is sampled at other times than the one before it."""
-    names = list(samplings)
-    return [
-        f"{path}: channels {one} and {other} have different sampling ({samplings[one]}; "
-        f"{samplings[other]}); bring them to one sampling, or name others"
-        for one, other in pairwise(names)
-        if samplings[one] != samplings[other]
-    ][:1]
+def _check_sampling(samplings: Mapping[str, Sampling], report: Report) -> None:
+    """Report the first channel that is sampled at other times than the one before it."""
+    for one, other in pairwise(samplings):
+        if samplings[one] != samplings[other]:
+            report.fault(
+                f"channels {one} and {other} have different sampling ({samplings[one]}; "
+                f"{samplings[other]}); bring them to one sampling, or name others"
+            )
+            return
