@@ -43,10 +43,8 @@ def test_a_hold_without_its_ramp_is_refused(tmp_path: Path, noise: float) -> Non
     assert "is constant or hardly changes; a relaxation needs the ramp that led to it" in fault
 
 
-def test_the_whole_relaxation_is_fitted(tmp_path: Path) -> None:
-    study = relaxation(tmp_path, 0.0, 0.0)
-    assert not study.faults
-    check(study.fitted("neo_hookean_units_1"), TRUTH)
+def test_a_relaxation_with_its_ramp_is_no_fault(tmp_path: Path) -> None:
+    assert not relaxation(tmp_path, 0.0, 0.0).faults
 
 
 def pressed(path: Path, unit: str, force_unit: str):
@@ -122,7 +120,7 @@ def sine(path: Path, interval: float, factor: float, **stated: object):
     ("interval", "factor", "stated", "said"),
     [
         (1e-3, 1e3, {"frequency_Hz": 10}, "frequency_Hz of experiments.csv is 10"),  # ms for s
-        (1e-3, 1.0, {"frequency_Hz": 5}, "and the record has 10 Hz"),
+        (1e-3, 1.0, {"frequency_Hz": 5}, "but the record has 10 Hz"),
         (0.055, 1.0, {"frequency_Hz": 10}, "fewer than 4 a period"),
         (1e-3, 1.0, {"amplitude_kV": 2.0}, "amplitude_kV of experiments.csv is 2"),
         (1e-3, 1.0, {"duration_s": 20}, "duration_s of experiments.csv is 20"),

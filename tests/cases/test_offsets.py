@@ -9,7 +9,7 @@ import pytest
 
 from deabayes import simulate
 from tests.cases.study_folder import check, made, noisy, row
-from tests.cases.test_fast_and_slow import PRESSURE, TUBE, displacement
+from tests.cases.test_fast_and_slow import TUBE, displacement
 
 STRIP = {"cross_section": (10.0, "mm^2"), "gauge_length": (50.0, "mm")}
 TRUTH = {"mu": 40e3, "mu_beta_1": 30e3, "tau_1": 12.0}
@@ -28,8 +28,6 @@ def test_a_tube_that_reads_13_um_at_rest_is_zeroed_and_it_is_said(tmp_path: Path
     (said,) = [line for line in study.warnings if "at rest" in line]
     assert "at rest, where the model has 0 (" in said and "the displacement is 13" in said
     assert said.endswith("standard errors); it was subtracted (`baseline`)")
-    truth = {"E_0": PRESSURE / 2.4e-3, "E_1": PRESSURE / 1.6e-3, "tau_1": 0.05}
-    check(study.fitted("voigt_kelvin_1"), truth)
 
 
 def pulled(path: Path, offset: float, rest: float, **settings: object):

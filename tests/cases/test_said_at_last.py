@@ -31,7 +31,7 @@ def test_a_folder_is_checked_as_strongly_as_a_study(tmp_path: Path) -> None:
 
 def test_a_sound_folder_has_no_fault(tmp_path: Path) -> None:
     study = creep(tmp_path, 0.05, 0.02, 0.52, 1e-3, 1e-7)
-    assert check_folder(study.path / "specimen").faults == ()
+    assert check_folder(study.path / "specimen").faults == []
 
 
 def driven(path: Path, voltage: np.ndarray, time: np.ndarray):

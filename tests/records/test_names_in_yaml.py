@@ -115,7 +115,6 @@ def test_a_study_called_as_its_folder_is_checked_with_its_entry(
 ) -> None:
     make_folder(tmp_path)
     monkeypatch.chdir(tmp_path)
-    main(("check", "strip"))
     config(tmp_path, "studies: {strip: {specimen: strip, candidates: [kv_gn_1]}}")
     with pytest.raises(SystemExit):
         main(("check", "strip"))

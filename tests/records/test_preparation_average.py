@@ -76,8 +76,8 @@ def test_no_bin_reaches_across_a_mask_or_a_jump() -> None:
     assert np.allclose(experiment.coordinate, middles, atol=0.02)
 
 
-@pytest.mark.parametrize("cycles", [2, 10, 50, 500])
-@pytest.mark.parametrize("samples", [20, 1000], ids=["sparse", "dense"])
+@pytest.mark.parametrize("cycles", [2, 10, 50])
+@pytest.mark.parametrize("samples", [20, 200], ids=["sparse", "dense"])
 @pytest.mark.parametrize("steps", [(), ({"excitation_knots": {}},)], ids=["raw", "knots"])
 def test_straight_pieces_of_a_sine_are_no_jumps(
     cycles: int, samples: int, steps: tuple[object, ...]

@@ -54,11 +54,11 @@ def _known(source: str, source_of: SourceOf, passed: set[str]) -> Iterator[Count
 def _calibrated(study: Study) -> list[CountedRecord]:
     """Return a study's calibration records by their files; other checks report missing files."""
     try:
-        folder = read_folder(study.specimen, study.data_root, check_records=False)
+        read = read_folder(study.specimen, study.data_root, check_records=False)
     except UserError:
         return []
-    rows = [row for row in used_rows(study, folder, Report()) if row.role == "calibrate"]
-    files = [(row, folder.locate(row)) for row in rows]
+    rows = [row for row in used_rows(study, read, Report()) if row.role == "calibrate"]
+    files = [(row, read.locate(row)) for row in rows]
     return [
         CountedRecord(study.name, row.name, row.response, sha256_of(path))
         for row, path in files

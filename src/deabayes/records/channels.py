@@ -124,9 +124,9 @@ def single_samples(response: FloatArray, swing: float) -> NDArray[np.intp]:
 
 def without_single_samples(response: FloatArray, swing: float) -> FloatArray:
     """Replace each of the `single_samples` by the mean of its neighbours."""
-    found = single_samples(response, swing)
+    outliers = single_samples(response, swing)
     mended = response.copy()
-    mended[found] = 0.5 * (response[found - 1] + response[found + 1])
+    mended[outliers] = 0.5 * (response[outliers - 1] + response[outliers + 1])
     return mended
 
 
@@ -134,10 +134,10 @@ def standing_out(
     excitation: FloatArray, excitation_range: float, response: FloatArray
 ) -> NDArray[np.intp]:
     """Single outlying samples of a response while the excitation is steady."""
-    found = single_samples(response, least_swing(response))
+    outliers = single_samples(response, least_swing(response))
     change = np.abs(np.diff(np.pad(excitation, (1, BEHIND), mode="edge")))
     moved = np.max([change[k : k + response.size] for k in range(BEHIND + 1)], axis=0)
-    return found[moved[found] <= STEADY * excitation_range]
+    return outliers[moved[outliers] <= STEADY * excitation_range]
 
 
 def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
@@ -146,14 +146,18 @@ def glitches(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
     The excitation has its previous level again after each. None are reported if the excitation
     often jumps as far, as random levels do.
     """
-    found = single_samples(excitation, least_swing(excitation))
-    before, behind = excitation[found - 1], excitation[found + 1]
-    height = np.minimum(np.abs(excitation[found] - before), np.abs(excitation[found] - behind))
+    outliers = single_samples(excitation, least_swing(excitation))
+    before, behind = excitation[outliers - 1], excitation[outliers + 1]
+    height = np.minimum(
+        np.abs(excitation[outliers] - before), np.abs(excitation[outliers] - behind)
+    )
     followed = _off_neighbours(response) > least_swing(response)
-    alone = (np.abs(behind - before) <= LEVEL * height) & ~(followed[found] | followed[found + 1])
-    found, height = found[alone], height[alone]
+    alone = (np.abs(behind - before) <= LEVEL * height) & ~(
+        followed[outliers] | followed[outliers + 1]
+    )
+    outliers, height = outliers[alone], height[alone]
     far = np.abs(np.diff(excitation)) > 0.5 * np.min(height, initial=np.inf)
-    return found if far.sum() <= JUMPS * found.size else found[:0]
+    return outliers if far.sum() <= JUMPS * outliers.size else outliers[:0]
 
 
 def _off_neighbours(values: FloatArray) -> FloatArray:
@@ -187,9 +191,9 @@ def response_jumps(
     around = np.pad(change, AROUND, mode="reflect")
     usual = np.median(sliding_window_view(around, 2 * AROUND + 1), axis=1)
     driven = _driven(excitation, excitation_range)
-    found = np.flatnonzero((change > np.maximum(least, USUAL * usual)) & ~driven) + 1
+    jumps = np.flatnonzero((change > np.maximum(least, USUAL * usual)) & ~driven) + 1
     alone = single_samples(response, swing)
-    return np.setdiff1d(found, np.concatenate([alone, alone + 1]))
+    return np.setdiff1d(jumps, np.concatenate([alone, alone + 1]))
 
 
 def _driven(excitation: FloatArray, excitation_range: float) -> NDArray[np.bool_]:
@@ -210,12 +214,12 @@ def dropouts(excitation: FloatArray, response: FloatArray) -> NDArray[np.intp]:
     """
     swing, follows = least_swing(excitation), least_swing(response)
     jumped = np.flatnonzero(np.abs(np.diff(excitation)) > swing)
-    found = []
+    starts = []
     for first, last in itertools.pairwise(jumped):
         away = excitation[first + 1 : last + 1]
         height = np.min(np.abs(away - excitation[first]))
         back = abs(excitation[last + 1] - excitation[first]) <= BACK * height
         near = response[first : last + 2]
         if 1 < away.size <= LONGEST and back and float(np.ptp(near)) <= follows:
-            found.append(first + 1)
-    return np.array(found, dtype=np.intp)
+            starts.append(first + 1)
+    return np.array(starts, dtype=np.intp)

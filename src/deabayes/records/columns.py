@@ -133,7 +133,7 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
 
     All columns are looked up by their names in the file, so that two can be swapped.
     """
-    found = list(columns)
+    columns_renamed = list(columns)
     for given in named or ():
         source = from_header([given.source or given.name])[0].name
         places = [i for i, column in enumerate(columns) if source in (column.name, column.source)]
@@ -145,8 +145,8 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
             )
         old = columns[places[0]]
         unit = old.unit if given.unit is None else given.unit
-        found[places[0]] = replace(old, name=given.name, unit=unit, source=source)
-    return found
+        columns_renamed[places[0]] = replace(old, name=given.name, unit=unit, source=source)
+    return columns_renamed
 
 
 def from_text(text: str) -> list[Column]:
@@ -239,8 +239,8 @@ def numbers(array: NDArray[Any], where: str, decimal: str = ".") -> FloatArray:
         raise UserError(f"{where}: holds structures; save their fields as variables") from None
     bad = np.flatnonzero(converted.isna() & series.notna())
     if bad.size:
-        found, rows = str(series[bad[0]]), f"({bad.size} such rows)"
-        raise UserError(f"{where}, data row {bad[0] + 1}: {_no_number(found, rows)}")
+        cell, rows = str(series[bad[0]]), f"({bad.size} such rows)"
+        raise UserError(f"{where}, data row {bad[0] + 1}: {_no_number(cell, rows)}")
     return np.asarray(converted, dtype=float)
 
 
@@ -248,22 +248,22 @@ def _signs_swapped(cell: object) -> object:
     return cell.translate(SWAPPED) if isinstance(cell, str) else cell
 
 
-def _no_number(found: str, rows: str) -> str:
+def _no_number(cell: str, rows: str) -> str:
     """Describe a text that should be a number, and say what to do."""
-    if found.startswith("="):
+    if cell.startswith("="):
         return (
-            f"{found!r} is a formula without a stored value {rows}; open the file in a "
+            f"{cell!r} is a formula without a stored value {rows}; open the file in a "
             "spreadsheet program and save it"
         )
-    if CLOCK.match(found):
-        return f"{found!r} is a date or a clock time {rows}; give seconds since the first row"
-    if OTHER_DECIMAL.fullmatch(found):
-        has, has_not = ("comma", "point") if "," in found else ("point", "comma")
+    if CLOCK.match(cell):
+        return f"{cell!r} is a date or a clock time {rows}; give seconds since the first row"
+    if OTHER_DECIMAL.fullmatch(cell):
+        has, has_not = ("comma", "point") if "," in cell else ("point", "comma")
         return (
-            f"{found!r} has a decimal {has} where the numbers are read with a decimal {has_not} "
+            f"{cell!r} has a decimal {has} where the numbers are read with a decimal {has_not} "
             f"{rows}; write the whole file with one of them, and without separators of thousands"
         )
-    return f"{found!r} is not a number {rows}; correct or remove them"
+    return f"{cell!r} is not a number {rows}; correct or remove them"
 
 
 def unit_hint(header: Iterable[str]) -> str:

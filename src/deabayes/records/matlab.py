@@ -20,8 +20,8 @@ def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
     """Read the given columns from a MATLAB file, which stores no units."""
     variables, structures = _mat_variables(path)
     if not variables:
-        found = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
-        raise UserError(f"{path}: holds no variables{found}")
+        remedy = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
+        raise UserError(f"{path}: holds no variables{remedy}")
     if columns is None:
         raise UserError(
             f"{path}: a .mat file holds no units; name its variables ({', '.join(variables)}) in "
@@ -76,13 +76,13 @@ def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
     if h5py.is_hdf5(path):  # version 7.3
         with opened(h5py.File, path, "a MATLAB file") as file:
-            found = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
+            variables = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
             names = [k for k in file if not k.startswith("#")]
     else:
         content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
-        found = {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
-        names = list(found)
-    arrays = {k: v for k, v in found.items() if v.dtype.names in (None, COMPLEX)}
+        variables = {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
+        names = list(variables)
+    arrays = {k: v for k, v in variables.items() if v.dtype.names in (None, COMPLEX)}
     return arrays, [k for k in names if k not in arrays]
 
 

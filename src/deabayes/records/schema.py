@@ -98,7 +98,7 @@ def _kind(value: object) -> str:
 def _sentences(error: Any, where: str) -> list[str]:
     key = ".".join(map(str, error.absolute_path))
     place = f"{where}, {key}" if key else where
-    found = repr(error.instance)[:60]
+    written = repr(error.instance)[:60]
     match error.validator:
         case "additionalProperties":
             known = list(error.schema.get("properties", {}))
@@ -116,19 +116,19 @@ def _sentences(error: Any, where: str) -> list[str]:
             return [f"{place}: {name!r} is missing{_purpose(error, name)}" for name in named]
         case "enum":
             known = [str(value) for value in error.validator_value]
-            return [f"{place}: unknown value {found}{nearest(str(error.instance), known)}"]
+            return [f"{place}: unknown value {written}{nearest(str(error.instance), known)}"]
         case "type":
             types = error.validator_value
             types = [types] if isinstance(types, str) else types
             wanted = " or ".join(TYPE_NAMES[kind] for kind in types)
             if "string" in types and not isinstance(error.instance, list | Mapping | None):
-                found = f"{error.instance}, which is {_kind(error.instance)}: write it in quotes"
-            return [f"{place}: expected {wanted}, found {found}{_description(error)}"]
+                written = f"{error.instance}, which is {_kind(error.instance)}: write it in quotes"
+            return [f"{place}: expected {wanted}, found {written}{_description(error)}"]
         case "pattern" | "propertyNames" | "anyOf" | "oneOf" | "not":
-            return [f"{place}: {found} is not possible here{_description(error)}"]
+            return [f"{place}: {written} is not possible here{_description(error)}"]
         case limit if limit in LIMITS:
             wanted = LIMITS[limit].format(error.validator_value)
-            return [f"{place}: must be {wanted}, found {found}{_description(error)}"]
+            return [f"{place}: must be {wanted}, found {written}{_description(error)}"]
     return [f"{place}: {error.message}"]
 
 
@@ -185,8 +185,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise UserError(f"{path}: is not YAML ({error}); correct it") from None
     if not isinstance(content, dict):
-        found = "nothing" if content is None else repr(content)[:60]
-        raise UserError(f"{path}: expected `key: value` lines, found {found}")
+        written = "nothing" if content is None else repr(content)[:60]
+        raise UserError(f"{path}: expected `key: value` lines, found {written}")
     return content
 
 

@@ -152,18 +152,18 @@ def _named_delimiter(name: str | None) -> str | None:
 
 def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
     """Check that the first row matches the header and has a number, and the last is complete."""
-    found = split(first, delimiter)
-    if found[width:] not in ([], [""]) or len(found) < width:
+    cells = split(first, delimiter)
+    if cells[width:] not in ([], [""]) or len(cells) < width:
         raise UserError(
             f"{path}: {width} columns are named, but the first data row {first[:60]!r} "
-            f"has {len(found)}; check the delimiter ({_describe(delimiter)}) and the header"
+            f"has {len(cells)}; check the delimiter ({_describe(delimiter)}) and the header"
         )
     if len(split(last, delimiter)) < width:
         raise UserError(
             f"{path}: the last row {last[:60]!r} has {len(split(last, delimiter))} of {width} "
             "columns, the file is truncated; copy it again or remove that row"
         )
-    if not any(is_number(cell) for cell in found):
+    if not any(is_number(cell) for cell in cells):
         raise UserError(
             f"{path}: the first data row is {first[:60]!r}, which holds no number; correct "
             "the row, or the header (header_lines under record_format in specimen.yaml)"
@@ -339,26 +339,26 @@ def lines(stream: io.BytesIO) -> Iterator[tuple[int, bytes]]:
 def peek(stream: io.BytesIO, count: int) -> list[str]:
     """Return the next lines with data, without moving the stream."""
     position = stream.tell()
-    found = []
+    data_lines = []
     for _, line in lines(stream):
-        found.append(line.decode("utf-8", errors="replace"))
-        if len(found) == count:
+        data_lines.append(line.decode("utf-8", errors="replace"))
+        if len(data_lines) == count:
             break
     stream.seek(position)
-    return found
+    return data_lines
 
 
 def last_line(stream: io.BytesIO) -> str:
     """Return the last line with data, read from the end of the file; there must be one."""
     position, end = stream.tell(), stream.getbuffer().nbytes
     size = LONGEST_LINE
-    found: list[bytes] = []
-    while len(found) < 2 and size < 2 * (end - position) + LONGEST_LINE:
+    data_lines: list[bytes] = []
+    while len(data_lines) < 2 and size < 2 * (end - position) + LONGEST_LINE:
         stream.seek(max(position, end - size))  # the first line may be cut there
-        found = [line for _, line in lines(stream)]
+        data_lines = [line for _, line in lines(stream)]
         size *= 2
     stream.seek(position)
-    return found[-1].decode("utf-8", errors="replace")
+    return data_lines[-1].decode("utf-8", errors="replace")
 
 
 def skip_lines(stream: io.BytesIO, count: int, path: Path) -> str:

@@ -214,10 +214,10 @@ def _interval_behind(record: WorkingRecord, start: float) -> float:
     return interval if interval < 0.5 * usual else usual
 
 
-def _too_many_bins(record: WorkingRecord, keys: str, found: str = "") -> UserError:
+def _too_many_bins(record: WorkingRecord, keys: str, count: str = "") -> UserError:
     return UserError(
         f"preparation of {record.row.name} ({record.row.protocol}), average: makes more than "
-        f"{LONGEST_GRID} bins{found}; give a larger average.{keys}"
+        f"{LONGEST_GRID} bins{count}; give a larger average.{keys}"
     )
 
 
@@ -291,7 +291,7 @@ def nodes_of(place: FloatArray, weights: FloatArray, starts: IntArray, bends: Bo
             x, w = gauss(x, w, most)
         offsets.append(x)
         shares.append(w)
-    counts = [each.size for each in offsets]
+    counts = [places.size for places in offsets]
     point = np.repeat(np.arange(starts.size), counts)
     return Nodes(point, np.concatenate(offsets), np.concatenate(shares))
 
@@ -364,11 +364,11 @@ def ringing(record: WorkingRecord) -> Ringing | None:
     tolerance, interval = CORNER_FRACTION * record.excitation_range, usual_interval(time)
     inner = corners(record.excitation_coordinate, record.excitation, tolerance, interval)
     edges = [record.excitation_start(), *map(float, inner), np.nextafter(time[-1], np.inf)]
-    found = []
+    ringings = []
     for start, end in pairwise(edges):
         inside = slice(*np.searchsorted(time, [start, end]))
-        found.append(_of_stretch(time[inside], response[inside], swing))
-    return min((each for each in found if each), key=lambda each: each.period, default=None)
+        ringings.append(_of_stretch(time[inside], response[inside], swing))
+    return min(filter(None, ringings), key=lambda rings: rings.period, default=None)
 
 
 def _of_stretch(time: FloatArray, response: FloatArray, swing: float) -> Ringing | None:

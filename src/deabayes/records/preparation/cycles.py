@@ -80,17 +80,17 @@ def cycles(record: WorkingRecord, settings: Mapping[str, object]) -> WorkingReco
     else:
         period = found_period(record, read.where)
     check_stated(period, record, read.where)
-    found = whole_cycles(record, period, transition, read.where)
+    complete = whole_cycles(record, period, transition, read.where)
     _check_sampling(record, period, points, window, read)
-    size = _group_size(found.count - transition, stable, read)
-    groups = grouped(min(transition, found.count), found.count, size, stable == "average")
-    means = window_means(record, found, points, window)
+    size = _group_size(complete.count - transition, stable, read)
+    groups = grouped(min(transition, complete.count), complete.count, size, stable == "average")
+    means = window_means(record, complete, points, window)
     kept = [g[g.size // 2][None] for g in groups] if stable == "decimate" else groups
     reduced = _reduced(record, means, kept)
     size_of = float(np.ptp(reduced.response)) or 1.0
     change = max(drift(means, group) for group in groups) / size_of
     off = max(off_middle(means, group) for group in groups) / size_of
-    reduced = replace(reduced, remarks=_remarks(record, found, groups, stable, (change, off)))
+    reduced = replace(reduced, remarks=_remarks(record, complete, groups, stable, (change, off)))
     if off > OFF_MIDDLE and stable == "average":
         record.report.warn(
             f"means of groups of cycles are up to {off:.2%} of the range off their middle cycles, "
@@ -178,7 +178,7 @@ def _nodes(variance: FloatArray) -> Nodes:
 
 def _remarks(
     record: WorkingRecord,
-    found: Cycles,
+    complete: Cycles,
     groups: list[IntArray],
     stable: str,
     changes: tuple[float, float],
@@ -187,9 +187,9 @@ def _remarks(
     single = sum(g.size == 1 for g in groups)
     sizes = [int(g.size) for g in groups if g.size > 1]
     used = sum(g.size for g in groups)
-    end = found.start + used * found.period
-    outside = record.used & ((record.coordinate < found.start) | (record.coordinate >= end))
-    words = [f"{found.count} cycles of {found.period:.7g} s from {found.start:.6g} s"]
+    end = complete.start + used * complete.period
+    outside = record.used & ((record.coordinate < complete.start) | (record.coordinate >= end))
+    words = [f"{complete.count} cycles of {complete.period:.7g} s from {complete.start:.6g} s"]
     words.append(f"{single} one by one")
     if sizes:
         done = "averaged" if stable == "average" else "thinned to the middle one"
@@ -197,14 +197,14 @@ def _remarks(
         words.append(f"drift within a group up to {changes[0]:.2%} of the range")
     if sizes and stable == "average":
         words.append(f"means up to {changes[1]:.3%} off the middle cycle")
-    if found.count > used:
-        words.append(f"{found.count - used} at the end left out")
+    if complete.count > used:
+        words.append(f"{complete.count - used} at the end left out")
     return {
         "effect": ", ".join(words),
         "masked": intervals(record.coordinate + record.delay, outside),
-        "period_s": found.period,
-        "first_cycle_s": found.start,
-        "cycles": found.count,
+        "period_s": complete.period,
+        "first_cycle_s": complete.start,
+        "cycles": complete.count,
         "group_sizes": [int(g.size) for g in groups],
         "drift": changes[0],
         "off_middle": changes[1],
@@ -352,21 +352,23 @@ class WindowMeans:
     variance: FloatArray
 
 
-def window_means(record: WorkingRecord, found: Cycles, points: int, window: float) -> WindowMeans:
+def window_means(
+    record: WorkingRecord, complete: Cycles, points: int, window: float
+) -> WindowMeans:
     """Average the visible samples in the middle `window` of each of `points` bins per cycle."""
     visible = np.flatnonzero(record.used)
-    place = (record.coordinate[visible] - found.start) / found.period * points
+    place = (record.coordinate[visible] - complete.start) / complete.period * points
     bins = np.floor(place).astype(np.intp)
     # Half-open windows, shifted slightly: rounding then cannot decide about a sample on an edge.
     offset = place - bins - 0.5 + ROUNDING
     near = (offset >= -0.5 * window) & (offset < 0.5 * window)
-    near &= (bins >= 0) & (bins < found.count * points)
+    near &= (bins >= 0) & (bins < complete.count * points)
     visible, bins = visible[near], bins[near]
     weights = record.samples_averaged[visible]
 
     def total(values: FloatArray) -> FloatArray:
-        sums = np.bincount(bins, weights * values, minlength=found.count * points)
-        return np.asarray(sums.reshape(found.count, points), dtype=np.float64)
+        sums = np.bincount(bins, weights * values, minlength=complete.count * points)
+        return np.asarray(sums.reshape(complete.count, points), dtype=np.float64)
 
     samples = total(np.ones(visible.size))
     samples[samples == 0.0] = np.nan

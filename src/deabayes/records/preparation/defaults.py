@@ -154,21 +154,26 @@ def with_idle_masks(experiments: Sequence[Experiment]) -> list[Experiment]:
 
     A mask applies to all records of its protocol, and some records may end before it.
     """
-    of: dict[str, list[Experiment]] = {}
-    for each in experiments:
-        of.setdefault(each.protocol, []).append(each)
-    idle = {own[0].name: tuple(_idle_masks(own)) for own in of.values()}
+    by_protocol: dict[str, list[Experiment]] = {}
+    for experiment in experiments:
+        by_protocol.setdefault(experiment.protocol, []).append(experiment)
+    idle = {own[0].name: tuple(_idle_masks(own)) for own in by_protocol.values()}
     return [
-        replace(each, warnings=(*each.warnings, *idle.get(each.name, ()))) for each in experiments
+        replace(experiment, warnings=(*experiment.warnings, *idle.get(experiment.name, ())))
+        for experiment in experiments
     ]
 
 
 def _idle_masks(experiments: Sequence[Experiment]) -> Iterator[str]:
     """Yield a warning for each mask that hides no sample of these records of one protocol."""
     entries: Any
-    for entries in zip(*(each.steps for each in experiments), strict=False):
+    for entries in zip(*(experiment.steps for experiment in experiments), strict=False):
         step, settings = entries[0]["step"], entries[0]["settings"]
-        meant = [each for each in experiments if settings.get("record") in (None, each.name)]
+        meant = [
+            experiment
+            for experiment in experiments
+            if settings.get("record") in (None, experiment.name)
+        ]
         if step in MASKS and meant and not any(entry["masked"] for entry in entries):
             given = ", ".join(f"{key}: {value}" for key, value in settings.items())
             yield (
@@ -180,7 +185,7 @@ def _idle_masks(experiments: Sequence[Experiment]) -> Iterator[str]:
 def _extent(experiments: Sequence[Experiment]) -> str:
     """Name the records and the range of their points."""
     which = experiments[0].name if len(experiments) == 1 else f"any {experiments[0].protocol}"
-    every = np.concatenate([each.coordinate for each in experiments])
+    every = np.concatenate([experiment.coordinate for experiment in experiments])
     unit = experiments[0].coordinate_unit
     return f"{which} record, from {every.min():.4g} to {every.max():.4g} {unit}"
 

@@ -201,8 +201,8 @@ def take_up_slack(record: WorkingRecord, settings: Mapping[str, object]) -> Work
         first rise of the force gives it at zero force.
     """
     read = Settings("take_up_slack", settings, record, ("until",))
-    found = slack_end(record)
-    usual = float(record.excitation[0]) if found is None else found
+    end = slack_end(record)
+    usual = float(record.excitation[0]) if end is None else end
     taut = read.quantity("until", record.excitation_unit, usual)
     driven = np.interp(record.coordinate, record.excitation_coordinate, record.excitation)
     hidden = np.logical_and.accumulate(driven < taut)

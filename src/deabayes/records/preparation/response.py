@@ -148,13 +148,13 @@ class Rest:
         name, protocol = record.row.response, record.row.protocol
         size = with_unit(self.value, record.response_unit, name, digits=3)
         errors = f"{abs(self.value) / self.error:.0f} standard errors" if self.error else "no noise"
-        said = f"the {name} is {size} at rest, where the model has 0 ({errors})"
+        offset = f"the {name} is {size} at rest, where the model has 0 ({errors})"
         if corrected:
-            return f"{said}; it was subtracted (`baseline`)"
+            return f"{offset}; it was subtracted (`baseline`)"
         if self.seen:
-            return f"{said}; add `baseline: {{}}` to `preparation: {protocol}`"
+            return f"{offset}; add `baseline: {{}}` to `preparation: {protocol}`"
         return (
-            f"{said}; rows from before the excitation let `baseline` subtract it, and "
+            f"{offset}; rows from before the excitation let `baseline` subtract it, and "
             "`noise: ornstein_uhlenbeck_offset` in the study estimates it"
         )
 

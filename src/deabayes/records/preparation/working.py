@@ -97,14 +97,14 @@ class WorkingRecord:
         masked: list[list[float]] = []
         if before.coordinate.size == self.coordinate.size:
             masked = intervals(before.coordinate + before.delay, before.used & ~self.used)
-        said = dict(self.remarks)
-        effect = [_effect(before, self), said.pop("effect", "")]
+        remarks = dict(self.remarks)
+        effect = [_effect(before, self), remarks.pop("effect", "")]
         entry = {
             "step": name,
             "settings": dict(settings),
             "effect": "; ".join(filter(None, effect)),
-            "masked": [*masked, *said.pop("masked", [])],
-            **said,
+            "masked": [*masked, *remarks.pop("masked", [])],
+            **remarks,
         }
         return replace(self, steps=(*self.steps, entry), remarks={})
 
@@ -248,14 +248,14 @@ def conditions(row: ExperimentRow, raw: RawRecord) -> dict[str, float | str]:
     The column `voltage` has priority over `voltage_kV`. `check_record` checks that the voltage
     is constant.
     """
-    held = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
+    constant = {key: value for key, value in row.metadata.items() if key not in NOT_CONDITIONS}
     if row.protocol != "quasi_static" or row.excitation == "voltage":
-        return held
+        return constant
     if "voltage" in raw.columns:
-        held["voltage"] = float(np.mean(raw.columns["voltage"]))
-    elif "voltage_kV" in held:
-        held["voltage"] = 1000.0 * float(held["voltage_kV"])
-    return held
+        constant["voltage"] = float(np.mean(raw.columns["voltage"]))
+    elif "voltage_kV" in constant:
+        constant["voltage"] = 1000.0 * float(constant["voltage_kV"])
+    return constant
 
 
 class Settings:
