@@ -1,4 +1,4 @@
-"""Numbers without a unit among preparation steps, which are taken in SI: check says so."""
+"""Numbers without a unit in preparation steps and priors are read as SI, with a warning."""
 
 from __future__ import annotations
 
@@ -55,9 +55,32 @@ def test_check_says_it_once_for_all_records_of_a_protocol(tmp_path: Path) -> Non
     steps = ({"mask_before": {"time": 0.5}}, {"mask_after": {"time": "3.5 s"}})
     study = Study("s", folder, ("kv_gm_1",), preparation={"relaxation": steps})
     report = check_study(study)
-    faults, warnings = report.faults, report.warnings
-    assert faults == []
-    assert [line for line in warnings if "without a unit" in line] == [
+    assert report.faults == []
+    assert [line for line in report.warnings if "without a unit" in line] == [
         "study s, preparation.relaxation, mask_before.time: 0.5 without a unit is 0.5 s; write "
         "'0.5 s' if that is meant"
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("mu_alpha", {"distribution": "lognormal", "median": 35, "sigma": 0.5},
+         ["study s, priors.mu_alpha.median: 35 without a unit is 35 Pa; write '35 Pa' if that is "
+          "meant"]),
+        ("mu_alpha", {"distribution": "lognormal", "median": "35", "sigma": 0.5},
+         ["study s, priors.mu_alpha.median: 35 without a unit is 35 Pa; write '35 Pa' if that is "
+          "meant"]),
+        ("mu_alpha", {"distribution": "lognormal", "median": "35 kPa", "sigma": 0.5}, []),
+        ("J_alpha", {"distribution": "lognormal", "median": 50, "sigma": 0.5}, []),
+        ("tau_beta", {"distribution": "loguniform", "lower": 2, "upper": "9 s"},
+         ["study s, priors.tau_beta.lower: 2 without a unit is 2 s; write '2 s' if that is meant"]),
+    ],
+)  # fmt: skip
+def test_a_prior_without_a_unit_is_a_warning(
+    tmp_path: Path, name: str, settings: dict[str, object], said: list[str]
+) -> None:
+    study = Study("s", make_folder(tmp_path), ("kv_gm_1", "kv_gm_2"), priors={name: settings})
+    report = check_study(study)
+    assert report.faults == []
+    assert [warning for warning in report.warnings if "without a unit" in warning] == said

@@ -35,9 +35,8 @@ def warned(folder: Path, candidate: str, preparation: dict[str, list[object]]) -
         preparation=preparation,  # type: ignore[arg-type]
     )
     report = check_study(study)
-    faults, warnings = report.faults, report.warnings
-    assert faults == []
-    return [warning for warning in warnings if "delay" in warning]
+    assert report.faults == []
+    return [warning for warning in report.warnings if "delay" in warning]
 
 
 @pytest.mark.parametrize("steps", [[], [HIDE]])
