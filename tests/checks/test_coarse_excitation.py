@@ -81,4 +81,6 @@ def test_check_says_it(tmp_path):
     report = check_study(study)
     assert report.faults == []
     (said,) = (warning for warning in report.warnings if "straight lines" in warning)
-    assert said.startswith("study s, pull: between its samples the displacement")
+    assert said.startswith(
+        "study s, pull: straight lines between the samples of the displacement miss"
+    )

@@ -132,7 +132,7 @@ def test_a_control_voltage_is_the_command() -> None:
     assert given.excitation.name == "voltage"
     assert given.excitation.conditions == expected.conditions
     assert np.array_equal(given.excitation.values, expected.values)
-    assert "control_voltage is what was asked of the amplifier" in given.warnings[0]
+    assert "control_voltage is a command to the amplifier" in given.warnings[0]
 
 
 def test_mistakes_are_named() -> None:

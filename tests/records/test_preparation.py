@@ -210,11 +210,10 @@ def test_steps_remember_settings_and_what_they_did() -> None:
         ),
         (
             {"excitation_knots": {"tolerance": "1 mm", "fraction": 0.01}},
-            "excitation_knots: 'tolerance' and 'fraction' are given, and each stands in for the "
-            "other; remove one",
+            "excitation_knots: 'tolerance' and 'fraction' cannot both be given; remove one",
         ),
         ({"average": {"grid": "uniform", "points": 20, "width": "1 s"}}, "'points' and 'width'"),
-        ({"decimate": {"every": 7, "points": 20}}, "'every' and 'points' are given"),
+        ({"decimate": {"every": 7, "points": 20}}, "'every' and 'points' cannot both be given"),
         ({"delay": {}}, "give `time`, or `instruments: delay:`"),
         ({"delay": {"time": "-1 s"}}, "delay.time: must not be negative, found -1 s"),
         ({"mask_before": {"time": 1, "from_step": "yes"}}, "expected true or false"),

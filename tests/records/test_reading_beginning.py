@@ -59,8 +59,8 @@ def test_a_voltage_was_off_and_what_else_there_is_as_in_the_first_sample(
 def test_a_voltage_that_is_not_off_at_first_is_said_to_jump(excitation: str, protocol: str) -> None:
     """It was taken for a jump from rest without a word."""
     (warning,) = beginning("membrane", 2000.0 + 1000.0 * RAMP, excitation, protocol)
-    assert warning.startswith(f"a.csv (a): {excitation} begins with 2 kV and is taken to have")
-    assert "if it was on before, add the rows since then" in warning
+    assert warning.startswith(f"a.csv (a): {excitation} begins with 2 kV and is assumed")
+    assert "if it was on before the record, add the rows since then" in warning
     assert "prehistory" not in warning, "a membrane has none"
 
 

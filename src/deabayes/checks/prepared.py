@@ -63,9 +63,9 @@ def warn_if_coarse(excitation: Excitation, report: Report) -> None:
     missed = missed_by_lines(excitation) if excitation.in_time else 0.0
     if missed > LARGEST_MISS:
         report.warn(
-            f"between its samples the {excitation.name} is taken for straight lines, which miss "
-            f"{100 * missed:.2g} % of its range (rms): predicted amplitudes come out too small; "
-            "log the drive at 30 samples a period and more"
+            f"straight lines between the samples of the {excitation.name} miss "
+            f"{100 * missed:.2g} % of its range (rms), so predicted amplitudes are too small; "
+            "record at least 30 samples per period"
         )
 
 

@@ -532,8 +532,8 @@ def _warn(check: Check) -> None:
     _beginning(check)
     if row.excitation in COMMANDS:
         report.warn(
-            f"{row.excitation} is what was asked of the amplifier and is taken for its output; "
-            "where it could not follow, begin the preparation with limit_current"
+            f"{row.excitation} is a command to the amplifier and is used as its output; if the "
+            "amplifier could not follow it, begin the preparation with limit_current"
         )
     limit = instrument(check.specimen, "current_limit", "current", "A")
     if limit is not None and "current" in raw.columns:
@@ -688,8 +688,9 @@ def _beginning(check: Check) -> None:
         return
     settled = "; if all had settled under it, state `prehistory: equilibrium` in experiments.csv"
     check.report.warn(
-        f"{name} begins with {check.shown(values[0], name)} and is taken to have been {before:g} "
-        "until then, to jump at the first sample; if it was on before, add the rows since then"
+        f"{name} begins with {check.shown(values[0], name)} and is assumed to jump there "
+        f"from {before:g} at the first sample; if it was on before the record, add the rows since "
+        "then"
         f"{settled if knows_prehistory(system, name) else ''}"
     )
 

@@ -205,7 +205,7 @@ def warn_of_drift(record: WorkingRecord) -> None:
             f"the {name} drifts by {with_unit(moved, record.response_unit, name, digits=2)} "
             f"({100 * abs(moved) / size:.2g} % of its range) in the "
             f"{with_unit(length, 's', digits=2)} before the {record.row.excitation} changes, and "
-            "the model begins at rest: slow units take such a drift for creep; let the specimen "
+            "the model begins at rest: slow units would fit the drift as creep; let the specimen "
             "settle longer before the record"
         )
 

@@ -294,8 +294,7 @@ class Settings:
         given = [key for key in keys if self.has(key)]
         if len(given) > 1:
             raise UserError(
-                f"{self.where}: {' and '.join(map(repr, given))} are given, and each stands in for "
-                "the other; remove one"
+                f"{self.where}: {' and '.join(map(repr, given))} cannot both be given; remove one"
             )
 
     def of_another(self) -> bool:
