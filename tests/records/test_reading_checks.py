@@ -9,7 +9,7 @@ import pytest
 
 from deabayes.experiment import Quantity
 from deabayes.faults import Report
-from deabayes.records import checks
+from deabayes.records import cautions, checks
 
 RNG = np.random.default_rng(7)
 TIME = np.arange(200) * 0.02
@@ -35,25 +35,25 @@ def force(check: Callable[..., None], values: np.ndarray, *stated: Quantity | No
 
 
 REPORTED: list[tuple[tuple, list[str]]] = [
-    (force(checks.clipped_sensor, NOISY, newton(0.9)), ["column force", "range of 900 mN"]),
-    (force(checks.clipped_sensor, CLIPPED, None), ["largest value 800 mN", "held"]),
-    (force(checks.clipped_sensor, -CLIPPED, None), ["smallest value -800 mN"]),
+    (force(cautions.clipped_sensor, NOISY, newton(0.9)), ["column force", "range of 900 mN"]),
+    (force(cautions.clipped_sensor, CLIPPED, None), ["largest value 800 mN", "held"]),
+    (force(cautions.clipped_sensor, -CLIPPED, None), ["smallest value -800 mN"]),
     (
-        force(checks.clipped_sensor, MOSTLY_CLIPPED, None),
+        force(cautions.clipped_sensor, MOSTLY_CLIPPED, None),
         ["largest value 1 N is held for 175 samples in a row (88% of all)", "clipped"],
     ),
-    (force(checks.clipped_sensor, np.minimum(RISE, 0.9), None), ["value 900 mN"]),
-    (force(checks.clipped_sensor, np.maximum(NOISY, 0.1), None), ["value 100 mN"]),
-    (force(checks.coarse_quantisation, COARSE_STEP, None, None), ["steps of 200 mN"]),
-    (force(checks.coarse_quantisation, COARSE, None, None), ["steps of 200 mN"]),
+    (force(cautions.clipped_sensor, np.minimum(RISE, 0.9), None), ["value 900 mN"]),
+    (force(cautions.clipped_sensor, np.maximum(NOISY, 0.1), None), ["value 100 mN"]),
+    (force(cautions.coarse_quantisation, COARSE_STEP, None, None), ["steps of 200 mN"]),
+    (force(cautions.coarse_quantisation, COARSE, None, None), ["steps of 200 mN"]),
     (
-        force(checks.coarse_quantisation, NOISY, newton(1e-2), newton(1e-3)),
+        force(cautions.coarse_quantisation, NOISY, newton(1e-2), newton(1e-3)),
         ["resolution 10 mN", "noise 1 mN"],
     ),
-    ((checks.sampling_jitter, JITTERED), ["jitter", "10%", "0.02 s"]),
-    ((checks.sampling_jitter, GAP), ["gap of 3.02 s after 2 s"]),
-    ((checks.current_at_limit, CURRENT, 0.12, "creep"), ["120 mA", "12.50%"]),
-    ((checks.current_at_limit, CURRENT, 0.12, "sine"), ["distorted"]),
+    ((cautions.sampling_jitter, JITTERED), ["jitter", "10%", "0.02 s"]),
+    ((cautions.sampling_jitter, GAP), ["gap of 3.02 s after 2 s"]),
+    ((cautions.current_at_limit, CURRENT, 0.12, "creep"), ["120 mA", "12.50%"]),
+    ((cautions.current_at_limit, CURRENT, 0.12, "sine"), ["distorted"]),
     ((checks.not_positive, np.array([1.0, 0.0]), "stretch"), ["data row 2", "offset"]),
     ((checks.not_positive, np.array([1.0, -40.0]), "gain"), ["is -40", "no decibels"]),
     ((checks.not_positive, np.array([0.0, 1.0]), "frequency"), ["remove the row"]),
@@ -69,20 +69,20 @@ REPORTED: list[tuple[tuple, list[str]]] = [
 ]
 
 SOUND: list[tuple] = [
-    force(checks.clipped_sensor, NOISY, newton(2.0)),
-    force(checks.clipped_sensor, NOISY, None),
-    (checks.clipped_sensor, RISE, None, "displacement", "m"),
-    (checks.clipped_sensor, -RISE, None, "displacement", "m"),
-    force(checks.clipped_sensor, COARSE, None),
-    force(checks.clipped_sensor, COARSE_STEP, None),
-    force(checks.clipped_sensor, np.clip(NOISY, -0.5, 0.9), newton(2.0)),
-    force(checks.coarse_quantisation, MOSTLY_CLIPPED, None, None),
-    force(checks.coarse_quantisation, NOISY, newton(1e-4), newton(1e-3)),
-    force(checks.coarse_quantisation, NOISY, None, None),
+    force(cautions.clipped_sensor, NOISY, newton(2.0)),
+    force(cautions.clipped_sensor, NOISY, None),
+    (cautions.clipped_sensor, RISE, None, "displacement", "m"),
+    (cautions.clipped_sensor, -RISE, None, "displacement", "m"),
+    force(cautions.clipped_sensor, COARSE, None),
+    force(cautions.clipped_sensor, COARSE_STEP, None),
+    force(cautions.clipped_sensor, np.clip(NOISY, -0.5, 0.9), newton(2.0)),
+    force(cautions.coarse_quantisation, MOSTLY_CLIPPED, None, None),
+    force(cautions.coarse_quantisation, NOISY, newton(1e-4), newton(1e-3)),
+    force(cautions.coarse_quantisation, NOISY, None, None),
     (checks.less_than_noise, np.full(9, 0.5), newton(1e-3), "force"),
-    (checks.sampling_jitter, TIME),
-    (checks.sampling_jitter, np.append(TIME, TIME[-1] + 0.001)),
-    (checks.current_at_limit, CURRENT, 0.2, "creep"),
+    (cautions.sampling_jitter, TIME),
+    (cautions.sampling_jitter, np.append(TIME, TIME[-1] + 0.001)),
+    (cautions.current_at_limit, CURRENT, 0.2, "creep"),
     (checks.constant_channel, np.array([1.0, 1.0, 1.001]), "force"),
     (checks.outside_range, np.array([-0.5, 0.5]), newton(0.5), "force", 1e-9),
     (checks.not_finite, NOISY, "force"),

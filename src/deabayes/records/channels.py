@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from deabayes.experiment import FloatArray
-from deabayes.faults import UserError
-from deabayes.records.columns import COMMANDS, ExperimentRow
+from deabayes.experiment import FloatArray, Quantity, Specimen
+from deabayes.faults import Report, UserError
+from deabayes.quantities import with_unit
+from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
+from deabayes.records.table import WITHOUT_TIME
 from deabayes.systems import system_class
+from deabayes.systems.specimen_quantities import instrument
 
 STEPS = ("creep", "step")
 NEAR = 0.02
@@ -78,6 +82,50 @@ def excitation_range(protocol: str, excitation: FloatArray, unit: str) -> float:
     return float(np.ptp(excitation))
 
 
+@dataclass(frozen=True)
+class Check:
+    """One record that is checked, and the report that its checks add to."""
+
+    row: ExperimentRow
+    raw: RawRecord
+    specimen: Specimen
+    report: Report
+
+    @property
+    def time(self) -> FloatArray:
+        return self.raw.columns["time"]
+
+    @property
+    def excitation(self) -> FloatArray:
+        return self.raw.columns[self.row.excitation]
+
+    @property
+    def response(self) -> FloatArray:
+        return self.raw.columns[self.row.response]
+
+    @property
+    def in_time(self) -> bool:
+        return self.row.protocol not in WITHOUT_TIME
+
+    @property
+    def is_pull(self) -> bool:
+        """Whether the record is quasi-static and driven by something other than a voltage."""
+        return self.row.protocol == "quasi_static" and self.row.excitation != "voltage"
+
+    @property
+    def is_step_from_the_start(self) -> bool:
+        """Whether the excitation is on and constant from the first sample."""
+        unit = self.raw.units[self.row.excitation]
+        return is_step_from_the_start(self.row.protocol, self.excitation, unit)
+
+    def instrument(self, name: str, channel: str) -> Quantity | None:
+        """Return a property of the channel's instrument, None if it is not stated."""
+        return instrument(self.specimen, name, channel, self.raw.units[channel])
+
+    def shown(self, value: float, channel: str, digits: int = 3) -> str:
+        return with_unit(float(value), self.raw.units[channel], channel, digits=digits)
+
+
 def knows_prehistory(system: str, excitation: str) -> bool:
     """Whether experiments.csv can state that a system had settled under the first excitation."""
     try:
@@ -101,6 +149,11 @@ def value_before(row: ExperimentRow, system: str) -> float | None:
 def is_near(first: float, before: float, excitation: FloatArray) -> bool:
     """Whether the first sample is close to the value before it, compared with the excitation."""
     return abs(first - before) <= NEAR * float(np.max(np.abs(excitation - before)))
+
+
+def share_at(values: FloatArray, limit: float) -> float:
+    """Share of the values that lie at the limit of their sensor."""
+    return float(np.mean(np.abs(values) >= 0.999 * limit))
 
 
 def least_swing(response: FloatArray) -> float:
