@@ -48,7 +48,7 @@ def test_a_sine_called_creep_is_a_fault_and_pulses_are_none(tmp_path: Path) -> N
     time = np.arange(0.0, 1.0, 1e-3)
     swings = 1000.0 * (1.0 - np.cos(20.0 * np.pi * time))
     (fault,) = driven(tmp_path / "sine", swings, time).faults
-    assert "is called a creep, and its voltage swings 10 times at even distances" in fault
+    assert "is called a creep, but its voltage swings 10 times at even distances" in fault
     pulses = np.where((time * 10.0) % 1.0 < 0.5, 0.0, 2000.0)
     assert not driven(tmp_path / "pulses", pulses, time).faults
 
@@ -78,11 +78,11 @@ def test_what_rejects_a_model_it_was_fitted_to() -> None:
 def test_a_channel_that_a_slower_clock_reads_is_named(tmp_path: Path) -> None:
     """A logger that writes the slow channel's last value beside the fast one's (smuview#58)."""
     study = creep(tmp_path, 0.05, 0.02, 0.52, 1e-3, 1e-7)
-    assert not [line for line in study.warnings if "lags" in line]
+    assert not [line for line in study.warnings if "values lag" in line]
     path = study.path / "specimen" / "records" / "creep.csv"
     table = pd.read_csv(path)
     values = table["displacement [m]"].to_numpy()
     table["displacement [m]"] = values[np.arange(values.size) // 20 * 20]
     table.to_csv(path, index=False)
-    (said,) = [line for line in study.warnings if "lags" in line]
+    (said,) = [line for line in study.warnings if "values lag" in line]
     assert "changes every 20 samples only" in said and "`decimate: {every: 20}`" in said
