@@ -35,8 +35,6 @@ include: "workflow/rules/unfinished.smk"
 
 localrules:
     all,
-    study,
-    code,
     population_settings,
 
 

@@ -58,9 +58,9 @@ def test_every_kernel_is_compiled_so() -> None:
     assert not [path for path in sources if "from numba import" in path.read_text("utf-8")]
 
 
-def locked(folder: Path) -> bool:
-    """Is a process inside `one_at_a_time("test")`, as seen from the lock's file?"""
-    with (folder / "test.lock").open("w") as file:
+def locked(folder: Path, name: str = "test") -> bool:
+    """Is a process inside `one_at_a_time(name)`, as seen from the lock's file?"""
+    with (folder / f"{name}.lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -68,11 +68,25 @@ def locked(folder: Path) -> bool:
     return False
 
 
-def test_one_compiles_and_the_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_process_works_and_the_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     with compiled.one_at_a_time("test"):
         assert locked(tmp_path / "cache")
     assert not locked(tmp_path / "cache")
+
+
+def test_one_process_at_a_time_saves_a_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two that save different types at once would take the same file."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    kernel = compiled.njit(cache=True)(twice)
+    saved: list[bool] = []
+    monkeypatch.setattr(
+        kernel._cache._cache_file, "save", lambda *_: saved.append(locked(tmp_path, "cache"))
+    )
+    assert kernel(1.5) == 3.0
+    assert saved == [True]
 
 
 def test_a_package_that_cannot_be_written_is_locked_elsewhere(

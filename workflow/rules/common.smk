@@ -1,4 +1,4 @@
-"""The studies that can run, and the source files behind the rules."""
+"""The studies that can run, checked by name before the first job."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from deabayes.faults import Faults, UserError
 from deabayes.population.checks import check_population
 from deabayes.population.settings import load_populations
 from deabayes.checks.prior_sources import Sources
-from deabayes.pipeline.sources import sources_of
+from deabayes.pipeline.sources import digest_of
 from deabayes.records.download import missing_data
 from deabayes.studies import load_studies
 from deabayes.checks.study import check_names
@@ -96,8 +96,4 @@ wildcard_constraints:
     study=any_of(STUDIES),
     population=any_of(POPULATIONS),
     candidate=any_of({name for study in STUDIES.values() for name in study.candidates}),
-
-
-def code_of(*modules):
-    """Files that a command runs, itself and by import; Snakemake does not see edits in src/."""
-    return [os.path.relpath(path) for path in sources_of(*modules)]
+    record=r"[^/]+",

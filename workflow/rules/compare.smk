@@ -1,39 +1,45 @@
 rule score:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
-        prepared="<results>/{study}/prepared",
-        code=code_of("comparison.scoring", "comparison.left_out"),
+        records=prepared_of,
     output:
         "<results>/{study}/{candidate}/scores.json",
     log:
         "<results>/{study}/{candidate}/logs/score.log",
     threads: 1
+    params:
+        code=digest_of("comparison.scoring", "comparison.left_out"),
+        prepared=prepared_folder,
+        options=left_out_records,
     shell:
-        "logged {log:q} deabayes score {input.posterior:q} --prepared {input.prepared:q} -o {output:q}"
+        "logged {log:q} deabayes score {input.posterior:q} --prepared {params.prepared:q} -o {output:q}"
+        " {params.options:q}"
 
 
 # Only for studies with `evidence_check: nested`; takes minutes per candidate.
 rule nested:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
-        prepared="<results>/{study}/prepared",
-        code=code_of("comparison.nested"),
+        records=prepared_of,
     output:
         "<results>/{study}/{candidate}/nested.json",
     log:
         "<results>/{study}/{candidate}/logs/nested.log",
     threads: 1
+    params:
+        code=digest_of("comparison.nested"),
+        prepared=prepared_folder,
     shell:
-        "logged {log:q} deabayes nested {input.posterior:q} --prepared {input.prepared:q} -o {output:q}"
+        "logged {log:q} deabayes nested {input.posterior:q} --prepared {params.prepared:q} -o {output:q}"
 
 
 rule compare:
     input:
+        study="<results>/{study}/study.yaml",
         posteriors=posteriors_of,
         scores=scores_of,
         checks=checks_of,
-        prepared="<results>/{study}/prepared",
-        code=code_of("comparison.ranking"),
+        records=prepared_of,
     output:
         report(
             "<results>/{study}/comparison.csv",
@@ -43,16 +49,18 @@ rule compare:
     log:
         "<results>/{study}/logs/compare.log",
     threads: 1
+    params:
+        code=digest_of("comparison.ranking"),
+        prepared=prepared_folder,
     shell:
-        "logged {log:q} deabayes compare {input.posteriors:q} --prepared {input.prepared:q} -o {output:q}"
+        "logged {log:q} deabayes compare {input.posteriors:q} --prepared {params.prepared:q} -o {output:q}"
 
 
 rule further_experiments:
     input:
         comparison="<results>/{study}/comparison.csv",
         posteriors=posteriors_of,
-        prepared="<results>/{study}/prepared",
-        code=code_of("comparison.further", "posteriors.fitted"),
+        records=prepared_of,
     output:
         report(
             "<results>/{study}/further_experiments.csv",
@@ -63,6 +71,7 @@ rule further_experiments:
         "<results>/{study}/logs/further_experiments.log",
     threads: 1
     params:
+        code=digest_of("comparison.further", "posteriors.fitted"),
         results=subpath(output[0], parent=True),
         asked=further_experiments_of,
     shell:

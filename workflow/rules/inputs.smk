@@ -1,67 +1,102 @@
-"""What the rules are given: named functions of inputs and parameters."""
+"""What the rules are given: named functions of inputs and parameters.
+
+A parameter holds what a job is made of, as text: Snakemake runs the job again when it changes.
+"""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import yaml
 from deabayes.faults import UserError
-from deabayes.pipeline import fit_made_of, sums
+from deabayes.pipeline import jobs
 from deabayes.population.settings import to_settings as population_to_settings
-from deabayes.records.folder import read_folder
 from deabayes.study import settings_on_file
 
 
-def settings_of(wildcards):
-    """One study's settings: a parameter of its job, so that editing one reruns only that one."""
-    settings = settings_on_file(STUDIES[wildcards.study])
+@cache
+def read_tables(name):
+    """A study's folder, and its row of experiments.csv by prepared record."""
+    study = STUDIES[name]
+    try:
+        folder = jobs.study_folder(study)
+        return folder, jobs.prepared_rows(study, folder)
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
+
+
+def as_yaml(settings):
+    """Settings as a job writes them to a file."""
     return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+
+
+def settings_of_study(wildcards):
+    """One study's settings, so that an edit of another study runs nothing of this one."""
+    return as_yaml(settings_on_file(STUDIES[wildcards.study]))
+
+
+def settings_of_record(wildcards):
+    """The settings that one prepared record depends on."""
+    _, rows = read_tables(wildcards.study)
+    return as_yaml(
+        jobs.record_settings(STUDIES[wildcards.study], rows[wildcards.record])
+    )
+
+
+def settings_of_candidate(wildcards):
+    """The settings that the fit of one candidate depends on."""
+    study, (_, rows) = STUDIES[wildcards.study], read_tables(wildcards.study)
+    return as_yaml(jobs.candidate_settings(study, wildcards.candidate, rows))
 
 
 def settings_of_population(wildcards):
-    """One population's settings, for the same reason."""
-    settings = population_to_settings(POPULATIONS[wildcards.population])
-    return yaml.safe_dump(settings, sort_keys=False, allow_unicode=True)
+    """One population's settings."""
+    return as_yaml(population_to_settings(POPULATIONS[wildcards.population]))
 
 
-def posteriors_of_members(wildcards):
-    """The posteriors that a population puts together."""
-    population = POPULATIONS[wildcards.population]
-    return expand(
-        "<results>/{study}/{candidate}/posterior.nc",
-        study=population.studies,
-        candidate=population.candidate,
+def content_of_folder(wildcards):
+    """Checksums of the tables and records that a study is checked with."""
+    return jobs.folder_content(read_tables(wildcards.study)[0])
+
+
+def content_of_record(wildcards):
+    """The row, the specimen and the checksum of the file that one record is prepared from."""
+    folder, rows = read_tables(wildcards.study)
+    return jobs.record_content(folder, rows[wildcards.record])
+
+
+def content_of_specimen(wildcards):
+    """The specimen of a study."""
+    return jobs.specimen_content(read_tables(wildcards.study)[0])
+
+
+def prepared_of(wildcards):
+    """All prepared records of a study."""
+    return prepared_files(wildcards.study, read_tables(wildcards.study)[1])
+
+
+def prepared_to_fit(wildcards):
+    """The prepared records of a study that are calibrated on."""
+    rows = read_tables(wildcards.study)[1].items()
+    return prepared_files(
+        wildcards.study, [name for name, row in rows if row.role == "calibrate"]
     )
 
 
 def prepared_of_members(wildcards):
-    """The prepared records of a population's specimens."""
+    """All prepared records of a population's specimens."""
     studies = POPULATIONS[wildcards.population].studies
-    return expand("<results>/{study}/prepared", study=studies)
+    return [file for name in studies for file in prepared_files(name, read_tables(name)[1])]
 
 
-def raw_files(wildcards):
-    """The study's specimen, table and records, wherever the records are."""
-    study = STUDIES[wildcards.study]
-    try:
-        folder = read_folder(study.specimen, study.data_root, check_records=False)
-    except UserError as error:
-        raise WorkflowError(str(error)) from None
-    records = [folder.locate(row) or folder.path / row.record for row in folder.table]
-    tables = [folder.path / name for name in ("specimen.yaml", "experiments.csv")]
-    return [str(path) for path in dict.fromkeys([*tables, *records])]
+def prepared_files(study, records):
+    """The files of some prepared records of a study."""
+    return expand("<results>/{study}/prepared/{record}.nc", study=study, record=records)
 
 
-def raw_sums(wildcards):
-    """What the raw files hold: a record may be replaced by an older file."""
-    return json.dumps(sums(Path(path) for path in raw_files(wildcards)))
-
-
-def made_of(wildcards):
-    """What a fit of the study is made of, its code aside, as a sum."""
-    try:
-        return fit_made_of(STUDIES[wildcards.study])
-    except UserError as error:
-        raise WorkflowError(str(error)) from None
+def prepared_folder(wildcards, input):
+    """The folder of a study's prepared records."""
+    return str(Path(input.records[0]).parent)
 
 
 def own_model(wildcards):
@@ -76,33 +111,14 @@ def inherited_posterior(wildcards):
     return [] if source is None else [source]
 
 
-def posterior_from_outside(wildcards):
-    """The same, if it is none of this workflow's."""
-    results = Path(workflow.pathvars.items["results"])
-    found = inherited_posterior(wildcards)
-    return [path for path in found if not Path(path).is_relative_to(results)]
-
-
-def until_there(needed, *made):
-    """An input that is waited for, and that makes no job run again whose outputs are up to date.
-
-    `ancient` alone would also leave out an output that is missing or older than what it is made
-    of, in a run that makes the input again: Snakemake looks at nothing else of the jobs after it.
-    """
-
-    def found(wildcards):
-        names = (needed, CODE, *made)
-        paths = (workflow.pathvars.apply(name) for name in names)
-        path, code, *outputs = expand(list(paths), **dict(wildcards.items()))
-        oldest = min(changed(output) for output in outputs)
-        return ancient(path) if oldest > changed(code) else path
-
-    return found
-
-
-def changed(path):
-    """When a file was changed, in seconds; 0 if it is not there."""
-    return Path(path).stat().st_mtime if Path(path).exists() else 0
+def posteriors_of_members(wildcards):
+    """The posteriors that a population puts together."""
+    population = POPULATIONS[wildcards.population]
+    return expand(
+        "<results>/{study}/{candidate}/posterior.nc",
+        study=population.studies,
+        candidate=population.candidate,
+    )
 
 
 def posteriors_of(wildcards):
@@ -121,12 +137,6 @@ def checks_of(wildcards):
     return per_candidate(wildcards.study, "nested.json") if asked else []
 
 
-def further_experiments_of(wildcards):
-    """The experiments a study asks for, as YAML on one line."""
-    entries = STUDIES[wildcards.study].further_experiments
-    return json.dumps({name: dict(settings) for name, settings in entries.items()})
-
-
 def errors_of(wildcards):
     """The error tables of all candidates of a study."""
     return per_candidate(wildcards.study, "errors.csv")
@@ -140,6 +150,17 @@ def per_candidate(study, name):
         candidate=STUDIES[study].candidates,
         name=name,
     )
+
+
+def left_out_records(wildcards):
+    """Options of `deabayes score`: no record is left out where there is one candidate alone."""
+    return [] if len(STUDIES[wildcards.study].candidates) > 1 else ["--alone"]
+
+
+def further_experiments_of(wildcards):
+    """The experiments a study asks for, as YAML on one line."""
+    entries = STUDIES[wildcards.study].further_experiments
+    return json.dumps({name: dict(settings) for name, settings in entries.items()})
 
 
 def study_folders(wildcards, input):

@@ -13,8 +13,7 @@ rule population:
     input:
         population="<results>/populations/{population}/population.yaml",
         posteriors=posteriors_of_members,
-        prepared=prepared_of_members,
-        code=code_of("population.files", "posteriors.fitted", "prediction.errors"),
+        records=prepared_of_members,
     output:
         posterior="<results>/populations/{population}/posterior.nc",
         summary="<results>/populations/{population}/summary.csv",
@@ -25,6 +24,7 @@ rule population:
         "<results>/populations/{population}/logs/population.log",
     threads: 1
     params:
+        code=digest_of("population.files", "posteriors.fitted", "prediction.errors"),
         folder=subpath(output.posterior, parent=True),
         results=subpath(output.posterior, ancestor=3),
     shell:
@@ -37,13 +37,13 @@ rule population_figures:
         posterior="<results>/populations/{population}/posterior.nc",
         shrinkage="<results>/populations/{population}/shrinkage.csv",
         predictions="<results>/populations/{population}/predictions",
-        code=code_of("figures", "papers"),
     output:
         directory("<results>/populations/{population}/figures"),
     log:
         "<results>/populations/{population}/logs/figures.log",
     threads: 1
     params:
+        code=digest_of("figures", "papers"),
         results=subpath(output[0], parent=True),
     shell:
         "logged {log:q} deabayes figures {params.results:q} -o {output:q}"

@@ -1,8 +1,7 @@
 rule predict:
     input:
         posterior="<results>/{study}/{candidate}/posterior.nc",
-        prepared="<results>/{study}/prepared",
-        code=code_of("posteriors.fitted", "prediction.errors"),
+        records=prepared_of,
     output:
         predictions=directory("<results>/{study}/{candidate}/predictions"),
         errors=report(
@@ -13,6 +12,9 @@ rule predict:
     log:
         "<results>/{study}/{candidate}/logs/predict.log",
     threads: 1
+    params:
+        code=digest_of("posteriors.fitted", "prediction.errors"),
+        prepared=prepared_folder,
     shell:
-        "logged {log:q} deabayes predict {input.posterior:q} --prepared {input.prepared:q} -o {output.predictions:q}"
+        "logged {log:q} deabayes predict {input.posterior:q} --prepared {params.prepared:q} -o {output.predictions:q}"
         " --errors {output.errors:q}"

@@ -5,13 +5,13 @@ rule figures:
         further="<results>/{study}/further_experiments.csv",
         errors=errors_of,
         analyses="<results>/{study}/analyses",
-        code=code_of("figures", "papers"),
     output:
         directory("<results>/{study}/figures"),
     log:
         "<results>/{study}/logs/figures.log",
     threads: 1
     params:
+        code=digest_of("figures", "papers"),
         results=subpath(output[0], parent=True),
     shell:
         "logged {log:q} deabayes figures {params.results:q} -o {output:q}"
@@ -21,7 +21,6 @@ rule report:
     input:
         figures=expand("<results>/{study}/figures", study=STUDIES)
         + expand("<results>/populations/{population}/figures", population=POPULATIONS),
-        code=code_of("report"),
     output:
         page=report(
             "<results>/report/index.html",
@@ -33,6 +32,7 @@ rule report:
         "<results>/logs/report.log",
     threads: 2
     params:
+        code=digest_of("report"),
         folders=study_folders,
         left_out=left_out_options(),
     shell:

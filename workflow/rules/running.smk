@@ -9,7 +9,7 @@ import time
 from snakemake.logging import logger
 from snakemake_interface_logger_plugins.common import LogEvent
 
-QUICK = ("all", "study", "code", "population_settings")
+QUICK = ("all", "population_settings")
 UNSAID = ("Assuming ", "Select jobs", "Using shell", "Singularity", "Touching ")
 
 
@@ -51,8 +51,19 @@ class Lines(logging.StreamHandler):
         self.flush()
 
 
+def forget_records():
+    """Remove prepared records that a study no longer has: stages read all in the folder."""
+    for study in STUDIES:
+        names = {Path(file).stem for file in prepared_files(study, read_tables(study)[1])}
+        folder = Path(workflow.pathvars.items["results"], study, "prepared")
+        for path in folder.glob("*.*"):
+            if path.stem not in names:
+                path.unlink()
+
+
 onstart:
     workflow.scheduler.keepgoing = True
+    forget_records()
 
 
 asked = workflow.output_settings

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,31 +20,15 @@ from deabayes.cli.records import checked
 from deabayes.faults import UserError, nearest
 from deabayes.study import Study, settings_on_file
 
-if TYPE_CHECKING:
-    from deabayes.experiment import Experiment
-    from deabayes.inference.log_posterior import LogPosterior
-
 
 @click.command()
 @click.argument("study")
 @CONFIG
 @click.option("-o", "--output", type=TARGET, required=True, help="Folder for {experiment}.nc.")
-def prepare(study: str, config: Path, output: Path) -> None:
+@click.option("--record", help="Prepare this record alone; default: check the study, prepare all.")
+def prepare(study: str, config: Path, output: Path, record: str | None) -> None:
     """Read and prepare the records of STUDY for inference."""
-    prepare_by_name(study, config, output)
-
-
-@click.command(name="compile")
-@click.argument("study")
-@CONFIG
-def compile_kernels(study: str, config: Path) -> None:
-    """Compile what STUDY needs, once, into numba's cache on disk.
-
-    STUDY is a settings file with the prepared records beside it. Another study of the same
-    system waits until this one is compiled.
-    """
-
-    compile_study(study, config)
+    prepare_by_name(study, config, output, record)
 
 
 @click.command()
@@ -74,88 +56,19 @@ def fit(
     click.echo(fit_by_name(study, candidate, config, results, prepared, output, summary))
 
 
-TRIAL_WALKERS = 2
-
-
-def compile_study(study: str, config: Path) -> None:
-    """Call every kernel of each candidate once, so that numba's cache holds them.
-
-    Studies of one system are compiled one after the other, so that the second finds the kernels of
-    the first. The posterior that `prior_from` names need not exist yet.
-    """
-    from deabayes.integrate.compiled import one_at_a_time
-    from deabayes.pipeline import build_target, read_experiments
-    from deabayes.records.specimen import read_specimen
-
-    found = replace(find_study(study, config), prior_from=None)
-    prepared = Path(study).parent / "prepared"
-    experiments = read_experiments(prepared)
-    with one_at_a_time(f"compile_{read_specimen(found.specimen).system}"):
-        for candidate in found.candidates:
-            target = build_target(found, candidate, prepared)
-            _use_every_kernel(target, experiments)
-            _use_wider_systems(found, target, experiments)
-        _use_the_proposal()
-
-
-def _use_the_proposal() -> None:
-    """Compile the sampler's straightening map and its inverse."""
-    import numpy as np
-
-    from deabayes.sampling.warp import fit_warp
-
-    samples = np.random.default_rng(0).standard_normal((200, 2))
-    warp = fit_warp(samples)
-    assert warp is not None
-    warp.inverse(warp.forward(samples))
-
-
-def _use_wider_systems(
-    study: Study, target: LogPosterior, experiments: Sequence[Experiment]
-) -> None:
-    """Compile the models that `predict_with` names, at the median of the prior."""
-    import numpy as np
-
-    from deabayes.inference.default_priors import further_prior, wider_systems
-
-    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
-    draws = dict(target.draws(theta))
-    further = further_prior(study, target.system, target.names)
-    if further is not None:
-        theta = further.to_parameters(np.zeros((TRIAL_WALKERS, len(further.names))))
-        draws |= dict(zip(further.names, np.ascontiguousarray(theta.T), strict=True))
-    for protocol, system in wider_systems(study, target.system).items():
-        for each in experiments:
-            if each.protocol == protocol:
-                system.simulator_of(each)(draws)
-
-
-def _use_every_kernel(target: LogPosterior, experiments: Sequence[Experiment]) -> None:
-    """Compile likelihood, derived quantities, responses, noise and innovations."""
-    import numpy as np
-
-    theta = target.prior.to_parameters(np.zeros((TRIAL_WALKERS, target.dimension)))
-    draws = target.draws(theta)
-    target.log_likelihood(theta)
-    target.pointwise_log_likelihood(theta)
-    target.system.derived(draws)
-    for each in experiments:
-        target.system.simulator_of(each)(draws)
-    record, random = target.records[0], np.random.default_rng(0)
-    coordinate, noise_draws = record.experiment.coordinate, target.noise_draws(draws, record.group)
-    correlated, white = target.noise.sample(random, coordinate, record.weights, noise_draws)
-    target.noise.innovations(correlated + white, coordinate, record.weights, noise_draws)
-
-
-def prepare_by_name(study: str, config: Path, output: Path) -> None:
-    """Check one study and prepare its records."""
-    from deabayes.pipeline import prepare_study
+def prepare_by_name(study: str, config: Path, output: Path, record: str | None = None) -> None:
+    """Check one study and prepare its records; or prepare one record, without the study's check."""
+    from deabayes.pipeline import prepare_record, prepare_study
 
     check_folder(output)
     found = find_study(study, config)
-    checked(found)
+    if record is None:
+        checked(found)
     keep_inputs(output, *_folders_of(found))
-    prepare_study(found, output)
+    if record is None:
+        prepare_study(found, output)
+    else:
+        prepare_record(found, record, output)
 
 
 def fit_by_name(
@@ -170,7 +83,8 @@ def fit_by_name(
     """Sample the posterior of a candidate; return a sentence on convergence.
 
     Without `prepared`, the records are prepared first. The study's settings are written beside
-    them for `deabayes analyse`.
+    them for `deabayes analyse`. With `prepared`, held-out records are not checked: the fit does not
+    use them.
     """
     from deabayes.api import open_posterior
     from deabayes.pipeline import fit_candidate, prepare_study
@@ -181,7 +95,9 @@ def fit_by_name(
     summary = summary or output.with_name("summary.csv")
     keep_inputs(output, Path(study), config, prepared)
     keep_inputs(summary, Path(study), config, prepared, option="--summary")
-    if prepared is None:
+    if prepared is not None:
+        checked(replace(found, candidates=(candidate,), validate=()))
+    else:
         checked(found)
         prepared = results / found.name / "prepared"
         _keep_settings(found, results / found.name / "study.yaml")

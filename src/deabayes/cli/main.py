@@ -32,7 +32,6 @@ for command in (
     records.new,
     records.check,
     fitting.prepare,
-    fitting.compile_kernels,
     fitting.fit,
     judging.score,
     judging.nested,

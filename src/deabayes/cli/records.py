@@ -34,6 +34,8 @@ def check(what: str, config: Path) -> None:
 
     WHAT is a folder (data/NAME), or the name of a study: then also what
     config.yaml asks of its records; or that of a population: then all its studies.
+    A file with one study's settings (results/NAME/study.yaml) is checked as the
+    study, but no model is solved.
     Ends with status 1 if anything is at fault.
     """
 
@@ -58,7 +60,9 @@ def check_by_name(what: str, config: Path, say: Callable[[str], None]) -> None:
     from deabayes.population.settings import load_populations
 
     a_path = Path(what).is_dir() or Path(what).name != what
-    if a_path and not _names_entry(config, what):
+    if Path(what).name == "study.yaml":
+        _check_study(find_study(what, config), say, None)
+    elif a_path and not _names_entry(config, what):
         _check_folder(Path(what), config, say)
     elif any(each.name == what for each in load_populations(config)):
         _check_population(find_population(what, config), config, say)
@@ -87,14 +91,17 @@ def _check_folder(folder: Path, config: Path, say: Callable[[str], None]) -> Non
     report.raise_faults()
 
 
-def _check_study(study: Study, say: Callable[[str], None], config: Path) -> None:
-    """Print the check of a study's folder, then of the study."""
+def _check_study(study: Study, say: Callable[[str], None], config: Path | None) -> None:
+    """Print the check of a study's folder, then of the study.
+
+    Without a config, neither `prior_from` is checked nor a model solved.
+    """
     from deabayes.checks.folder import check_folder, counted
     from deabayes.checks.study import check_study
 
     folder = check_folder(study.specimen, study.data_root, as_study=False)
-    report = check_study(study, compare=True, read=folder.read)
-    if not report.faults:
+    report = check_study(study, compare=config is not None, read=folder.read)
+    if config is not None and not report.faults:
         _check_prior_source(study, config, report)
     folder.faults = [fault for fault in folder.faults if fault in report.faults]
     its_own = len(report.faults) > len(folder.faults)

@@ -113,11 +113,13 @@ class StudyResults:
 
     @cached_property
     def experiments(self) -> Mapping[str, Experiment]:
-        """The prepared records by name, calibration records first."""
+        """The prepared records by name, calibration records first, with warnings of idle masks."""
+        from deabayes.records.preparation.defaults import with_idle_masks
         from deabayes.records.preparation.prepared import read_prepared
 
         records = [read_prepared(path) for path in sorted(self.folder.glob("prepared/*.nc"))]
-        return {e.name: e for e in sorted(records, key=lambda e: (e.role, e.protocol, e.name))}
+        records.sort(key=lambda e: (e.role, e.protocol, e.name))
+        return {e.name: e for e in with_idle_masks(records)}
 
     @cached_property
     def analyses(self) -> tuple[AnalysisResults, ...]:

@@ -27,27 +27,44 @@ def njit(**options: Any) -> Callable[[Any], Any]:
     """`numba.njit` that caches in a temporary folder if no other folder can be written.
 
     Numba raises an error if it can write neither the package's folder nor the user's, for
-    example in a read-only installation without a home folder.
+    example in a read-only installation without a home folder. Processes write to the cache one
+    after the other.
     """
 
     def compiled(function: Any) -> Any:
         try:
-            return numba.njit(**options)(function)
+            return _saved_alone(numba.njit(**options)(function))
         except RuntimeError as error:
             if "no locator available" not in str(error):
                 raise
             numba.config.CACHE_DIR = temporary_cache()
-            return numba.njit(**options)(function)
+            return _saved_alone(numba.njit(**options)(function))
 
     return compiled
 
 
+def _saved_alone(kernel: Any) -> Any:
+    """Let no other process write to numba's cache while a kernel is saved.
+
+    Two processes that save a kernel for different types at the same moment would choose the same
+    file (`numba.core.caching.IndexDataCacheFile.save`), and one would later find the other's code.
+    """
+    save = kernel._cache.save_overload
+
+    def save_alone(*overload: Any) -> None:
+        with one_at_a_time("cache"):
+            save(*overload)
+
+    kernel._cache.save_overload = save_alone
+    return kernel
+
+
 @contextmanager
 def one_at_a_time(name: str) -> Iterator[None]:
-    """Admit one process of this machine at a time, so that no code is compiled twice.
+    """Admit one process of this machine at a time.
 
     The lock is a file next to the compiled code. If no file can be locked, the process does not
-    wait, and the same code may be compiled twice.
+    wait.
     """
     with ExitStack() as held:
         for folder in (_package_cache, temporary_cache) if fcntl else ():

@@ -4,16 +4,7 @@ The command line and the workflow's rules call these; each reads files, calls
 the layers below and writes files, nothing else.
 """
 
-from deabayes.pipeline.fit import (
-    build_target,
-    fit_candidate,
-    fit_made_of,
-    prepare_study,
-    read_experiments,
-    seed_of,
-    select_rows,
-    sums,
-)
+from deabayes.pipeline.fit import build_target, fit_candidate, seed_of
 from deabayes.pipeline.judge import (
     analyse_study,
     check_evidence,
@@ -22,6 +13,12 @@ from deabayes.pipeline.judge import (
     further_experiments,
     predict_candidate,
     score_candidate,
+)
+from deabayes.pipeline.prepare import (
+    prepare_record,
+    prepare_study,
+    read_experiments,
+    select_rows,
 )
 from deabayes.pipeline.publish import build_report, draw_figures, export_posterior, fit_population
 
@@ -35,14 +32,13 @@ __all__ = [
     "entries_of",
     "export_posterior",
     "fit_candidate",
-    "fit_made_of",
     "fit_population",
     "further_experiments",
     "predict_candidate",
+    "prepare_record",
     "prepare_study",
     "read_experiments",
     "score_candidate",
     "seed_of",
     "select_rows",
-    "sums",
 ]

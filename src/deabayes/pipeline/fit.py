@@ -1,4 +1,4 @@
-"""From raw records to prepared ones, and from these to a posterior."""
+"""From prepared records to a posterior."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import hashlib
 import json
 import shutil
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deabayes.experiment import Experiment
-from deabayes.faults import UserError, nearest
-from deabayes.pipeline.sources import sources_of
-from deabayes.records.columns import ExperimentRow
-from deabayes.records.table import in_roles, none_to_fit, selected
+from deabayes.faults import UserError
+from deabayes.pipeline.prepare import calibrated_files, read_experiments
+from deabayes.pipeline.sources import digest_of
+from deabayes.records.preparation.prepared import read_prepared
 from deabayes.study import Study, fit_settings
 
 if TYPE_CHECKING:
@@ -28,77 +27,6 @@ if TYPE_CHECKING:
     from deabayes.posteriors.content import PosteriorContent
     from deabayes.posteriors.inheritance import Inheritance
     from deabayes.sampling.engine import Sampled
-
-
-def prepare_study(study: Study, output: Path) -> list[Experiment]:
-    """Read, check and prepare every record of a study into `output/{experiment}.nc`.
-
-    A frequency response gives two files: its gain and its phase. Nothing is written before all
-    records are prepared. Files of records that the study no longer has are removed.
-    """
-    from deabayes.posteriors.storage import write_datasets
-    from deabayes.records.folder import read_folder
-    from deabayes.records.preparation import measured_rows, prepare
-    from deabayes.records.preparation.defaults import misaddressed, with_idle_masks
-    from deabayes.records.preparation.prepared import to_dataset
-
-    folder = read_folder(study.specimen, study.data_root)
-    rows = select_rows(study, folder.table)
-    if wrong := misaddressed(study.preparation, folder.table):
-        raise UserError("\n".join(f"study {study.name}, {fault}" for fault in wrong))
-    experiments, raws = [], []
-    for row in rows:
-        raw, steps = folder.record(row), study.preparation.get(row.protocol)
-        for each in measured_rows(row, raw):
-            experiment = prepare(each, raw, folder.specimen, steps)
-            said = {warning.partition(": ")[2] for warning in experiment.warnings}
-            unseen = [w for w in folder.warnings(row) if w.partition(": ")[2] not in said]
-            experiments.append(replace(experiment, warnings=(*experiment.warnings, *unseen)))
-            raws.append(raw)
-    experiments = with_idle_masks(experiments)
-    datasets = {e.name: to_dataset(e, raw) for e, raw in zip(experiments, raws, strict=True)}
-    write_datasets(datasets, output, mark="record_sha256")
-    return experiments
-
-
-def read_experiments(prepared: Path) -> list[Experiment]:
-    """Read all prepared records of a study, sorted by name."""
-    from deabayes.records.preparation.prepared import read_prepared
-
-    paths = sorted(Path(prepared).glob("*.nc"))
-    if not paths:
-        raise UserError(f"{prepared}: holds no prepared record; run `deabayes prepare` first")
-    return [read_prepared(path) for path in paths]
-
-
-def calibrated_files(prepared: Path) -> list[Path]:
-    """Files of the prepared records that are fitted, sorted by name."""
-    from deabayes.records.preparation.prepared import read_prepared
-
-    files = sorted(Path(prepared).glob("*.nc"))
-    return [path for path in files if read_prepared(path).role == "calibrate"]
-
-
-def select_rows(study: Study, rows: Sequence[ExperimentRow]) -> list[ExperimentRow]:
-    """Rows of experiments.csv that a study uses, with the roles the study gives them.
-
-    `calibrate` and `validate` of the study replace the column `role`; `validate: []` holds out no
-    record. `select` keeps the rows whose column has the wanted value.
-    """
-    kept = selected(rows, study.select)
-    known = [row.name for row in kept]
-    for key, names in (("calibrate", study.calibrate), ("validate", study.validate)):
-        for name in names or ():
-            if name not in known:
-                raise UserError(
-                    f"study {study.name}, {key}: {name!r} is no experiment of "
-                    f"{study.specimen}{nearest(name, known)}"
-                )
-    used = in_roles(kept, study.calibrate, study.validate)
-    if not any(row.role == "calibrate" for row in used):
-        said = none_to_fit(study.specimen, study.calibrate, study.validate)
-        raise UserError(f"study {study.name}: {said}")
-    return used
 
 
 DRAWS_TO_TELL = 200
@@ -181,7 +109,7 @@ def _content(
 
 
 def build_target(study: Study, candidate: str, prepared: Path) -> LogPosterior:
-    """The log-posterior of a candidate over a study's prepared records."""
+    """The log-posterior of a candidate over a study's calibration records."""
     from deabayes.records.specimen import read_specimen
 
     return _target(study, candidate, read_specimen(study.specimen), prepared)
@@ -191,7 +119,7 @@ def _target(study: Study, candidate: str, specimen: Specimen, prepared: Path) ->
     from deabayes.inference.log_posterior import build
     from deabayes.posteriors.records import refuse_counted_twice
 
-    experiments = read_experiments(prepared)
+    experiments = [read_prepared(path) for path in calibrated_files(study, prepared)]
     inherited = inherited_prior(study, specimen)
     if inherited is None:
         return build(study, candidate, specimen, experiments)
@@ -263,42 +191,8 @@ def _what_draws_follow_from(study: Study, prepared: Path) -> Iterator[bytes]:
 
     yield json.dumps(fit_settings(study), sort_keys=True, default=str).encode()
     yield specimen_to_json(read_specimen(study.specimen)).encode()
+    yield digest_of("pipeline.fit").encode()
     given = [Path(path) for path in (study.model, study.prior_from) if path is not None]
-    for path in [*calibrated_files(prepared), *given, *sources_of("pipeline.fit")]:
+    for path in [*calibrated_files(study, prepared), *given]:
         yield path.name.encode()
         yield path.read_bytes()
-
-
-def fit_made_of(study: Study) -> str:
-    """SHA-256 of the settings, the specimen, and the fitted records with their rows.
-
-    It does not depend on other candidates or held-out records. The workflow follows the posterior
-    that `prior_from` names, the model file and the code as files of their own.
-
-    Raises
-    ------
-    Faults, UserError : specimen.yaml, experiments.csv or the names in the study are at fault.
-    """
-    from deabayes.posteriors.storage import specimen_to_json
-    from deabayes.records.folder import read_folder
-
-    folder = read_folder(study.specimen, study.data_root, check_records=False)
-    rows = [row for row in select_rows(study, folder.table) if row.role == "calibrate"]
-    files = [folder.locate(row) or folder.path / row.record for row in rows]
-    content = {
-        "settings": fit_settings(study),
-        "specimen": json.loads(specimen_to_json(folder.specimen)),
-        "record_format": folder.file.record_format,
-        "rows": [asdict(row) for row in rows],
-        "records": sums(files),
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def sums(files: Iterable[Path]) -> dict[str, str]:
-    """SHA-256 of each file by its path; missing files are left out."""
-    return {
-        path.as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in files
-        if path.is_file()
-    }

@@ -11,7 +11,8 @@ import numpy as np
 
 from deabayes.faults import Faults, UserError
 from deabayes.files import write_atomically, write_text_atomically
-from deabayes.pipeline.fit import inherited_prior, read_experiments, seed_of, stored_target
+from deabayes.pipeline.fit import inherited_prior, seed_of, stored_target
+from deabayes.pipeline.prepare import read_experiments
 from deabayes.study import Settings, from_settings
 
 if TYPE_CHECKING:
@@ -23,10 +24,14 @@ BRIDGE_DRAWS = 1000
 """Of each ensemble: the evidence is known to some hundredths of a nat then."""
 
 
-def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
+def score_candidate(
+    posterior: Path, prepared: Path, output: Path, alone: bool = False
+) -> list[str]:
     """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json.
 
-    With a single candidate there is nothing to compare, and no experiment is left out.
+    Parameters
+    ----------
+    alone : the candidate is compared with no other, so that no experiment is left out.
 
     Returns a sentence on every experiment without a leave-one-out score.
     """
@@ -52,7 +57,7 @@ def score_candidate(posterior: Path, prepared: Path, output: Path) -> list[str]:
     points = sum(r.experiment.coordinate.size for r in target.records)
     stream = seed_of(study, candidate, "leave one experiment out")
     left_out: dict[str, float] = {}
-    if len(study.candidates) > 1:
+    if not alone:
         left_out = leave_one_experiment_out(target, evidence.log_evidence, flat, stream)
     content = {
         "log_evidence": evidence.log_evidence,

@@ -192,7 +192,7 @@ def finish(state: Path, output: Path, tables: Path) -> None:
     Parameters
     ----------
     state : JSON that the workflow writes: `failed` jobs (`stage`, `study`, `candidate`,
-        `population`, `log`), the files `made` and up to date by results folder, `left_out` studies.
+        `population`, `record`, `log`), the files `made` and up to date by results folder, `left_out` studies.
         Candidates that are complete are compared and drawn in a folder beside it.
     output, tables : the report's page and folder of tables.
     """
@@ -211,7 +211,9 @@ def finish(state: Path, output: Path, tables: Path) -> None:
     build_report(folders, output, tables, content["left_out"], failed)
 
 
-def _notice(stage: str, study: str, candidate: str, population: str, log: str) -> Notice:
+def _notice(
+    stage: str, study: str, candidate: str, population: str, record: str, log: str
+) -> Notice:
     """Notice of a failed job: the end of its log, and where the log is."""
     from deabayes.report.notices import Notice
 
@@ -219,7 +221,7 @@ def _notice(stage: str, study: str, candidate: str, population: str, log: str) -
     said = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     lines = [line for line in said.replace("\r", "\n").splitlines() if line.strip()]
     details = (*(line[:LONGEST_MESSAGE] for line in lines[-1:]), f"log: {log}")
-    return Notice(study or population, candidate, f"Failed: {stage}", details)
+    return Notice(study or population, candidate, f"Failed: {stage} {record}".rstrip(), details)
 
 
 def _not_run(folder: Path) -> list[Notice]:
@@ -241,7 +243,7 @@ def _shown_in_part(
         for path in made
         if path.name == FITTED[0] and there.issuperset(path.with_name(name) for name in FITTED)
     ]
-    if not complete or folder / "prepared" not in there:
+    if not complete or folder / "study.yaml" not in there:
         return [], []
     shown = place / folder.name
     _link(folder, made, complete, shown)
@@ -255,9 +257,9 @@ def _link(folder: Path, made: Iterable[Path], complete: Sequence[str], shown: Pa
     from deabayes.studies import load_study, write_study
 
     shutil.rmtree(shown, ignore_errors=True)
-    of_study = {"prepared", "comparison.csv", "further_experiments.csv", "analyses"}
+    of_study = {"comparison.csv", "further_experiments.csv", "analyses"}
     for path in made:
-        if path.parent.name in complete or (path.parent == folder and path.name in of_study):
+        if path.parent.name in {*complete, "prepared"} or path.name in of_study:
             link = shown / path.relative_to(folder)
             link.parent.mkdir(parents=True, exist_ok=True)
             link.symlink_to(path.resolve())

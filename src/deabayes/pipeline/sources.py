@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -41,6 +42,17 @@ def sources_of(*modules: str) -> list[Path]:
             found.add(path)
             left += _imported_by(path)
     return sorted(found)
+
+
+@cache
+def digest_of(*modules: str) -> str:
+    """Return a checksum of the text of `sources_of` modules: an edit of any of them changes it."""
+    digest = hashlib.sha256()
+    for path in sources_of(*modules):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(PACKAGE).as_posix()} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest()
 
 
 @cache
