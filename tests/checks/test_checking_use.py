@@ -11,7 +11,8 @@ from tests.shared.study_folders import make_folder, record_lines, replace_in, wr
 from deabayes.checks.folder import check_folder
 from deabayes.checks.study import check_study
 from deabayes.cli.main import main
-from deabayes.pipeline.fit import prepare_study
+from deabayes.figures.results import StudyResults
+from deabayes.pipeline import prepare_study
 from deabayes.study import Study
 
 
@@ -72,8 +73,9 @@ def test_masks_that_hide_nothing_are_a_warning(
     found = [warning for warning in warnings if "hides no sample" in warning]
     assert len(found) == (said is not None)
     assert said is None or (found[0].startswith("study s, relax: step ") and said in found[0])
-    stored = [each.warnings for each in prepare_study(study, tmp_path / "out")]
-    assert sum("hides no sample" in str(each) for each in stored) == len(found)
+    prepare_study(study, tmp_path / "s" / "prepared")
+    shown = [each.warnings for each in StudyResults(tmp_path / "s").experiments.values()]
+    assert sum("hides no sample" in str(each) for each in shown) == len(found)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,9 @@ def locked(folder: Path, name: str = "test") -> bool:
     return False
 
 
-def test_one_process_works_and_the_others_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_process_works_and_the_others_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     with compiled.one_at_a_time("test"):
         assert locked(tmp_path / "cache")

@@ -14,6 +14,7 @@ from deabayes.cli.main import main
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.pipeline import predict_candidate, prepare_study
+from deabayes.pipeline.prepare import calibrated_files
 from deabayes.posteriors.storage import write_tree
 from deabayes.records.preparation.prepared import write_prepared
 from deabayes.report.tables import write_csv
@@ -48,6 +49,37 @@ def test_a_fault_in_one_record_leaves_the_prepared_ones(strip: Study, tmp_path: 
     with pytest.raises(UserError, match="pull"):
         prepare_study(replace(strip, preparation=nothing_left), prepared)
     assert {path.name: path.read_bytes() for path in prepared.iterdir()} == before
+
+
+def test_a_record_prepared_alone_is_the_same_as_with_its_study(
+    strip: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Faults of other records do not matter."""
+    prepare_study(strip, tmp_path / "prepared")
+    write_study(strip, tmp_path / "study.yaml")
+    (strip.specimen / "records" / "relax.csv").unlink()
+    command = ("prepare", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "alone"), "--record")
+    main([*command, "pull"])
+    assert names(tmp_path / "alone") == ["pull.nc"]
+    assert (tmp_path / "alone/pull.nc").read_bytes() == (tmp_path / "prepared/pull.nc").read_bytes()
+    for name, said in (
+        ("pul", "study strip has no record 'pul'; did you mean"),
+        ("relax", "relax.csv"),
+    ):
+        with pytest.raises(SystemExit):
+            main([*command, name])
+        assert said in capsys.readouterr().err
+
+
+def test_a_listed_record_is_fitted_even_if_others_are_at_hand(strip: Study, tmp_path: Path) -> None:
+    prepare_study(strip, tmp_path)
+    listed = replace(strip, calibrate=("relax",))
+    assert calibrated_files(strip, tmp_path) == [tmp_path / "relax.nc"]
+    (tmp_path / "pull.nc").write_text("another job writes it")
+    assert calibrated_files(listed, tmp_path) == [tmp_path / "relax.nc"]
+    prepare_study(strip, tmp_path / "again")
+    with pytest.raises(UserError, match="was prepared with the role validate, but study strip"):
+        calibrated_files(replace(strip, calibrate=("pull",)), tmp_path / "again")
 
 
 def test_records_that_a_study_no_longer_has_are_not_predicted(tmp_path: Path) -> None:

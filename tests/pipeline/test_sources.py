@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from deabayes.pipeline.sources import PACKAGE, sources_of
+from deabayes.pipeline import sources
+from deabayes.pipeline.sources import PACKAGE, digest_of, sources_of
 
 LOADED = """
 import sys
@@ -51,3 +53,20 @@ def test_data_files_of_a_package_count() -> None:
 def test_a_module_that_is_not_there_is_an_error() -> None:
     with pytest.raises(FileNotFoundError, match=r"no module of pipeline\.fits"):
         sources_of("pipeline.fits")
+
+
+def test_an_edit_of_a_source_changes_the_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of one that the stage only imports."""
+    monkeypatch.setattr(sources, "PACKAGE", tmp_path)
+    (tmp_path / "stage.py").write_text("from deabayes.used import value\n")
+    digests = []
+    for text in ("value = 1\n", "value = 2\n", "value = 1\n"):
+        (tmp_path / "used.py").write_text(text)
+        for function in (digest_of, sources._imported_by, sources._file):
+            function.cache_clear()
+        digests.append(digest_of("stage"))
+    assert digests[0] == digests[2] != digests[1]
+    for function in (digest_of, sources._imported_by, sources._file):
+        function.cache_clear()

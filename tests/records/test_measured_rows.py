@@ -11,7 +11,7 @@ from tests.shared.study_folders import faults_of
 from deabayes.checks.study import check_study
 from deabayes.experiment import FloatArray
 from deabayes.faults import Faults
-from deabayes.pipeline.fit import prepare_study
+from deabayes.pipeline import prepare_study
 from deabayes.records.folder import read_folder
 from deabayes.study import Study
 

@@ -66,7 +66,7 @@ def experiment_of(fake: Fake, index: int, protocol: str, rng: np.random.Generato
         metadata={"stretch": amplitude, "operator": "AB"},
         provenance=fake.provenance,
         record_sha256="0" * 64,
-        steps=({"step": "mask_before", "time": "0.1 s"},),
+        steps=({"step": "mask_before", "settings": {"time": "0.1 s"}, "masked": [[0.0, 0.1]]},),
         warnings=fake.warnings if index == 0 else (),
     )
 

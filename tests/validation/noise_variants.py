@@ -20,7 +20,7 @@ import numpy as np
 from deabayes.comparison.left_out import ON_THE_WAY
 from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior, Record, build
-from deabayes.pipeline.fit import prepare_study
+from deabayes.pipeline import prepare_study
 from deabayes.posteriors.problem import problem_of
 from deabayes.prediction.errors import crps
 from deabayes.records.specimen import read_specimen

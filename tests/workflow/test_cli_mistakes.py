@@ -140,7 +140,7 @@ def test_a_mistake_is_one_sentence(
 
 @pytest.mark.parametrize(
     "arguments",
-    [("check",), ("prepare", "-o", "x"), ("fit", "voigt_kelvin_1"), ("data",), ("compile",)],
+    [("check",), ("prepare", "-o", "x"), ("fit", "voigt_kelvin_1"), ("data",)],
     ids=lambda arguments: arguments[0],
 )
 def test_an_unknown_study(

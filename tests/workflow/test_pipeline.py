@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,8 +19,10 @@ from tests.workflow.creep_study import write_creep_study
 
 import deabayes
 from deabayes import pipeline
+from deabayes.cli.judging import weigh_experiments
 from deabayes.export import export
 from deabayes.faults import UserError
+from deabayes.posteriors.storage import read_tree, write_tree
 from deabayes.studies import load_study
 from deabayes.study import Sampling
 
@@ -98,6 +103,50 @@ def test_a_decided_order_leaves_one_candidate_to_learn_about(results):
     assert set(table["candidates"]) == {"voigt_kelvin_2"}
     assert table["probability_right"].isna().all()
     assert (table["information_voigt_kelvin_2_nats"] > 0.0).all()
+
+
+def test_further_experiments_cannot_tell_twins_apart(results, tmp_path):
+    """The same posterior under two names, taken as converged."""
+    shutil.copytree(results / "prepared", tmp_path / "prepared")
+    tree = read_tree(results / "voigt_kelvin_1" / "posterior.nc")
+    verdict = "chosen: the smallest order the data cannot do without"
+    lines = ["candidate,n_parameters,log_evidence,converged,verdict"]
+    for name in ("one", "twin"):
+        write_tree(tree, tmp_path / name / "posterior.nc")
+        lines.append(f"{name},3,0,True,{verdict if name == 'one' else 'not chosen: elpd 0'}")
+    (tmp_path / "comparison.csv").write_text("\n".join(lines))
+    asked = "{longer: {like: creep_2000V, duration: 2}, too_much: {like: creep_2000V, speed: 2}}"
+    weigh_experiments(tmp_path, tmp_path / "none.yaml", asked, None)
+    with (tmp_path / "further_experiments.csv").open(newline="") as stream:
+        rows = {row["experiment"]: row for row in csv.DictReader(stream)}
+    assert set(rows) == {"creep_1500V", "longer", "too_much"}
+    for row in rows.values():
+        assert row["candidates"] == "one, twin"
+        error = float(row["information_candidate_error_nats"])
+        assert float(row["information_candidate_nats"]) <= 3 * error + 1e-9
+        assert float(row["information_twin_nats"]) > 0.0
+
+
+def test_evidence_by_nested_sampling_stands_beside_that_by_bridge(results, tmp_path):
+    output = tmp_path / "comparison.csv"
+    shutil.copytree(results / "voigt_kelvin_1", tmp_path / "voigt_kelvin_1")
+    posterior = tmp_path / "voigt_kelvin_1" / "posterior.nc"
+    bridge = json.loads(posterior.with_name("scores.json").read_text())["log_evidence"]
+    check = posterior.with_name("nested.json")
+    nested = {"log_evidence_nested": bridge - 20.0, "log_evidence_nested_error": 0.2}
+    check.write_text(json.dumps(nested))
+
+    def compared():
+        pipeline.compare_candidates([posterior], results / "prepared", output)
+        return pd.read_csv(output).iloc[0]
+
+    row = compared()
+    assert row["log_evidence_nested"] == pytest.approx(bridge - 20.0)
+    assert row["log_evidence_nested_error"] == 0.2
+    assert "bridge and nested sampling differ by +20" in row["verdict"]
+    os.utime(check, (1, 1))  # of a posterior from before this one
+    row = compared()
+    assert np.isnan(row["log_evidence_nested"]) and "nested" not in row["verdict"]
 
 
 def test_posterior_finds_the_truth_that_creep_determines(post):

@@ -1,185 +1,207 @@
-"""What an edit runs again, and what it leaves: nothing is sampled twice for nothing."""
+"""What an edit runs again, and what it leaves: nothing is sampled twice for nothing.
+
+Every edit is made in a study of its own, so that one plan shows them all. A stub stands for
+`deabayes`: Snakemake plans by files, parameters and its own records, not by what is in results.
+"""
 
 from __future__ import annotations
 
 import os
-import re
 import shutil
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from tests.shared.own_model_page import write_page
 from tests.shared.study_folders import replace_in
-from tests.workflow.snakemake_runs import snakemake
+from tests.workflow.snakemake_runs import planned, snakemake, write_stub
 
-BUDGET = "sampling: {ensembles: 2, walkers: 24, max_steps: 60, particles: 64, seed: 1}\n"
-ONE = "results/stack/lag_0/posterior.nc"
-BOTH = (ONE, "results/stack/lag_1/posterior.nc")
-RECORDS = Path("data/stack/records")
+Edit = Callable[[Path, dict[str, Any]], None]
+"""Of a study's folder and of its entry in config.yaml."""
+
+
+def in_config(**settings: object) -> Edit:
+    return lambda _, study: study.update(settings)
+
+
+def in_file(name: str, old: str, new: str) -> Edit:
+    return lambda folder, _: replace_in(folder / name, old, new)
+
+
+def older_record(folder: Path, _: dict[str, Any]) -> None:
+    """Put an older file, with another last reading, in the place of the calibrated record."""
+    record = folder / "records" / "creep_1000V.csv"
+    changed = record.stat().st_mtime - 1e6
+    replace_in(record, record.read_text().splitlines()[-1], "0.9,1000,0.0001")
+    os.utime(record, (changed, changed))
+
+
+def lost_summary(folder: Path, study: dict[str, Any]) -> None:
+    """An edit that fits nothing again, after a run that ended before a fit was complete."""
+    study["validate"] = []
+    (folder.parents[1] / "results" / folder.name / "lag_0" / "summary.csv").unlink()
+
+
+def touched(folder: Path, _: dict[str, Any]) -> None:
+    os.utime(folder / "records" / "creep_1000V.csv")
+
+
+BOTH = {"prepare creep_1000V", "prepare creep_1500V"}
+AFTER = {"predict lag_0"}
+FIT = {"fit lag_0"} | AFTER
+ROW = "creep_1500V,creep,records/creep_1500V.csv,"
+MORE = f"more,creep,records/more.csv,validate,voltage,displacement\n{ROW}"
+SEED = {"ensembles": 2, "seed": 2}
+EDITS: dict[str, tuple[Edit, set[str]]] = {
+    "no_edit": (in_config(), set()),
+    "another_time": (touched, set()),
+    "comment": (in_file("specimen.yaml", "# an sd", "# its sd"), {"check"}),
+    "new_candidate": (
+        in_config(candidates=["lag_0", "lag_1"]),
+        {"check", "fit lag_1", "predict lag_1"},
+    ),
+    "none_held_out": (in_config(validate=[]), {"check"} | AFTER),
+    "blank_line_held_out": (
+        in_file("records/creep_1500V.csv", "\n0,", "\n\n0,"),
+        {"check", "prepare creep_1500V"} | AFTER,
+    ),
+    "one_more_held_out": (
+        in_file("experiments.csv", ROW, MORE),
+        {"check", "prepare more"} | AFTER,
+    ),
+    "summary_lost": (lost_summary, {"check"} | FIT),
+    "seed": (in_config(sampling=SEED), {"check"} | FIT),
+    "calibrated": (
+        in_config(calibrate=["creep_1500V"], validate=["creep_1000V"]),
+        {"check"} | BOTH | FIT,
+    ),
+    "one_more_calibrated": (
+        in_config(calibrate=["creep_1000V", "creep_1500V"], validate=[]),
+        {"check", "prepare creep_1500V"} | FIT,
+    ),
+    "specimen": (in_file("specimen.yaml", "value: 10", "value: 11"), {"check"} | BOTH | FIT),
+    "record": (older_record, {"check", "prepare creep_1000V"} | FIT),
+    "steps": (in_config(preparation={"creep": ["average"]}), {"check"} | BOTH | FIT),
+    "further": (
+        in_config(further_experiments={"longer": {"like": "creep_1000V", "duration": 3}}),
+        {"further_experiments", "figures"},
+    ),
+    "evidence": (
+        in_config(evidence_check="nested"),
+        {"nested lag_0", "compare", "further_experiments", "figures"},
+    ),
+}
+WHOLE = ("further", "evidence")
+"""Studies that are run to their figures."""
+INHERITED = {"after_seed": FIT, "after_blank_line_held_out": set()}
+"""Studies whose prior is a posterior of a study that is edited, and what runs again of them."""
+ONE = "results/no_edit/lag_0/posterior.nc"
+
+
+def write_config(place: Path, studies: dict[str, Any]) -> None:
+    config = yaml.safe_load((place / "config.yaml").read_text())
+    (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
+
+
+def targets(studies: dict[str, Any]) -> list[str]:
+    """What is asked for: predictions of every candidate, or figures."""
+    made = [f"results/{name}/study.yaml" for name in studies]
+    made.append("results/summary_lost/lag_0/summary.csv")
+    made += [f"results/{name}/figures" for name in WHOLE]
+    return made + [
+        f"results/{name}/{candidate}/errors.csv"
+        for name, study in studies.items()
+        for candidate in study["candidates"]
+    ]
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page's study of one candidate, fitted with too small a budget."""
-    place = write_page(tmp_path_factory.mktemp("stack"))
-    with (place / "config.yaml").open("a") as config:
-        config.write(BUDGET)
-    replace_in(place / "config.yaml", "[lag_0, lag_1]", "[lag_0]")
-    shutil.copy(place / RECORDS / "creep_1500V.csv", place / RECORDS / "creep_more.csv")
-    run = snakemake(place, "--cores", "1", ONE)
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of one study per edit, each of one candidate of the page's model."""
+    place = write_page(tmp_path_factory.mktemp("edits"))
+    write_stub(place)
+    studies = {}
+    for name in EDITS:
+        shutil.copytree(place / "data" / "stack", place / "data" / name)
+        studies[name] = {"specimen": f"data/{name}", "candidates": ["lag_0"]}
+        shutil.copy(
+            place / "data/stack/records/creep_1500V.csv", place / f"data/{name}/records/more.csv"
+        )
+    for name in INHERITED:
+        studies[name] = {
+            "specimen": "data/stack",
+            "candidates": ["lag_0"],
+            "calibrate": ["creep_1500V"],
+            "validate": [],
+            "prior_from": f"results/{name.removeprefix('after_')}/lag_0/posterior.nc",
+        }
+    write_config(place, studies)
+    run = snakemake(place, "--cores", "2", *targets(studies))
     assert run.returncode == 0, run.stderr
     return place
 
 
-@pytest.fixture
-def place(fitted: Path) -> Iterator[Path]:
-    """The same, put back as it was after a test has edited it."""
-    paths = [path for part in ("data", "models") for path in sorted((fitted / part).rglob("*"))]
-    kept = [path for path in [*paths, fitted / "config.yaml"] if path.is_file()]
-    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in kept}
-    yield fitted
-    for path, (content, changed) in before.items():
-        path.write_bytes(content)
-        os.utime(path, ns=(changed, changed))
+@pytest.fixture(scope="module")
+def jobs(place: Path) -> dict[str, set[str]]:
+    """The jobs planned for each study after its edit, without its name."""
+    studies = yaml.safe_load((place / "config.yaml").read_text())["studies"]
+    for name, (edit, _) in EDITS.items():
+        edit(place / "data" / name, studies[name])
+    write_config(place, studies)
+    words = [job.split() for job in planned(place, *targets(studies)) if " " in job]
+    return {
+        name: {" ".join([rule, *more]) for rule, study, *more in words if study == name}
+        for name in studies
+    }
 
 
-def planned(place: Path, *targets: str) -> dict[str, int]:
-    """How many jobs of each rule would run."""
-    run = snakemake(place, "--cores", "1", "--dry-run", *targets)
-    assert run.returncode == 0, run.stderr
-    rules = re.findall(r"^(?:local)?rule (\w+):", run.stdout, flags=re.MULTILINE)
-    return {rule: rules.count(rule) for rule in rules}
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_runs_again_what_depends_on_it(jobs: dict[str, set[str]], name: str) -> None:
+    assert jobs[name] == EDITS[name][1]
 
 
-def test_without_an_edit_nothing_runs(place: Path) -> None:
-    assert planned(place, ONE) == {}
+@pytest.mark.parametrize("name", INHERITED)
+def test_a_prior_from_an_edited_study_is_fitted_again(jobs: dict[str, set[str]], name: str) -> None:
+    """Only if that study is fitted again."""
+    assert jobs[name] == INHERITED[name]
 
 
-def test_a_new_candidate_is_fitted_alone(place: Path) -> None:
-    replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
-    jobs = planned(place, *BOTH)
-    assert jobs["fit"] == 1
-    assert "prepare" in jobs and "code" not in jobs
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("config.yaml", "    candidates", "    validate: []\n    candidates"),
-        ("data/stack/records/creep_1500V.csv", "\n", "\n\n"),
-        (
-            "data/stack/experiments.csv",
-            "creep_1500V,creep,",
-            "more,creep,records/creep_more.csv,validate,voltage,displacement\ncreep_1500V,creep,",
-        ),
-    ],
-    ids=["none held out", "blank line", "one more"],
-)
-def test_held_out_records_fit_nothing_again(place: Path, file: str, old: str, new: str) -> None:
-    text = (place / file).read_text()
-    assert old in text
-    (place / file).write_text(text.replace(old, new, 1))
-    jobs = planned(place, ONE, "results/stack/prepared")
-    assert "prepare" in jobs and "fit" not in jobs
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("config.yaml", "seed: 1", "seed: 2"),
-        ("config.yaml", "    candidates", "    calibrate: [creep_1500V]\n    candidates"),
-        ("data/stack/specimen.yaml", "value: ", "value: 1"),
-        ("data/stack/records/creep_1000V.csv", "0", "1"),
-        ("models/stack.py", '"wide"', '"vast"'),
-    ],
-    ids=["seed", "calibrated", "specimen", "record", "model"],
-)
-def test_what_a_fit_is_made_of_is_fitted_again(place: Path, file: str, old: str, new: str) -> None:
-    """Also where another candidate is asked for at once, which makes study.yaml again."""
-    text = (place / file).read_text()
-    assert old in text
-    (place / file).write_text(text.replace(old, new, 1))
-    try:
-        assert planned(place, ONE)["fit"] == 1
-        replace_in(place / "config.yaml", "[lag_0]", "[lag_0, lag_1]")
-        assert planned(place, *BOTH)["fit"] == 2
-    finally:
-        (place / file).write_text(text)
-
-
-def test_what_an_edit_and_an_interruption_left_is_made(place: Path) -> None:
-    """The run that made study.yaml again was ended before it came to `compile` and to the fit."""
-    before = (place / "config.yaml").read_text()
-    replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
-    summary = place / "results/stack/lag_0/summary.csv"
-    kept = summary.read_bytes()
-    assert snakemake(place, "--cores", "1", "results/stack/prepared").returncode == 0
-    summary.unlink()
-    try:
-        assert planned(place, str(summary.relative_to(place))) == {"fit": 1}
-    finally:
-        summary.write_bytes(kept)
-        (place / "config.yaml").write_text(before)
-        snakemake(place, "--cores", "1", "results/stack/prepared")
-
-
-def test_a_job_has_one_thread(fitted: Path, tmp_path: Path) -> None:
-    place = tmp_path / "stack"
-    shutil.copytree(fitted, place)
-    with (place / "models" / "stack.py").open("a") as model:
-        model.write("\nimport os\nprint('threads:', os.environ['OMP_NUM_THREADS'])\n")
-    run = snakemake(place, "--cores", "4", ONE)
-    assert run.returncode == 0, run.stderr
-    assert "threads: 1\n" in (place / "results/stack/lag_0/logs/fit.log").read_text()
-
-
-def test_a_run_that_could_not_see_what_is_missing_says_so(fitted: Path) -> None:
-    """What one study holds out is edited; asked for is a study that has its prior from there."""
-    place, other = fitted.with_name("other0"), "results/other/lag_0/posterior.nc"
-    shutil.copytree(fitted, place)
-    config = yaml.safe_load((place / "config.yaml").read_text())
-    study = config["studies"]["stack"]
-    edited, after = study | {"validate": []}, {"calibrate": ["creep_1500V"], "validate": []}
-    studies = {"stack": edited, "other": study | after | {"prior_from": ONE}}
-    (place / "config.yaml").write_text(yaml.safe_dump(config | {"studies": studies}))
-    run = snakemake(place, "--cores", "1", other)
-    assert run.returncode != 0 and f"{other}: not made" in run.stderr + run.stdout
-    run = snakemake(place, "--cores", "1", other)
-    assert run.returncode == 0 and (place / other).exists(), run.stderr
-
-
-def test_a_fit_that_an_interruption_left_is_made(fitted: Path) -> None:
-    """The run after an edit of the model was ended before `compile`, which comes before the fit."""
-    place = fitted.with_name("left0")
-    shutil.copytree(fitted, place)
+def test_an_edit_of_an_own_model_fits_again_and_prepares_nothing(
+    place: Path, jobs: dict[str, set[str]]
+) -> None:
     replace_in(place / "models" / "stack.py", '"wide"', '"vast"')
-    assert snakemake(place, "--cores", "1", "results/stack/logs/code").returncode == 0
-    assert planned(place, ONE) == {"compile": 1, "fit": 1}
-    replace_in(place / "config.yaml", "    candidates", "    validate: []\n    candidates")
-    assert planned(place, ONE).keys() >= {"prepare", "compile", "fit"}
+    assert planned(place, ONE) == {"fit no_edit lag_0"}
+    replace_in(place / "models" / "stack.py", '"vast"', '"wide"')
 
 
-def test_a_record_replaced_by_an_older_file_is_seen(place: Path) -> None:
-    record = place / RECORDS / "creep_1000V.csv"
-    changed = record.stat().st_mtime - 1e6
-    replace_in(record, record.read_text().splitlines()[-1], "0.9,1000,0.0001")
-    os.utime(record, (changed, changed))
-    jobs = planned(place, ONE)
-    assert {"prepare", "fit"} <= set(jobs)
+def test_a_job_has_one_thread(place: Path) -> None:
+    assert "threads: 1\n" in (place / "results/no_edit/lag_0/logs/fit.log").read_text()
+
+
+def test_records_that_a_study_no_longer_has_are_removed(
+    place: Path, jobs: dict[str, set[str]]
+) -> None:
+    """Stages read all prepared records in the folder."""
+    prepared = place / "results" / "none_held_out" / "prepared"
+    assert (prepared / "creep_1500V.nc").is_file()
+    run = snakemake(place, "--cores", "1", "results/none_held_out/lag_0/errors.csv")
+    assert run.returncode == 0, run.stderr
+    assert sorted(path.name for path in prepared.iterdir()) == [
+        "creep_1000V.nc",
+        "creep_1000V.yaml",
+    ]
 
 
 def test_what_a_power_cut_left_is_made_again_as_the_page_says(place: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "how-to" / "resume.md").read_text()
     assert "`snakemake --unlock`" in page and "--rerun-incomplete" in page
-    held = place / ONE
     (place / ".snakemake" / "incomplete").mkdir(exist_ok=True)
-    marker = b64encode(str(held.relative_to(place)).encode()).decode()
-    (place / ".snakemake" / "incomplete" / marker).touch()
+    marker = place / ".snakemake" / "incomplete" / b64encode(ONE.encode()).decode()
+    marker.touch()
     run = snakemake(place, "--cores", "1", "--dry-run", ONE)
     assert run.returncode != 0 and "--rerun-incomplete" in run.stderr + run.stdout
-    run = snakemake(place, "--cores", "1", "--dry-run", "--rerun-incomplete", ONE)
-    (place / ".snakemake" / "incomplete" / marker).unlink()
-    assert run.returncode == 0 and ONE in run.stdout
+    assert "fit no_edit lag_0" in planned(place, "--rerun-incomplete", ONE)
+    marker.unlink()

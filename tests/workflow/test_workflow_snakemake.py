@@ -41,9 +41,9 @@ def test_public_data_at_hand_are_planned(shipped: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert "left out" not in run.stderr
     assert "results/vhb4910/kv_gm_4/posterior.nc" in run.stdout
-    assert (
-        run.stdout.count("rule prepare:") == 16
-    )  # tubular three times, membrane and structure twice, vhb4910, treloar, eight silicones
+    # tubular three times, membrane, structure twice, vhb4910, treloar, eight silicones
+    assert run.stdout.count("rule check:") == 16
+    assert run.stdout.count("rule prepare:") == 86
 
 
 @pytest.mark.parametrize(

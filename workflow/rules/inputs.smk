@@ -86,7 +86,9 @@ def prepared_to_fit(wildcards):
 def prepared_of_members(wildcards):
     """All prepared records of a population's specimens."""
     studies = POPULATIONS[wildcards.population].studies
-    return [file for name in studies for file in prepared_files(name, read_tables(name)[1])]
+    return [
+        file for name in studies for file in prepared_files(name, read_tables(name)[1])
+    ]
 
 
 def prepared_files(study, records):

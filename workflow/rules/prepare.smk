@@ -5,8 +5,8 @@ rule check:
         "<results>/{study}/study.yaml",
     log:
         "<results>/{study}/logs/check.log",
-    threads: 1
     priority: 100
+    threads: 1
     params:
         settings=settings_of_study,
         content=content_of_folder,

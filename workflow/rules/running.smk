@@ -54,7 +54,9 @@ class Lines(logging.StreamHandler):
 def forget_records():
     """Remove prepared records that a study no longer has: stages read all in the folder."""
     for study in STUDIES:
-        names = {Path(file).stem for file in prepared_files(study, read_tables(study)[1])}
+        names = {
+            Path(file).stem for file in prepared_files(study, read_tables(study)[1])
+        }
         folder = Path(workflow.pathvars.items["results"], study, "prepared")
         for path in folder.glob("*.*"):
             if path.stem not in names:

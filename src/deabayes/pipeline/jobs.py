@@ -58,7 +58,7 @@ def record_settings(study: Study, row: ExperimentRow) -> dict[str, Any]:
 def candidate_settings(
     study: Study, candidate: str, rows: Mapping[str, ExperimentRow]
 ) -> dict[str, Any]:
-    """The settings that the fit of one candidate depends on: no held-out record, no other candidate.
+    """The settings that the fit of one candidate depends on, without other candidates.
 
     Parameters
     ----------

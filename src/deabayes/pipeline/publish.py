@@ -192,8 +192,8 @@ def finish(state: Path, output: Path, tables: Path) -> None:
     Parameters
     ----------
     state : JSON that the workflow writes: `failed` jobs (`stage`, `study`, `candidate`,
-        `population`, `record`, `log`), the files `made` and up to date by results folder, `left_out` studies.
-        Candidates that are complete are compared and drawn in a folder beside it.
+        `population`, `record`, `log`), the files `made` and up to date by results folder,
+        `left_out` studies. Candidates that are complete are compared and drawn in a folder beside it.
     output, tables : the report's page and folder of tables.
     """
     content = json.loads(state.read_text(encoding="utf-8"))
