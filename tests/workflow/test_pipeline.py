@@ -19,7 +19,6 @@ from tests.workflow.creep_study import write_creep_study
 
 import deabayes
 from deabayes import pipeline
-from deabayes.cli.judging import weigh_experiments
 from deabayes.export import export
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import read_tree, write_tree
@@ -116,7 +115,7 @@ def test_further_experiments_cannot_tell_twins_apart(results, tmp_path):
         lines.append(f"{name},3,0,True,{verdict if name == 'one' else 'not chosen: elpd 0'}")
     (tmp_path / "comparison.csv").write_text("\n".join(lines))
     asked = "{longer: {like: creep_2000V, duration: 2}, too_much: {like: creep_2000V, speed: 2}}"
-    weigh_experiments(tmp_path, tmp_path / "none.yaml", asked, None)
+    main(["further", str(tmp_path), "--config", str(tmp_path / "none.yaml"), "--asked", asked])
     with (tmp_path / "further_experiments.csv").open(newline="") as stream:
         rows = {row["experiment"]: row for row in csv.DictReader(stream)}
     assert set(rows) == {"creep_1500V", "longer", "too_much"}

@@ -7,7 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.workflow.command_line import assert_one_message, deabayes
+from tests.workflow.command_line import ROOT, assert_one_message, deabayes
+
+
+def test_a_process_of_its_own_ends_with_the_status_of_the_command() -> None:
+    command = [sys.executable, "-m", "deabayes.cli.main", "fit", "tubuler", "voigt_kelvin_1"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert_one_message(run, 1, "tubuler", "'tubular'")
 
 
 def test_version_and_help() -> None:
@@ -63,10 +69,6 @@ def test_help_loads_nothing_heavy() -> None:
 )
 def test_wrong_usage_ends_with_status_2(arguments: tuple[str, ...]) -> None:
     assert_one_message(deabayes(*arguments), 2, "Usage:")
-
-
-def test_unknown_study_names_the_nearest() -> None:
-    assert_one_message(deabayes("fit", "tubuler", "voigt_kelvin_1"), 1, "tubuler", "'tubular'")
 
 
 def test_check_of_a_folder_that_is_not_there() -> None:

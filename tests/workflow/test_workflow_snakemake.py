@@ -49,16 +49,18 @@ def test_public_data_at_hand_are_planned(shipped: Path) -> None:
 @pytest.mark.parametrize(
     ("config", "words"),
     [
-        ("studies: {a: {specimen: data/tubular, candidtaes: [x]}}", ("candidtaes", "candidates")),
-        ("studies: {a: {specimen: data/tubular, candidates: []}}", ("candidates",)),
-        ("studies: {a: {candidates: [voigt_kelvin_1]}}", ("specimen",)),
-        ("studies: {a: {specimen: nowhere, candidates: [voigt_kelvin_1]}}", ("nowhere",)),
+        (
+            "studies: {a: {specimen: data/tubular, candidtaes: [x]},"
+            " b: {specimen: data/tubular, candidates: []}, c: {candidates: [voigt_kelvin_1]}}",
+            ("candidtaes", "candidates", "studies.b.candidates", "studies.c", "'specimen'"),
+        ),
         (
             f"studies: {{a: {{specimen: {ROOT}/data/tubular, candidates: [voigt_kelvon_1],"
-            " calibrate: [creep_2O00V]}}",
-            ("voigt_kelvon_1", "voigt_kelvin_K", "creep_2O00V", "did you mean 'creep_"),
+            " calibrate: [creep_2O00V]}, b: {specimen: nowhere, candidates: [voigt_kelvin_1]}}",
+            ("voigt_kelvon_1", "voigt_kelvin_K", "creep_2O00V", "did you mean 'creep_", "nowhere"),
         ),
     ],
+    ids=["keys", "names"],
 )
 def test_a_broken_configuration_is_a_message(
     tmp_path: Path, config: str, words: tuple[str, ...]

@@ -193,7 +193,8 @@ def finish(state: Path, output: Path, tables: Path) -> None:
     ----------
     state : JSON that the workflow writes: `failed` jobs (`stage`, `study`, `candidate`,
         `population`, `record`, `log`), the files `made` and up to date by results folder,
-        `left_out` studies. Candidates that are complete are compared and drawn in a folder beside it.
+        `left_out` studies. Candidates that are complete are compared and drawn in a folder beside
+        it.
     output, tables : the report's page and folder of tables.
     """
     content = json.loads(state.read_text(encoding="utf-8"))
