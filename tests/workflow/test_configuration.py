@@ -23,7 +23,9 @@ studies:
 sampling: {ensembles: 3.0, ess: 1e3, walkers: 24}
 """
 PLAN = ("--cores", "1", "--dry-run", "--printshellcmds")
-"""The settings of a study are in the command that writes its study.yaml."""
+"""Settings are in the commands of the jobs that write them."""
+WRITTEN = 4
+"""How often: in study.yaml of two studies, and in settings.yaml of one candidate of each."""
 
 
 def said(folder: Path, *arguments: str) -> str:
@@ -34,18 +36,36 @@ def said(folder: Path, *arguments: str) -> str:
     return run.stderr
 
 
-@pytest.mark.parametrize("name", ["config.yaml", "mine.yaml"])
-def test_numbers_and_merge_keys_are_read_as_the_library_reads_them(
-    tmp_path: Path, name: str
-) -> None:
+def test_an_own_file_is_read_as_the_library_reads_it(tmp_path: Path) -> None:
+    """Numbers, merge keys, and the key that moves the results."""
     make_folder(tmp_path)
-    (tmp_path / name).write_text(SOUND)
-    given = () if name == "config.yaml" else ("--configfile", tmp_path / name)
-    run = snakemake(tmp_path, *PLAN, "--config", "data_root=elsewhere", *given)
-    assert run.returncode == 0, run.stderr
+    (tmp_path / "mine.yaml").write_text(f"pathvars: {{results: out}}\n{SOUND}")
+    run = snakemake(tmp_path, *PLAN, "--configfile", tmp_path / "mine.yaml")
+    assert run.returncode == 0 and "without studies" not in run.stderr, run.stderr
     for file in ("a/kv_gm_1/posterior.nc", "b/kv_gm_2/posterior.nc"):
-        assert f"results/{file}" in run.stdout
-    assert run.stdout.count("  ensembles: 3\n") == run.stdout.count("  ess: 1000.0\n") == 2
+        assert f"out/{file}" in run.stdout
+    assert run.stdout.count("  ensembles: 3\n") == run.stdout.count("  ess: 1000.0\n") == WRITTEN
+
+
+def test_settings_are_laid_over_the_shipped_file(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(SOUND)
+    (tmp_path / "fewer.yaml").write_text("sampling: {ensembles: 2}")
+    given = ("--config", "data_root=elsewhere", "--configfile", tmp_path / "fewer.yaml")
+    run = snakemake(tmp_path, *PLAN, *given)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("  ensembles: 2\n") == run.stdout.count("  ess: 1000.0\n") == WRITTEN
+    assert "  ensembles: 3\n" not in run.stdout
+    laid_over = "fewer.yaml: without studies of its own; every study of config.yaml is run"
+    assert run.stderr.count(laid_over) == 1
+
+
+def test_unknown_keys_are_a_mistake_wherever_they_are_given(tmp_path: Path) -> None:
+    make_folder(tmp_path)
+    (tmp_path / "config.yaml").write_text(f"pathvars: {{result: out}}\n{SOUND}")
+    wrong = said(tmp_path, "--config", "data_rot=elsewhere")
+    assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
+    assert "pathvars: unknown key 'result'; did you mean 'results'?" in wrong
 
 
 @pytest.mark.parametrize("name", ["config.yaml", "mine.yaml"])
@@ -75,30 +95,6 @@ def test_what_cannot_be_read_is_named_by_file_and_line(
         read_yaml(tmp_path / "config.yaml")
     error = str(raised.value).removeprefix(f"{tmp_path}/")
     assert error.startswith(words) and error.count("\n") == 0
-
-
-def test_the_command_line_has_the_last_say(tmp_path: Path) -> None:
-    make_folder(tmp_path)
-    (tmp_path / "config.yaml").write_text(SOUND)
-    (tmp_path / "fewer.yaml").write_text("sampling: {ensembles: 2}")
-    run = snakemake(tmp_path, *PLAN, "--configfile", tmp_path / "fewer.yaml")
-    assert run.returncode == 0, run.stderr
-    assert "  ensembles: 2\n" in run.stdout and "  ensembles: 3\n" not in run.stdout
-    laid_over = "fewer.yaml: without studies of its own; every study of config.yaml is run"
-    assert run.stderr.count(laid_over) == 1
-    wrong = said(tmp_path, "--config", "data_rot=elsewhere")
-    assert "unknown key 'data_rot'; did you mean 'data_root'?" in wrong
-
-
-def test_results_are_elsewhere_by_one_key_only(tmp_path: Path) -> None:
-    make_folder(tmp_path)
-    (tmp_path / "config.yaml").write_text(f"pathvars: {{result: out}}\n{SOUND}")
-    error = said(tmp_path)
-    assert "pathvars: unknown key 'result'; did you mean 'results'?" in error
-    (tmp_path / "mine.yaml").write_text(f"pathvars: {{results: out}}\n{SOUND}")
-    run = snakemake(tmp_path, *PLAN, "--configfile", tmp_path / "mine.yaml")
-    assert run.returncode == 0 and "out/a/kv_gm_1/posterior.nc" in run.stdout
-    assert "without studies" not in run.stderr
 
 
 def test_a_prior_from_nowhere_is_said_before_any_job(tmp_path: Path) -> None:

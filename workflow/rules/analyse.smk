@@ -2,7 +2,7 @@ rule analyse:
     input:
         study="<results>/{study}/study.yaml",
         records=prepared_of,
-        posteriors=posteriors_of,
+        posteriors=of_candidates("posterior.nc"),
     output:
         directory("<results>/{study}/analyses"),
     log:

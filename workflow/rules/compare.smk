@@ -36,8 +36,8 @@ rule nested:
 rule compare:
     input:
         study="<results>/{study}/study.yaml",
-        posteriors=posteriors_of,
-        scores=scores_of,
+        posteriors=of_candidates("posterior.nc"),
+        scores=of_candidates("scores.json"),
         checks=checks_of,
         records=prepared_of,
     output:
@@ -59,7 +59,7 @@ rule compare:
 rule further_experiments:
     input:
         comparison="<results>/{study}/comparison.csv",
-        posteriors=posteriors_of,
+        posteriors=of_candidates("posterior.nc"),
         records=prepared_of,
     output:
         report(

@@ -123,35 +123,24 @@ def posteriors_of_members(wildcards):
     )
 
 
-def posteriors_of(wildcards):
-    """The posteriors of all candidates of a study."""
-    return per_candidate(wildcards.study, "posterior.nc")
+def of_candidates(name):
+    """Input function: this file of each candidate of a study."""
 
+    def files(wildcards):
+        return expand(
+            "<results>/{study}/{candidate}/{name}",
+            study=wildcards.study,
+            candidate=STUDIES[wildcards.study].candidates,
+            name=name,
+        )
 
-def scores_of(wildcards):
-    """The scores of all candidates of a study."""
-    return per_candidate(wildcards.study, "scores.json")
+    return files
 
 
 def checks_of(wildcards):
     """Evidence by nested sampling of all candidates of a study that asks for it."""
     asked = STUDIES[wildcards.study].evidence_check == "nested"
-    return per_candidate(wildcards.study, "nested.json") if asked else []
-
-
-def errors_of(wildcards):
-    """The error tables of all candidates of a study."""
-    return per_candidate(wildcards.study, "errors.csv")
-
-
-def per_candidate(study, name):
-    """One file of each candidate of a study."""
-    return expand(
-        "<results>/{study}/{candidate}/{name}",
-        study=study,
-        candidate=STUDIES[study].candidates,
-        name=name,
-    )
+    return of_candidates("nested.json")(wildcards) if asked else []
 
 
 def left_out_records(wildcards):

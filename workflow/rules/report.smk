@@ -3,7 +3,7 @@ rule figures:
         study="<results>/{study}/study.yaml",
         comparison="<results>/{study}/comparison.csv",
         further="<results>/{study}/further_experiments.csv",
-        errors=errors_of,
+        errors=of_candidates("errors.csv"),
         analyses="<results>/{study}/analyses",
     output:
         directory("<results>/{study}/figures"),
