@@ -160,8 +160,8 @@ def test_they_make_a_posterior(source: Path) -> None:
 
 
 def test_the_tests_of_the_registries_test_them(source: Path) -> None:
-    tests = ("unit/test_springs.py", "unit/test_noise_models.py", "unit/test_tensile_strip.py",
-             "statistical/test_noise_sampling.py")  # fmt: skip
+    tests = ("systems/test_springs.py", "noise/test_noise_models.py",
+             "systems/test_tensile_strip.py", "statistical/test_noise_sampling.py")  # fmt: skip
     said = run(
         source,
         *("-m", "pytest", "-p", "no:cacheprovider", "-k", "yeoh or laplace", "-vv"),

@@ -109,7 +109,8 @@ def test_another_study_takes_it_for_its_prior(
     results: Path, tubes: PopulationResults, tmp_path: Path
 ) -> None:
     study = load_study(results / "tube_a" / "study.yaml")
-    study = replace(study, prior_from=str(tubes.folder / "posterior.nc"))
+    prior = str(tubes.folder / "posterior.nc")
+    study = replace(study, calibrate=("creep_2500V",), prior_from=prior)
     prepared = results / "tube_b" / "prepared"
     with pytest.raises(UserError, match=r"record creep_2500V was fitted in study tube_b"):
         pipeline.build_target(study, "voigt_kelvin_1", prepared)
