@@ -91,7 +91,7 @@ def test_a_record_in_pieces_has_the_same_bands(monkeypatch):
         curves(),
         ResidualScale(),
         REGISTRY["matern32"](),
-        noise_draws(sigma_matern=0.3),
+        noise_draws(sigma_matern=0.3, tau_matern=0.1),
         WEIGHTS,
     )
     whole = bands(*given)

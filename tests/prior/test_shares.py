@@ -184,7 +184,7 @@ def test_units_that_cannot_be_added_stay_as_they_are() -> None:
     assert unit_shares(two.prior, records, None, everything) == []
     drawn = two.prior.sample(np.random.default_rng(4), 500)
     stiffness = two.names.index("E_2")
-    two.prior = two.prior.inherit(["E_2"], drawn[:, [stiffness]])
+    two = replace(two, prior=two.prior.inherit(["E_2"], drawn[:, [stiffness]]))
     assert parts_of(two, Shares) == []
 
 

@@ -175,10 +175,11 @@ def test_fitting_in_coordinates_is_fitting_to_them():
 
 def test_those_of_a_real_posterior():
     target = tubular_full().target(2)
-    target.records = tuple(
+    averaged = tuple(
         replace(r, experiment=replace(r.experiment, samples_averaged=np.full(r.weights.size, 5.0)))
         for r in target.records
     )
+    target = replace(target, records=averaged)
     found, names = coordinates_of(target), target.names
     natural = parts_of(target, Natural)
     assert [[names[k] for k in part.block.columns] for part in natural] == [
@@ -204,7 +205,7 @@ def test_parameters_handed_on_as_one_normal_stay_as_they_are():
     draws_before = target.prior.sample(np.random.default_rng(4), 500)
     kept = [target.names.index(n) for n in ("tau_1", "tau_2", "creep.sigma_ou", "creep.tau_ou")]
     inherited = target.prior.inherit([target.names[k] for k in kept], draws_before[:, kept])
-    target.prior = inherited
+    target = replace(target, prior=inherited)
     noise = target.names.index("frequency_response.tau_ou")
     assert [part.block.columns for part in parts_of(target, Natural)] == [(noise,)]
     assert len(coordinates_of(target).parts) == 2
@@ -217,7 +218,8 @@ def test_a_mixture_handed_on_is_taken_by_its_default_scores():
     kept = [target.names.index(n) for n in ("tau_1", "tau_2", "E_0")]
     before[::2, kept[2]] *= 5.0
     usual = coordinates_of(target).straighten(target.prior.to_normal(before))[0]
-    target.prior = target.prior.inherit([target.names[k] for k in kept], before[:, kept])
+    inherited = target.prior.inherit([target.names[k] for k in kept], before[:, kept])
+    target = replace(target, prior=inherited)
     found = coordinates_of(target)
     (handed_on,) = parts_of(target, Inherited)
     assert handed_on.block.mixture.components > 1

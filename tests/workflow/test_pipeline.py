@@ -19,6 +19,7 @@ from tests.workflow.creep_study import write_creep_study
 
 import deabayes
 from deabayes import pipeline
+from deabayes.cli.main import main
 from deabayes.export import export
 from deabayes.faults import UserError
 from deabayes.posteriors.storage import read_tree, write_tree

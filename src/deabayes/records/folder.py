@@ -53,7 +53,7 @@ class StudyFolder:
         """
         if row.name in self._kept:
             return self._kept[row.name]
-        raw = checked(row, self._read(row), self.specimen, self.locate(row))
+        raw = checked(row, self.read(row), self.specimen, self.locate(row))
         if self._differs_from_published(row, raw):
             note = f"{row.record} ({row.name}): differs from the published file (SHA-256)"
             warnings = {**raw.warnings, row.name: (*raw.warnings[row.name], note)}
@@ -68,7 +68,7 @@ class StudyFolder:
         warnings = self.record(row).warnings[row.name]
         return [f"{self.locate(row)}{w.removeprefix(row.record)}" for w in warnings]
 
-    def _read(self, row: ExperimentRow) -> RawRecord:
+    def read(self, row: ExperimentRow) -> RawRecord:
         """Return the row's record with unchecked values, without rows to be left out."""
         path = self.locate(row)
         if path is None:
