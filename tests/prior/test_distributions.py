@@ -146,7 +146,7 @@ class TestFromSettings:
         [
             ({"distribution": "lognorml", "median": 1, "sigma": 1}, "did you mean 'lognormal'"),
             ({"median": 1, "sigma": 1}, "unknown distribution None"),
-            ({"distribution": "lognormal", "median": 1}, "needs sigma"),
+            ({"distribution": "lognormal", "median": 1}, "no sigma; add sigma"),
             ({"distribution": "lognormal", "medain": 1, "sigma": 1}, "did you mean 'median'"),
             ({"distribution": "lognormal", "median": "3 V", "sigma": 1}, "median.*a voltage"),
             ({"distribution": "lognormal", "median": -1, "sigma": 1}, "must be positive"),

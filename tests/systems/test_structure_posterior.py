@@ -63,7 +63,8 @@ def test_what_the_prior_of_the_same_specimen_knows_of_the_hinge_counts_once(monk
     study = Study("s", Path(), ("ogden_1",), prior_from=Path("first/posterior.nc"))
     draws = build(study, "ogden_1", own, [record]).prior.sample(np.random.default_rng(0), 200)
     first = PriorFromPosterior(("mu_1", "alpha_1", "relative_permittivity"), draws[:, :3])
-    monkeypatch.setattr(fit, "read_experiments", lambda prepared: [record])
+    monkeypatch.setattr(fit, "calibrated_files", lambda *_: [Path("force.nc")])
+    monkeypatch.setattr(fit, "read_prepared", lambda path: record)
     monkeypatch.setattr("deabayes.records.specimen.read_specimen", lambda path: own)
     found = {}
     for same in (True, False):

@@ -63,7 +63,7 @@ def test_simulate_says_why_a_response_is_missing(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     header, *rows = (line.split(",") for line in response.read_text().splitlines())
     assert {row[header.index("stretch [1]")] for row in rows} == {""}
-    assert f"{response}: cells are empty: pull-in; at 1.0" in run.stderr
+    assert f"{response}: cells without a response are empty: pull-in; at 1.0" in run.stderr
     assert "under 8 kV" in run.stderr
 
 
@@ -90,7 +90,7 @@ def test_simulate_from_a_record_without_a_drive(tmp_path: Path) -> None:
     record = tmp_path / "record.csv"
     record.write_text("time [ms],displacement [mm]\n0,0\n100,1\n")
     run = simulate_from(record, "-o", tmp_path / "response.csv")
-    assert_one_message(run, 1, "record.csv", "no column voltage", "time, displacement")
+    assert_one_message(run, 1, "record.csv", "driven by voltage", "time, displacement")
 
 
 def test_a_parameter_that_is_no_number(tmp_path: Path) -> None:
@@ -98,6 +98,7 @@ def test_a_parameter_that_is_no_number(tmp_path: Path) -> None:
     drive.write_text("time [ms],voltage [kV]\n0,1\n100,1\n")
     run = deabayes(
         *("simulate", "tubular", "voigt_kelvin_1", "--specimen", "data/tubular"),
-        *("--excitation", drive, "--set", "E_0=soft", "-o", tmp_path / "response.csv"),
+        *("--excitation", drive, "--set", "E_0=soft", "--set", "E_1=6e6", "--set", "tau_1=0.1"),
+        *("-o", tmp_path / "response.csv"),
     )
-    assert_one_message(run, 1, "E_0=soft", "SI")
+    assert_one_message(run, 1, "E_0", "expected a number and a unit", "'soft'")

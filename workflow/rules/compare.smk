@@ -8,7 +8,7 @@ rule score:
         "<results>/{study}/{candidate}/logs/score.log",
     threads: 1
     params:
-        code=digest_of("comparison.scoring", "comparison.left_out"),
+        code=digest_of("comparison.evidence", "comparison.left_out"),
         prepared=prepared_folder,
         options=left_out_records,
     shell:

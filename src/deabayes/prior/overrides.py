@@ -75,7 +75,8 @@ def _check_keys(
             raise UserError(f"{where}: {name} has no setting {key!r}{nearest(key, known)}")
     missing = [k for k, f in known.items() if k not in values and f.default is MISSING]
     if missing:
-        raise UserError(f"{where}: {name} needs {' and '.join(missing)}; add what is missing")
+        names = " and ".join(missing)
+        raise UserError(f"{where}: {name} has no {names}; add {names}")
 
 
 def _number(value: object, unit: str, where: str) -> float:
