@@ -45,7 +45,7 @@ class Study:
     calibrate: tuple[str, ...] | None = None
     validate: tuple[str, ...] | None = None
     noise: str = "ornstein_uhlenbeck"
-    noise_scale: Literal["absolute", "range"] = "absolute"
+    noise_scale: Literal["mixed", "absolute", "range"] = "mixed"
     noise_groups: Literal["protocol", "experiment"] = "protocol"
     noise_coordinate: Literal["record", "grid"] = "record"
     preparation: Mapping[str, Sequence[Mapping[str, Settings]]] = field(default_factory=dict)

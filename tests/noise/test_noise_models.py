@@ -95,7 +95,7 @@ class TestEveryModel:
         usual = model.parameters("V", 5.0, 200.0)
         prior = Prior([replace(p, name=f"step.{p.name}") for p in usual])
         columns = frozenset(range(len(usual)))
-        pairs = noise_coordinates(model, prior, {"step": np.ones(9)}, columns)
+        pairs = noise_coordinates(model, prior, {"step": (1.0, 1.0)}, columns)
         assert len(pairs) == sum(p.name.startswith("sigma") for p in usual[:2]) - 1
 
     def test_shapes_and_seeds(self, name):

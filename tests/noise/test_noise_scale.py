@@ -26,7 +26,7 @@ def at_the_end(found, what):
 
 
 def test_the_band_at_a_time_does_not_depend_on_other_times():
-    found = fitted(relative=True)
+    found = fitted(noise_scale="range")
     whole, note = at_the_end(found, asked(TIME, 4e3))
     assert note == ""
     assert whole == pytest.approx(30e-6 * record(4e3).response_range, rel=0.15)
@@ -41,7 +41,7 @@ def test_the_band_at_a_time_does_not_depend_on_other_times():
 
 
 def test_at_rest_a_reading_is_as_noisy_as_in_the_smallest_record():
-    found = fitted([record(4e3), record(2e3)], relative=True)
+    found = fitted([record(4e3), record(2e3)], noise_scale="range")
     size, note = at_the_end(found, asked(TIME, 0.0))
     assert size == pytest.approx(30e-6 * record(2e3).response_range, rel=0.15)
     assert "smallest range" in note
@@ -50,10 +50,10 @@ def test_at_rest_a_reading_is_as_noisy_as_in_the_smallest_record():
     assert note == ""
 
 
-@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("noise_scale", ["absolute", "range", "mixed"])
 @pytest.mark.parametrize("what", [asked(TIME, 0.0, "area"), asked(TIME[:1], 2e3, "area")])
-def test_noise_carried_over_to_a_response_that_does_not_vary_is_not_known(what, relative):
-    samples = fitted(relative=relative).sample(what, np.random.default_rng(1))
+def test_noise_carried_over_to_a_response_that_does_not_vary_is_not_known(what, noise_scale):
+    samples = fitted(noise_scale=noise_scale).sample(what, np.random.default_rng(1))
     assert np.isfinite(samples.parameter).all()
     assert np.isnan(samples.discrepancy).all() and np.isnan(samples.predictive).all()
     assert samples.noise_note.endswith("size is not known")

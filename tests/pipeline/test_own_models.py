@@ -89,7 +89,7 @@ def test_a_mistake_is_one_sentence_with_file_and_key(
 
 
 def test_the_model_is_tried_on_the_records(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    prior = "{sigma_ou: {distribution: lognormal, median: 1 um, sigma: 1}}"
+    prior = "{sigma_ou: {distribution: lognormal, median: 0.01, sigma: 1}}"
     replace_in(Path("config.yaml"), "preparation:", f"priors: {prior}\n    preparation:")
     main(("check", "stack"))
     assert "no finite response" not in capsys.readouterr().out

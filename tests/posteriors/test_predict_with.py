@@ -150,9 +150,9 @@ def test_noise_of_a_calibrated_gain_is_that_of_another_in_proportion():
 
     records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in fitted.records]
     assert {r.response_name: r.proportional for r in records} == {"gain": True, "phase": False}
-    for relative in (False, True):
+    for noise_scale in ("absolute", "range", "mixed"):
         gain, phase = (
-            find_noise(e, records, fitted.system, relative, "record") for e in experiments(500)
+            find_noise(e, records, fitted.system, noise_scale, "record") for e in experiments(500)
         )
         assert (gain.scale, gain.proportional, gain.stretch) == (1.0, True, 1.0)
         assert (phase.scale, phase.proportional) == (1.0, False)

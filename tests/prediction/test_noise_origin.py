@@ -31,18 +31,22 @@ def record(volts, response="displacement"):
     return experiment(f"{response}_{volts}", "step", step(volts), TIME, response)
 
 
-def fitted(calibrated=None, specimen=PLAIN, relative=False):
+def fitted(calibrated=None, specimen=PLAIN, noise_scale="absolute"):
     calibrated = calibrated or [record(4e3)]
     draws = {n: np.full(COUNT, v[0]) for n, v in golden_draws(PAPER, 3).items()}
     draws |= {name: np.full(COUNT, value) for name, value in NOISE_DRAWS.items()}
-    scales = [each.response_range if relative else 1.0 for each in calibrated]
     records = tuple(
-        CalibratedRecord.of(each, "step", ResidualScale(scale))
-        for each, scale in zip(calibrated, scales, strict=True)
+        CalibratedRecord.of(
+            each,
+            "step",
+            ResidualScale(each.response_range if noise_scale == "range" else 1.0),
+            each.response_range if noise_scale == "mixed" else 1.0,
+        )
+        for each in calibrated
     )
     system = membrane("kv_gm_3", specimen=specimen)
     noise = NOISE["ornstein_uhlenbeck"]()
-    return Fitted("kv_gm_3", specimen, system, noise, relative, "record", draws, records, True)
+    return Fitted("kv_gm_3", specimen, system, noise, noise_scale, "record", draws, records, True)
 
 
 def with_camera(noise=1.5e-6):
@@ -71,16 +75,30 @@ def test_noise_of_the_same_response_keeps_its_size():
     assert white == pytest.approx(2e-6, rel=0.02)
 
 
-@pytest.mark.parametrize("relative", [False, True])
+def test_with_a_mixed_scale_only_correlated_noise_is_in_proportion_to_the_range():
+    mixed = fitted(noise_scale="mixed")
+    for asked in (record(4e3), record(3e3)):  # calibrated, and not
+        correlated, white = spreads(mixed, asked)
+        smallest = record(4e3).response_range
+        assert correlated == pytest.approx(30e-6 * max(asked.response_range, smallest), rel=0.1)
+        assert white == pytest.approx(2e-6, rel=0.02)
+    wider = fitted([record(4e3), record(2e3)], noise_scale="mixed")
+    correlated, white = spreads(wider, record(3e3))
+    assert correlated == pytest.approx(30e-6 * record(3e3).response_range, rel=0.1)
+
+
+@pytest.mark.parametrize("noise_scale", ["absolute", "range", "mixed"])
 @pytest.mark.parametrize("camera", [False, True])
-def test_noise_of_another_response_is_in_proportion_to_the_range(relative, camera):
+def test_noise_of_another_response_is_in_proportion_to_the_range(noise_scale, camera):
     """White noise is that of the sensor if the specimen states it."""
     area, calibrated = record(2e3, "area"), record(4e3)
-    found = fitted(relative=relative, specimen=with_camera() if camera else PLAIN)
+    found = fitted(noise_scale=noise_scale, specimen=with_camera() if camera else PLAIN)
     correlated, white = spreads(found, area)
-    ratio = area.response_range / (1.0 if relative else calibrated.response_range)
-    assert correlated == pytest.approx(30e-6 * ratio, rel=0.1)
-    assert white == pytest.approx(1.5e-6 if camera else 2e-6 * ratio, rel=0.02)
+    shares = [area.response_range, area.response_range / calibrated.response_range]
+    of_correlated = shares[noise_scale == "absolute"]
+    of_white = shares[noise_scale != "range"]
+    assert correlated == pytest.approx(30e-6 * of_correlated, rel=0.1)
+    assert white == pytest.approx(1.5e-6 if camera else 2e-6 * of_white, rel=0.02)
     note = found.noise_of(area).note
     assert "no calibrated record measured area" in note and ("specimen.yaml" in note) == camera
 
@@ -209,17 +227,17 @@ def strain() -> Experiment:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("relative", [False, True])
+@pytest.mark.parametrize("noise_scale", ["absolute", "range", "mixed"])
 @pytest.mark.parametrize("records", [[GAIN], [PHASE], [GAIN, PHASE]])
-def test_noise_of_a_gain_is_a_fraction_of_the_range_of_a_strain(records, relative):
+def test_noise_of_a_gain_is_a_fraction_of_the_range_of_a_strain(records, noise_scale):
     """Whatever unit the gain is in: its residuals are logarithms, those of a phase radians."""
-    origin = find_noise(strain(), records, RATIOS, relative, "record")
+    origin = find_noise(strain(), records, RATIOS, noise_scale, "record")
     mean = np.linspace(0.0, SHOWN_RANGE, 50)[None]
     assert origin.scales(mean) == pytest.approx([SHOWN_RANGE])
 
 
 def test_noise_of_a_strain_is_scaled_by_its_range():
     current = replace(strain(), response_name="current", response_unit="A")
-    origin = find_noise(current, [CREEP], RATIOS, False, "record")
+    origin = find_noise(current, [CREEP], RATIOS, "absolute", "record")
     mean = np.linspace(0.0, SHOWN_RANGE, 50)[None]
     assert origin.scales(mean) == pytest.approx([SHOWN_RANGE / 0.04])

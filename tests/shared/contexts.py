@@ -39,7 +39,15 @@ def fitted(candidate: str, **changes) -> Fitted:
     system = membrane(candidate)
     values = draws(system.order, **changes)
     return Fitted(
-        candidate, PLAIN, system, NOISE["white"](), False, "record", values, (), candidate[-1] > "1"
+        candidate,
+        PLAIN,
+        system,
+        NOISE["white"](),
+        "absolute",
+        "record",
+        values,
+        (),
+        candidate[-1] > "1",
     )
 
 

@@ -48,7 +48,7 @@ def fitted(candidate: str, protocol: str, **changes) -> Fitted:
     count = values["mu_1"].size
     values |= {f"{protocol}.sigma_white": np.geomspace(1e-4, 2e-4, count)}
     converged = candidate not in (STATIC[0], MOVING[0])
-    return Fitted(candidate, PLAIN, structure(candidate), NOISE["white"](), False, "record",
+    return Fitted(candidate, PLAIN, structure(candidate), NOISE["white"](), "absolute", "record",
                   values, (), converged)  # fmt: skip
 
 

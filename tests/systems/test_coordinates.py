@@ -194,9 +194,11 @@ def test_those_of_a_real_posterior():
     theta = target.prior.to_parameters(z)
     u, _ = found.straighten(z)
     for pair, group in zip(noises, ("creep", "frequency_response"), strict=True):
-        weights = np.concatenate([r.weights for r in target.records if r.group == group])
+        records = [r for r in target.records if r.group == group]
+        weights = np.concatenate([r.weights for r in records])
+        size = np.mean([r.correlated_scale**2 for r in records])
         white, correlated = theta[:, list(pair.columns)].T
-        total = np.sqrt(white**2 * weights.mean() + correlated**2)
+        total = np.sqrt(white**2 * weights.mean() + correlated**2 * size)
         np.testing.assert_allclose(u[:, pair.columns[0]], np.log(total))
 
 

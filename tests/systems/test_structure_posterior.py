@@ -95,7 +95,7 @@ def test_the_solver_of_a_likelihood_is_looser_and_moves_it_by_hundredths():
     exact = replace(found, records=(replace(found.records[0], simulate=simulate_well),))
     draws = spread_draws(4, 40, sd=0.003)
     size = np.ptp(record.response)
-    noise = {"sigma_white": 1e-3 * size, "sigma_ou": 1e-3 * size, "tau_ou": 0.02}
+    noise = {"sigma_white": 1e-3 * size, "sigma_ou": 1e-3, "tau_ou": 0.02}
     draws |= {f"sine.{name}": np.full(40, value) for name, value in noise.items()}
     theta = np.stack([draws[name] for name in found.names], axis=1)
     difference = found.log_likelihood(theta) - exact.log_likelihood(theta)

@@ -81,10 +81,13 @@ def _explained(
         record, observed = results.records.get(name, {}), prediction["observed"].values
         relative = results.settings.get("noise_scale") == "range"
         scale = float(record.get("scale", np.ptp(observed) if relative else 1.0))
+        draws = results.noise.for_record(
+            results.noise_draws(name), float(record.get("correlated_scale", 1.0))
+        )
         if record.get("proportional", False):
             observed = np.log(observed)
         weights = 1.0 / results.study.experiments[name].samples_averaged
-        variances = results.noise.variances(results.noise_draws(name), weights)
+        variances = results.noise.variances(draws, weights)
         named = dict(zip(("correlated", "white"), variances, strict=True))
         present = {kind: each * scale**2 for kind, each in named.items() if np.any(each > 0.0)}
         yield name, observed, present

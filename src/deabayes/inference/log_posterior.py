@@ -12,13 +12,14 @@ from deabayes.experiment import Experiment, FloatArray, Specimen
 from deabayes.inference.default_priors import adapted_to_records, names_of_all, only_for_predictions
 from deabayes.inference.record_noise import (
     ResidualScale,
+    correlated_scale,
     noise_coordinate,
     noise_group,
     noise_parameters,
     record_scale,
 )
 from deabayes.noise import REGISTRY as NOISE_MODELS
-from deabayes.noise.base import NoiseModel
+from deabayes.noise.base import Draws, NoiseModel
 from deabayes.prior.joint import Prior, PriorFromPosterior
 from deabayes.study import Study
 from deabayes.systems import build as build_system
@@ -34,6 +35,7 @@ class Record:
     group: str
     scale: ResidualScale
     noise_coordinate: FloatArray
+    correlated_scale: float = 1.0
 
     @cached_property
     def weights(self) -> FloatArray:
@@ -98,7 +100,7 @@ class LogPosterior:
         draws = self.draws(theta)
         return {
             record.experiment.name: self.noise.pointwise_log_prob(
-                *self.residuals(record, draws), self.noise_draws(draws, record.group)
+                *self.residuals(record, draws), self.noise_draws(draws, record)
             )
             + record.log_derivative
             for record in self.records
@@ -121,7 +123,7 @@ class LogPosterior:
                     continue
                 residuals, coordinate, weights = self.residuals(record, draws)
                 total += self.noise.log_prob(
-                    residuals, coordinate, weights, self.noise_draws(draws, record.group)
+                    residuals, coordinate, weights, self.noise_draws(draws, record)
                 )
                 total += record.log_derivative.sum()
             if experiments is None and not self.quantities_counted:
@@ -160,10 +162,11 @@ class LogPosterior:
             return self
         return replace(self, records=tuple(record.solved_by(system) for record in self.records))
 
-    def noise_draws(self, draws: Mapping[str, FloatArray], group: str) -> dict[str, FloatArray]:
-        """The noise parameters of one group without their prefix."""
-        prefix = f"{group}."
-        return {name[len(prefix) :]: v for name, v in draws.items() if name.startswith(prefix)}
+    def noise_draws(self, draws: Draws, record: Record) -> Draws:
+        """The noise parameters of a record, without its group's prefix."""
+        prefix = f"{record.group}."
+        named = {name[len(prefix) :]: v for name, v in draws.items() if name.startswith(prefix)}
+        return self.noise.for_record(named, record.correlated_scale)
 
     def residuals(
         self, record: Record, draws: Mapping[str, FloatArray]
@@ -206,6 +209,7 @@ def build(
             noise_group(study, e),
             record_scale(study, system, e),
             noise_coordinate(study.noise_coordinate, e),
+            correlated_scale(study, system, e),
         )
         for e in calibrated
     )

@@ -107,6 +107,20 @@ def record_scale(study: Study, system: System, experiment: Experiment) -> Residu
     return ResidualScale(experiment.response_range if study.noise_scale == "range" else 1.0)
 
 
+def correlated_scale(study: Study, system: System, experiment: Experiment) -> float:
+    """Unit of the standard deviation of correlated noise, in the unit of a record's residuals.
+
+    With `noise_scale: mixed` it is the record's range, because the error of a model grows with
+    the response. A sensor's white noise does not.
+    """
+    return experiment.response_range if _is_mixed(study, system, experiment) else 1.0
+
+
+def _is_mixed(study: Study, system: System, experiment: Experiment) -> bool:
+    """Whether only the correlated noise of a record is in proportion to its range."""
+    return study.noise_scale == "mixed" and not is_ratio(system, experiment.response_name)
+
+
 def residual_unit(study: Study, system: System, experiment: Experiment) -> str:
     """Unit of a record's residuals."""
     return "1" if _is_relative(study, system, experiment) else experiment.response_unit
@@ -157,11 +171,22 @@ def noise_parameters(
         coordinate_unit = "1" if study.noise_coordinate == "grid" else members[0].coordinate_unit
         sensor = _stated_noise(system, members)
         divisor = float(np.mean([s.scale for s in scales]))
+        made = noise.parameters(unit, scale, span, coordinate_unit)
+        if _is_mixed(study, system, members[0]):
+            relative = noise.parameters("1", 1.0, span, coordinate_unit)
+            pairs = zip(made, relative, strict=True)
+            made = tuple(_of_range(share) if p.name == noise.amplitude else p for p, share in pairs)
         parameters += [
-            replace(_of_sensor(p, sensor, divisor), name=f"{group}.{p.name}")
-            for p in noise.parameters(unit, scale, span, coordinate_unit)
+            replace(_of_sensor(p, sensor, divisor), name=f"{group}.{p.name}") for p in made
         ]
     return tuple(parameters)
+
+
+def _of_range(parameter: Parameter) -> Parameter:
+    """Return the parameter with a description that says that it is a fraction of the range."""
+    return replace(
+        parameter, description=f"{parameter.description}, as a fraction of the record's range"
+    )
 
 
 def _check_one_unit(group: str, what: str, units: set[str]) -> None:

@@ -37,6 +37,8 @@ class NoiseModel(ABC):
     name: ClassVar[str]
     diagnostic_only: ClassVar[bool] = False
     """Whether credible intervals are known to be too narrow for densely sampled records."""
+    amplitude: ClassVar[str] = ""
+    """Name of the standard deviation of the correlated part, if the model has one."""
     adding: ClassVar[tuple[str, ...]] = ()
     """Names of the standard deviations of the white and the correlated part, if it has both."""
     length: ClassVar[str] = ""
@@ -57,6 +59,18 @@ class NoiseModel(ABC):
         span : typical extent of the coordinate, in `coordinate_unit`;
             correlation lengths have 95 % of their prior below a tenth of `span`.
         """
+
+    def for_record(self, draws: Draws, correlated_scale: FloatArray | float) -> Draws:
+        """Noise parameters in the unit of a record's residuals.
+
+        Parameters
+        ----------
+        correlated_scale : unit of the correlated part's standard deviation, one for all draws or
+            one per draw (W,): the record's range if it is a fraction of this range, else 1.
+        """
+        if not self.amplitude:
+            return draws
+        return {**draws, self.amplitude: draws[self.amplitude] * correlated_scale}
 
     @abstractmethod
     def pointwise_log_prob(
@@ -113,7 +127,7 @@ def variance(sigma: FloatArray) -> FloatArray:
 class NoisePair:
     """White and correlated noise of a group: columns of z, with ln sigma = intercept + slope z.
 
-    The intercept of white noise includes half the logarithm of the mean weight.
+    The intercepts include the logarithms of the factors of `noise_coordinates`.
     """
 
     columns: tuple[int, int]
@@ -142,22 +156,27 @@ class NoisePair:
 
 
 def noise_coordinates(
-    noise: NoiseModel, prior: Prior, weights: Mapping[str, FloatArray], free: frozenset[int]
+    noise: NoiseModel,
+    prior: Prior,
+    factors: Mapping[str, tuple[float, float]],
+    free: frozenset[int],
 ) -> list[NoisePair]:
     """Return a pair for each noise group whose two amplitudes have log-normal priors.
 
     Parameters
     ----------
-    weights : by group, the weights of white noise at all points of the group's records.
+    factors : by group, the typical factors from the white and the correlated standard deviation
+        to those of the residuals.
     free : columns to consider (see `prior_coordinates`).
     """
     pairs: list[NoisePair] = []
-    for group, group_weights in weights.items():
+    for group, both in factors.items():
         columns = [prior.names.index(f"{group}.{name}") for name in noise.adding]
         normals = log_normals(prior, columns, free)
         if len(normals) == 2:
-            white, correlated = (float(np.log(p.median)) for p in normals)
-            white += 0.5 * float(np.log(np.mean(group_weights)))
+            white, correlated = (
+                float(np.log(p.median * factor)) for p, factor in zip(normals, both, strict=True)
+            )
             places, slopes = (columns[0], columns[1]), (normals[0].sigma, normals[1].sigma)
             pairs.append(NoisePair(places, (white, correlated), slopes))
     return pairs

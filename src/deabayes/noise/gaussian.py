@@ -64,8 +64,6 @@ class StateSpaceNoise(GaussianNoise):
     its parameters and gives the compiled functions of its correlation function rho.
     """
 
-    amplitude: ClassVar[str]
-    """Name of the standard deviation sigma of the correlated part."""
     subscript: ClassVar[str]
     """Subscript of the symbols of amplitude and length."""
     rate_factor: ClassVar[float] = 1.0

@@ -259,7 +259,10 @@ def _prior_predictive(content: PosteriorContent, theta: FloatArray) -> xr.Datase
 
 def _attributes(content: PosteriorContent) -> dict[str, str]:
     target, study = content.target, content.study
-    records = [CalibratedRecord.of(r.experiment, r.group, r.scale) for r in target.records]
+    records = [
+        CalibratedRecord.of(r.experiment, r.group, r.scale, r.correlated_scale)
+        for r in target.records
+    ]
     counted = [CountedRecord.of(study.name, r.experiment) for r in target.records]
     return {
         "study": json.dumps(to_settings(study)),

@@ -45,7 +45,7 @@ class Fitted:
     specimen: Specimen
     system: System
     noise: NoiseModel
-    relative_noise: bool
+    noise_scale: str
     noise_along: str
     draws: Mapping[str, FloatArray]
     records: tuple[CalibratedRecord, ...]
@@ -70,7 +70,7 @@ class Fitted:
             specimen,
             build_system(specimen.system, candidate, specimen),
             _noise_of(tree.attrs),
-            settings.get("noise_scale", "absolute") == "range",
+            settings.get("noise_scale", "absolute"),
             settings.get("noise_coordinate", "record"),
             draws,
             _records_of(tree.attrs),
@@ -120,9 +120,7 @@ class Fitted:
 
     def noise_of(self, experiment: Experiment) -> NoiseOrigin:
         """Return the origin of the noise that an experiment should have (see `find_noise`)."""
-        return find_noise(
-            experiment, self.records, self.system, self.relative_noise, self.noise_along
-        )
+        return find_noise(experiment, self.records, self.system, self.noise_scale, self.noise_along)
 
     def sample(self, experiment: Experiment, rng: np.random.Generator) -> Samples:
         """Sample the response to an experiment (see `sample_response`)."""
@@ -151,7 +149,7 @@ class Fitted:
             curves,
             scales,
             self.noise,
-            origin.draws(self._noise_draws(origin), scales),
+            origin.draws(self.noise, self._noise_draws(origin), curves, scales),
             origin.stretch * noise_coordinate(self.noise_along, experiment),
             1.0 / experiment.samples_averaged,
         )

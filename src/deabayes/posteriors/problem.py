@@ -21,7 +21,7 @@ def problem_of(target: LogPosterior) -> Problem:
     prior, system = target.prior, target.system
     experiments = [record.experiment for record in target.records]
     own, free = prior_coordinates(prior)
-    noise = noise_coordinates(target.noise, prior, _weights(target), free)
+    noise = noise_coordinates(target.noise, prior, _noise_factors(target), free)
     parts = (*own, *noise, *system.coordinates(prior, experiments, free))
     exact = Problem(
         target.log_likelihood_of_normal,
@@ -63,17 +63,22 @@ def _record_split(
     target: LogPosterior, record: Record, draws: Batch
 ) -> tuple[FloatArray, FloatArray]:
     residuals = target.residuals(record, draws)
-    noise = target.noise_draws(draws, record.group)
+    noise = target.noise_draws(draws, record)
     scores = target.noise.innovations(*residuals, noise)
     log_prob = target.noise.pointwise_log_prob(*residuals, noise)
     log_prob = log_prob + record.log_derivative
     return scores, -log_prob - 0.5 * scores**2
 
 
-def _weights(target: LogPosterior) -> dict[str, FloatArray]:
-    """Return the weights of white noise at all points of each noise group."""
-    groups = dict.fromkeys(record.group for record in target.records)
+def _noise_factors(target: LogPosterior) -> dict[str, tuple[float, float]]:
+    """Root mean squares of the factors on white and correlated noise over each group's points."""
+    groups: dict[str, list[Record]] = {}
+    for record in target.records:
+        groups.setdefault(record.group, []).append(record)
     return {
-        group: np.concatenate([r.weights for r in target.records if r.group == group])
-        for group in groups
+        group: (
+            float(np.sqrt(np.mean(np.concatenate([r.weights for r in records])))),
+            float(np.sqrt(np.mean([r.correlated_scale**2 for r in records]))),
+        )
+        for group, records in groups.items()
     }

@@ -220,7 +220,8 @@ def sample_response(
     mean = mean[kept]
     scales = origin.scales(mean)
     scale = ResidualScale(scales, origin.proportional)
-    noise_draws = origin.draws({n: values[kept] for n, values in noise_draws.items()}, scales)
+    kept_draws = {name: values[kept] for name, values in noise_draws.items()}
+    noise_draws = origin.draws(noise, kept_draws, mean, scales)
     weights = 1.0 / experiment.samples_averaged
     discrepancy, white = noise.sample(rng, along, weights, noise_draws)
     if log_density is not None:

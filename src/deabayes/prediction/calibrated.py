@@ -48,11 +48,19 @@ class CalibratedRecord:
     """Whether residuals and noise refer to the response's logarithm (see `ResidualScale`)."""
     elapsed: float = float("nan")
     """Time from the onset of the excitation to the last reading [s]; NaN also in older files."""
+    correlated_scale: float = 1.0
+    """Unit of the standard deviation of correlated noise, in the unit of the residuals."""
     conditions: Mapping[str, float | str] | None = None
     """Conditions held during the record; None in older files, which do not store them."""
 
     @classmethod
-    def of(cls, experiment: Experiment, group: str, scale: ResidualScale) -> CalibratedRecord:
+    def of(
+        cls,
+        experiment: Experiment,
+        group: str,
+        scale: ResidualScale,
+        correlated_scale: float = 1.0,
+    ) -> CalibratedRecord:
         values = experiment.excitation.values
         return cls(
             experiment.name,
@@ -69,6 +77,7 @@ class CalibratedRecord:
             fastest(experiment),
             scale.proportional,
             experiment.elapsed,
+            correlated_scale,
             dict(experiment.excitation.conditions),
         )
 

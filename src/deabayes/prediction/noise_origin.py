@@ -10,6 +10,7 @@ import numpy as np
 from deabayes.experiment import Experiment, FloatArray
 from deabayes.faults import UserError
 from deabayes.inference.record_noise import is_ratio
+from deabayes.noise.base import NoiseModel
 from deabayes.prediction.calibrated import CalibratedRecord
 from deabayes.systems.base import Draws, System
 from deabayes.systems.specimen_quantities import instrument
@@ -27,6 +28,8 @@ class NoiseOrigin:
     group : group of calibrated records whose noise parameters are used.
     scale : the scale that divides residuals. None means: each draw's predicted range divided by
         `calibrated_range`, since the range of a new record is not known beforehand.
+    correlated_scale : unit of the correlated part's standard deviation in residuals. None means:
+        each draw's predicted range.
     smallest : smallest range of a calibrated record of the group. A smaller predicted range does
         not make the noise smaller. Zero if no calibrated record has this response's unit.
     calibrated_range : mean range of the group's records, used if absolute noise of their response
@@ -41,6 +44,7 @@ class NoiseOrigin:
 
     group: str
     scale: float | None = 1.0
+    correlated_scale: float | None = 1.0
     smallest: float = 0.0
     calibrated_range: float = 1.0
     proportional: bool = False
@@ -52,24 +56,38 @@ class NoiseOrigin:
         """Scale that divides each draw's residuals, (W,); NaN where the scale is unknown."""
         if self.scale is not None:
             return np.full(mean.shape[0], self.scale)
+        return self._ranges(mean) / self.calibrated_range
+
+    def _ranges(self, mean: FloatArray) -> FloatArray:
+        """Range of each draw's curve, at least `smallest`, (W,); NaN for a constant curve."""
         ranges = np.maximum(np.ptp(mean, axis=1), self.smallest)
         varies = ranges > STILL * np.max(np.abs(mean), axis=1)
-        return np.where(varies, ranges, np.nan) / self.calibrated_range
+        return np.where(varies, ranges, np.nan)
 
     def note_on(self, mean: FloatArray, unit: str) -> str:
         """Return `note`, or a note on the scale if the curves (W, N) vary too little."""
-        if self.scale is None and np.median(np.ptp(mean, axis=1)) < self.smallest:
+        predicted = self.scale is None or self.correlated_scale is None
+        if predicted and np.median(np.ptp(mean, axis=1)) < self.smallest:
             size = f"{self.smallest:.3g}" + ("" if unit == "1" else f" {unit}")
             return (
                 f"the response varies by less than in any calibrated record of {self.group}, so "
                 f"its noise is in proportion to the smallest range of these records ({size})"
             )
-        if np.isnan(self.scales(mean)).any():
+        if predicted and np.isnan(self._ranges(mean)).any():
             return f"{self.note}; the response does not vary, so the noise's size is not known"
         return self.note
 
-    def draws(self, noise_draws: Draws, scales: FloatArray) -> Draws:
-        """Noise parameters of the group, with the sensor's stated white noise if it is known."""
+    def draws(
+        self, noise: NoiseModel, noise_draws: Draws, mean: FloatArray, scales: FloatArray
+    ) -> Draws:
+        """Noise parameters of the group in the unit of residuals of the curves (W, N).
+
+        The sensor's stated white noise is used if it is known.
+        """
+        correlated = self.correlated_scale
+        noise_draws = noise.for_record(
+            noise_draws, self._ranges(mean) if correlated is None else correlated
+        )
         if self.white is None or "sigma_white" not in noise_draws:
             return noise_draws
         return {**noise_draws, "sigma_white": self.white / scales}
@@ -79,7 +97,7 @@ def find_noise(
     experiment: Experiment,
     records: Sequence[CalibratedRecord],
     system: System,
-    relative: bool,
+    noise_scale: str,
     along: str,
 ) -> NoiseOrigin:
     """Choose the calibrated records whose noise an experiment is assumed to have.
@@ -96,7 +114,7 @@ def find_noise(
     Parameters
     ----------
     records : the calibrated records.
-    relative : whether noise is proportional to a record's range (`noise_scale: range`).
+    noise_scale : which noise is proportional to a record's range (`noise_scale` of the study).
     along : coordinate along which the noise is correlated (`noise_coordinate`).
 
     Raises
@@ -107,7 +125,9 @@ def find_noise(
     proportional = experiment.response_name in system.proportional
     for record in records:
         if record.name == experiment.name:
-            return NoiseOrigin(record.group, record.scale, proportional=proportional)
+            return NoiseOrigin(
+                record.group, record.scale, record.correlated_scale, proportional=proportional
+            )
     same_unit = [
         r for r in records if system.responses[r.response_name] == experiment.response_unit
     ]
@@ -117,15 +137,20 @@ def find_noise(
     source = next(same_coordinate, usable[0])
     stretch = 1.0 if along == "grid" else _stretch(experiment, source)
     if same_unit:
-        if not relative or is_ratio(system, experiment.response_name):
+        if noise_scale == "absolute" or is_ratio(system, experiment.response_name):
             return NoiseOrigin(source.group, proportional=proportional, stretch=stretch)
-        smallest = min(r.scale for r in same_unit if r.group == source.group)
-        return NoiseOrigin(source.group, None, smallest, stretch=stretch)
-    calibrated_range = 1.0
-    if not relative and not is_ratio(system, source.response_name):
+        smallest = min(r.response_range for r in same_unit if r.group == source.group)
+        relative = NoiseOrigin(source.group, correlated_scale=None, smallest=smallest)
+        if noise_scale == "range":
+            relative = replace(relative, scale=None, correlated_scale=1.0)
+        return replace(relative, stretch=stretch)
+    calibrated_range = correlated_scale = 1.0
+    if noise_scale != "range" and not is_ratio(system, source.response_name):
         ranges = [r.response_range for r in records if r.group == source.group]
         calibrated_range = float(np.mean(ranges))
-    return replace(_carried_over(experiment, source, calibrated_range, system), stretch=stretch)
+        correlated_scale = calibrated_range if noise_scale == "mixed" else 1.0
+    carried = _carried_over(experiment, source, calibrated_range, system)
+    return replace(carried, correlated_scale=correlated_scale, stretch=stretch)
 
 
 def _carried_over(

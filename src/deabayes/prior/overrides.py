@@ -116,7 +116,7 @@ def overridden(
                 ratios[key] = ratio
             only_ratio = ratio is not None and not settings
             for target in () if only_ratio else targets:
-                prior = from_settings(settings, target.unit, f"priors.{key}")
+                prior = _prior_of(target, settings, f"priors.{key}")
                 _check_support(prior, target, f"priors.{key}")
                 replaced[target.name] = replace(target, prior=prior, source="config")
             if ratio is not None and targets:
@@ -126,6 +126,17 @@ def overridden(
     if faults:
         raise Faults(faults)
     return tuple(replaced.values()), ratios
+
+
+def _prior_of(parameter: Parameter, settings: Mapping[str, object], where: str) -> Distribution:
+    """The config's prior of a parameter; a message on a plain number says what the number is."""
+    try:
+        return from_settings(settings, parameter.unit, where)
+    except UserError as fault:
+        if parameter.unit != "1":
+            raise
+        text = f"{fault}. {parameter.name} is the {parameter.description}"
+        raise UserError(text) from None
 
 
 def bare_numbers(
