@@ -7,12 +7,17 @@ import pytest
 
 from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Score, decide, judge
-from deabayes.comparison.verdicts import elpd_difference, verdicts
+from deabayes.comparison.verdicts import elpd_difference, ends_difference, odds, verdicts
 
 
 def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
     loo = BlockLoo(np.asarray(terms, float), np.zeros(len(terms))) if converged else None
     return Score(name, parameters, parameters, converged, evidence, mcse, 0.0, np.nan, loo)
+
+
+def named(scored):
+    names = tuple(f"block {k}" for k in range(scored.loo.terms.size))
+    return replace(scored, loo=replace(scored.loo, names=names))
 
 
 def words(*scores):
@@ -26,16 +31,20 @@ SPREAD = np.linspace(-1, 1, 20)
 @pytest.mark.parametrize(
     ("evidence", "terms", "expected"),
     [
-        (9.0, 1.5 * ONES, "larger"),
-        (9.0, ONES, "conflict"),  # evidence alone
-        (-9.0, 1.5 * ONES, "conflict"),  # elpd alone
+        (2.5, 1.5 * ONES, "larger"),
+        (2.5, ONES, "conflict"),  # evidence that is not clear, alone
+        (3.1, ONES, "larger"),  # clear evidence, to which blocks do not object
+        (3.1, ONES - 0.1 - SPREAD, "larger"),  # a loss of 2 within an SE of 2.7
+        (3.1, ONES - 0.2 - SPREAD, "conflict"),  # a loss of 4
+        (30.0, 0.5 * ONES, "conflict"),
+        (-9.0, 1.5 * ONES, "conflict"),  # blocks alone
         (0.5, 1.1 * ONES, "smaller"),  # +2 elpd and half a nat are not enough
-        (9.0, ONES + 0.3 + 3 * SPREAD, "conflict"),  # gain of 6 within 2 SE
-        (1.5, 1.5 * ONES, "larger"),
-        (0.9, 1.5 * ONES, "conflict"),  # less than a nat of evidence
+        (2.5, ONES + 0.3 + 3 * SPREAD, "conflict"),  # gain of 6 within 2 SE
+        (2.1, 1.5 * ONES, "larger"),
+        (1.9, 1.5 * ONES, "conflict"),  # less than two nats of evidence
     ],
 )
-def test_a_larger_order_wins_by_both_criteria_only(evidence, terms, expected):
+def test_a_larger_order_wins_by_clear_evidence_or_by_both_criteria(evidence, terms, expected):
     assert judge(score("b", 5, evidence, terms), score("a", 3, 0.0, ONES)) == expected
 
 
@@ -78,24 +87,40 @@ def test_a_large_gain_wins_although_blocks_differ():
 
 def test_seven_nats_within_two_standard_errors_are_a_conflict():
     small = score("a", 3, 0.0, np.zeros(4))
-    assert judge(score("b", 5, 9.0, [2.0, 2.0, 2.0, 1.0]), small) == "larger"
-    assert judge(score("b", 5, 9.0, [7.5, 2.0, 2.0, -4.0]), small) == "conflict"
+    assert judge(score("b", 5, 2.5, [2.0, 2.0, 2.0, 1.0]), small) == "larger"
+    assert judge(score("b", 5, 2.5, [7.5, 2.0, 2.0, -4.0]), small) == "conflict"
 
 
 def test_no_block_decides_alone():
     """What is left without the best block must be 4 nats and a standard error."""
     small = score("a", 3, 0.0, np.zeros(9))
     gains = np.array([70.0, 0.6, 0.4, 0.5, 0.6, 0.4, 0.5, 0.4, 0.5])
-    assert judge(score("b", 5, 70.0, gains), small) == "conflict"
+    assert judge(score("b", 5, 2.5, gains), small) == "conflict"
     scattered = np.array([70.0, 9.0, -8.0, 9.0, -8.0, 9.0, -8.0, 9.0, -5.0])
-    assert judge(score("b", 5, 70.0, scattered), small) == "conflict"
-    assert judge(score("b", 5, 70.0, np.array([70.0])), score("a", 3, 0.0, [0.0])) == "conflict"
+    assert judge(score("b", 5, 2.5, scattered), small) == "conflict"
+    assert judge(score("b", 5, 2.5, np.array([70.0])), score("a", 3, 0.0, [0.0])) == "conflict"
 
 
-def named(name, parameters, evidence, terms):
-    scored = score(name, parameters, evidence, terms)
-    names = tuple(f"block {k}" for k in range(len(terms)))
-    return replace(scored, loo=replace(scored.loo, names=names))
+def test_ends_of_records_do_not_decide():
+    """Treloar's rubber: the larger loses 34 nats at the end of the largest stretch only."""
+    gained = np.array([3.2, 2.0, 1.1, 1.4, 1.9, 1.8, 1.4, 2.3, 1.8, 0.5, 0.2, 0.4, 1.1, 3.0, 2.3,
+                       1.1, 0.9, 0.6, 1.8, 1.4, -34.0])  # fmt: skip
+    ends = tuple(k in (0, 6, 7, 13, 14, 20) for k in range(21))
+    small, large = score("gent", 5, 0.0, np.zeros(21)), score("ogden_3", 9, 2.9, gained)
+    assert judge(large, small) == "conflict"
+    small, large = (replace(named(s), loo=replace(named(s).loo, ends=ends)) for s in (small, large))
+    assert judge(large, small) == "larger"
+    assert elpd_difference(large, small)[0] == pytest.approx(18.0)
+    assert ends_difference(large, small) == pytest.approx(-21.8)
+    verdict = words(small, large)["gent"]
+    assert verdict.endswith("; it extrapolates better to block 20 by 34 nats")
+
+
+def test_too_few_interior_blocks_leave_all_to_decide():
+    loo = BlockLoo(np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(4), (), (True, False, False, True))
+    assert loo.elpd == 10.0
+    longer = BlockLoo(np.arange(5.0), np.zeros(5), (), (True, False, False, False, True))
+    assert longer.elpd == 6.0 and longer.se == pytest.approx(np.sqrt(3.0))
 
 
 LOST_END = np.array([9.0, 7.0, 10.0, 8.0, 11.0, 13.0, 9.0, 8.0, -51.0])
@@ -104,16 +129,16 @@ LOST_END = np.array([9.0, 7.0, 10.0, 8.0, 11.0, 13.0, 9.0, 8.0, -51.0])
 @pytest.mark.parametrize(
     ("evidence", "gained", "expected"),
     [
-        (56.0, LOST_END, "block 8 (elpd -51.0): the others have +75.0 (SE 5.4)"),
-        (70.0, [70.0, 0.4, 0.4, 0.4], "block 0 (elpd +70.0): the others have +1.2 (SE 0.0)"),
+        (2.5, LOST_END, "block 8 (elpd -51.0): the others have +75.0 (SE 5.4)"),
+        (2.5, [70.0, 0.4, 0.4, 0.4], "block 0 (elpd +70.0): the others have +1.2 (SE 0.0)"),
         (-3.0, [1.2, 5.0, 1.2, 1.2], "block 1 (elpd +5.0): the others have +3.6 (SE 0.0)"),
-        (56.0, np.r_[LOST_END[:-2], -51.0, -51.0], ""),  # two are against it
-        (9.0, ONES / 20, ""),  # none is
+        (2.5, np.r_[LOST_END[:-2], -51.0, -51.0], ""),  # two are against it
+        (2.5, ONES / 20, ""),  # none is
     ],
 )
 def test_a_verdict_names_the_one_block_that_makes_the_criteria_disagree(evidence, gained, expected):
-    small = named("a", 3, 0.0, np.zeros(len(gained)))
-    verdict = words(small, named("b", 5, evidence, gained))["b"]
+    small = named(score("a", 3, 0.0, np.zeros(len(gained))))
+    verdict = words(small, named(score("b", 5, evidence, gained)))["b"]
     assert verdict.startswith("not resolved by these data: elpd")
     assert ("one block decides, " in verdict) == bool(expected)
     assert verdict.endswith(expected)
@@ -122,9 +147,9 @@ def test_a_verdict_names_the_one_block_that_makes_the_criteria_disagree(evidence
 def test_the_gain_of_the_decisive_block_is_that_of_the_candidate_of_the_row():
     """Here the larger one was chosen, and the smaller, ahead on one block only, contests it."""
     scores = [
-        named("n1", 3, 0.0, ONES),
-        named("n2", 5, 9.0, ONES + 0.2 + 60.0 * (np.arange(20) == 4)),
-        named("n3", 7, 14.0, ONES + 0.45),
+        named(score("n1", 3, 0.0, ONES)),
+        named(score("n2", 5, 2.5, ONES + 0.2 + 60.0 * (np.arange(20) == 4))),
+        named(score("n3", 7, 5.0, ONES + 0.45)),
     ]
     decision = decide(scores)
     assert decision.chosen == "n3" and decision.unresolved == ("n2",)
@@ -132,20 +157,20 @@ def test_the_gain_of_the_decisive_block_is_that_of_the_candidate_of_the_row():
 
 
 def test_a_resolved_order_names_no_block():
-    scores = [named("a", 3, 0.0, ONES), named("b", 5, 9.0, 1.5 * ONES)]
+    scores = [named(score("a", 3, 0.0, ONES)), named(score("b", 5, 9.0, 1.5 * ONES))]
     assert not any("one block" in verdict for verdict in words(*scores).values())
 
 
 def test_decision_walks_up_and_names_the_unresolved():
     scores = [
-        score("n3", 7, 12.0, 1.6 * ONES),
+        score("n3", 7, 11.5, 1.6 * ONES),
         score("n1", 3, 0.0, ONES),
         score("n2", 5, 9.0, 1.5 * ONES),
         score("n4", 9, 40.0, 9 * ONES, converged=False),
     ]
     decision = decide(scores)
     assert (decision.chosen, decision.unresolved) == ("n2", ("n3",))
-    assert words(*scores)["n2"].endswith("against n3; the smallest order")
+    assert words(*scores)["n2"].endswith("against n3; use n2 meanwhile, the smallest order")
     assert words(*scores)["n4"] == "not ranked: not converged"
 
 
@@ -153,13 +178,14 @@ def test_a_candidate_passed_over_may_still_contest_the_choice():
     """Orders 1 and 2 conflict, 3 beats 1 by both criteria, yet 2 beats 3 by both."""
     scores = [
         score("n1", 3, 0.0, ONES),
-        score("n2", 5, 9.0, ONES + 3.9 / 20),
-        score("n3", 7, 4.0, ONES + 4.2 / 20),
+        score("n2", 5, 2.9, ONES + 3.9 / 20),
+        score("n3", 7, 2.5, ONES + 4.2 / 20),
     ]
     decision = decide(scores)
     assert (decision.chosen, decision.unresolved) == ("n3", ("n2",))
     assert words(*scores)["n3"] == (
-        "not resolved by these data against n2; the fewer parameters of n2 may be enough"
+        "not resolved by these data against n2; use n3 meanwhile, though the fewer parameters of "
+        "n2 may be enough"
     )
 
 
@@ -184,10 +210,30 @@ def test_the_verdict_names_the_candidates_that_did_not_converge(lost, evidence, 
     scores = {"n1": score("n1", 3, 0.0, ONES), "n2": score("n2", 5, 9.0, 1.5 * ONES)}
     scores["n3"] = score("n3", 7, 8.0, 1.5 * ONES)
     scores[lost] = score(lost, scores[lost].n_parameters, evidence, terms, converged=False)
-    assert words(*scores.values())["n2"] == (
+    assert words(*scores.values())["n2"].startswith(
         f"chosen: the smallest order the data cannot do without among those that converged; "
         f"{lost} did not"
     )
+
+
+def test_the_verdict_says_how_sure_it_is():
+    scores = [score("n1", 3, 0.0, ONES), score("n2", 5, 9.0, 1.5 * ONES)]
+    assert words(*scores)["n2"].endswith(
+        "; evidence for it over n1: very strong, odds over 1000 to 1"
+    )
+    scores.append(score("n3", 7, 7.0, 1.4 * ONES))
+    assert words(*scores)["n2"].endswith("the larger n3: positive, odds 7.4 to 1")
+    assert odds(-3.5) == "strong, odds 33 to 1"
+    assert odds(0.0) == "weak, odds 1.0 to 1"
+
+
+def test_the_verdict_names_a_candidate_that_predicts_left_out_records_better():
+    """Treloar's rubber: Gent predicts two of three deformations better from the other two."""
+    small, large = score("gent", 5, 0.0, ONES), score("ogden_3", 9, 9.0, 1.5 * ONES)
+    for gain, better in ((30.0, True), (3.9, False), (-30.0, False)):
+        first = replace(small, leave_one_experiment_out=-100.0 + gain)
+        second = replace(large, leave_one_experiment_out=-100.0)
+        assert ("but gent predicts records" in words(first, second)["ogden_3"]) == better
 
 
 def test_a_verdict_shows_by_how_much_the_others_fall_short():

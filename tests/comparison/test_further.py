@@ -39,7 +39,9 @@ def fitted(candidate, seed, count=150, calibrated=None):
     draws = {n: values[n] * np.exp(0.003 * rng.standard_normal(count)) for n in names}
     draws["step.sigma_white"] = np.full(count, 9e-5)
     kept = (CalibratedRecord.of(calibrated or record(), "step", ResidualScale()),)
-    return Fitted(candidate, PLAIN, system, NOISE["white"](), False, "record", draws, kept, True)
+    return Fitted(
+        candidate, PLAIN, system, NOISE["white"](), "absolute", "record", draws, kept, True
+    )
 
 
 def seed(name):

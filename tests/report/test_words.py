@@ -16,7 +16,9 @@ def study(*verdicts, converged=True, compared=True):
     """A study of candidates kv_gm_1, kv_gm_2, ...; the last is recommended."""
     names = [f"kv_gm_{k}" for k in range(1, len(verdicts) + 1)]
     candidates = [SimpleNamespace(name=n, converged=converged, errors=None) for n in names]
-    table = pd.DataFrame({"verdict": verdicts}, index=names) if compared else None
+    sizes = range(3, 3 + len(names))
+    columns = {"verdict": verdicts, "n_parameters": sizes}
+    table = pd.DataFrame(columns, index=names) if compared else None
     return SimpleNamespace(candidates=candidates, recommended=candidates[-1], comparison=table)
 
 

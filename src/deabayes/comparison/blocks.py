@@ -14,6 +14,8 @@ from deabayes.posteriors.sensitivity import smoothed
 
 Place = tuple[str, slice]
 """A block: the name of its record, and the slice of its points."""
+FEWEST_INTERIOR = 3
+"""With fewer interior blocks than this in all records, the blocks at the ends count too."""
 
 
 @dataclass(frozen=True)
@@ -26,19 +28,30 @@ class BlockLoo:
         study.
     k_hat : (B,), the Pareto shapes of the blocks' importance weights.
     names : where the blocks are.
+    ends : (B,), whether a block is the first or the last of its record. Such a block is predicted
+        from one side only: it measures extrapolation, not order.
     """
 
     terms: FloatArray
     k_hat: FloatArray
     names: tuple[str, ...] = ()
+    ends: tuple[bool, ...] = ()
+
+    @property
+    def interior(self) -> NDArray[np.bool_]:
+        """Which blocks decide, (B,): those inside their records, or all if these are too few."""
+        inside = ~np.asarray(self.ends or [False] * self.terms.size, dtype=bool)
+        return inside if inside.sum() >= FEWEST_INTERIOR else np.ones_like(inside)
 
     @property
     def elpd(self) -> float:
-        return float(np.sum(self.terms))
+        """Sum of the terms of the blocks that decide."""
+        return float(np.sum(self.terms[self.interior]))
 
     @property
     def se(self) -> float:
-        return standard_error(self.terms)
+        """Standard error of `elpd`."""
+        return standard_error(self.terms[self.interior])
 
 
 def standard_error(terms: FloatArray) -> float:
@@ -67,7 +80,9 @@ def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
     return np.add.reduceat(pointwise, edges, axis=1)
 
 
-def leave_one_block_out(terms: FloatArray, names: tuple[str, ...] = ()) -> BlockLoo:
+def leave_one_block_out(
+    terms: FloatArray, names: tuple[str, ...] = (), ends: tuple[bool, ...] = ()
+) -> BlockLoo:
     """Estimate block-LOO by Pareto-smoothed importance sampling (Vehtari, Gelman & Gabry 2017).
 
     Draws of the full posterior have weights 1 / p(block | theta_s).
@@ -80,7 +95,16 @@ def leave_one_block_out(terms: FloatArray, names: tuple[str, ...] = ()) -> Block
     elpd = [
         logsumexp(weights + block) for (weights, _), block in zip(weighed, terms.T, strict=True)
     ]
-    return BlockLoo(np.asarray(elpd), np.asarray([k_hat for _, k_hat in weighed]), names)
+    k_hat = np.asarray([shape for _, shape in weighed])
+    return BlockLoo(np.asarray(elpd), k_hat, names, ends)
+
+
+def block_ends(experiments: Mapping[str, Experiment], places: Sequence[Place]) -> tuple[bool, ...]:
+    """Whether each block is the first or the last of its record."""
+    return tuple(
+        block.start == 0 or block.stop == experiments[name].coordinate.size
+        for name, block in places
+    )
 
 
 def block_names(experiments: Mapping[str, Experiment], places: Sequence[Place]) -> tuple[str, ...]:

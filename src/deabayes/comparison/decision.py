@@ -14,7 +14,10 @@ import numpy as np
 from deabayes.comparison.blocks import BlockLoo, standard_error
 from deabayes.experiment import FloatArray
 
-SMALLEST_EVIDENCE_GAIN = 1.0
+SMALLEST_EVIDENCE_GAIN = 2.0
+"""Gain in log evidence [nats], odds of 7 to 1, below which evidence does not favour the larger."""
+CLEAR_EVIDENCE = 3.0
+"""Gain in log evidence [nats], odds of 20 to 1, that decides unless left-out blocks object."""
 LARGEST_EVIDENCE_DIFFERENCE = 0.5
 """Nats by which bridge and nested sampling may differ, on top of their errors (inference.md)."""
 SMALLEST_GAIN = 4.0
@@ -97,20 +100,27 @@ def is_favoured(chosen: Score, other: Score) -> bool:
 def judge(larger: Score, smaller: Score) -> str:
     """Compare two candidates: `larger`, `smaller` or `conflict`.
 
-    The larger wins only if it predicts left-out blocks better and the evidence favours it too.
-    The smaller wins if neither criterion favours the larger. Otherwise, or if an evidence, error
-    or block is not known, the data do not resolve the two: `conflict`.
+    The larger wins if the evidence favours it, and either the evidence is clear and left-out
+    blocks do not object, or left-out blocks favour it too. The smaller wins if neither criterion
+    favours the larger. Otherwise, or if an evidence, error or block is not known, the data do not
+    resolve the two: `conflict`.
+
+    Evidence may decide alone because a process can show in a single block: a fast relaxation
+    shows only at the beginning of a creep record. Blocks at the ends of records do not count.
     """
     by_evidence, gained = evidence_favours(larger, smaller), gains(larger, smaller)
-    if by_evidence is None or np.isnan(gained).any() or blocks_favour(gained) != by_evidence:
+    if by_evidence is None or np.isnan(gained).any():
         return "conflict"
-    return "larger" if by_evidence else "smaller"
+    clear = larger.log_evidence - smaller.log_evidence > CLEAR_EVIDENCE
+    if by_evidence and (blocks_favour(gained) or (clear and not blocks_object(gained))):
+        return "larger"
+    return "conflict" if by_evidence or blocks_favour(gained) else "smaller"
 
 
 def gains(larger: Score, smaller: Score) -> FloatArray:
-    """Gain in log predictive density of `larger` over `smaller` per left-out block, (B,) nats."""
+    """Gain of `larger` over `smaller` in log predictive density per deciding block, (B,) nats."""
     assert larger.loo is not None and smaller.loo is not None
-    return larger.loo.terms - smaller.loo.terms
+    return (larger.loo.terms - smaller.loo.terms)[larger.loo.interior]
 
 
 def evidence_favours(larger: Score, smaller: Score) -> bool | None:
@@ -153,6 +163,11 @@ def blocks_favour(gains: FloatArray) -> bool:
     return _sum_exceeds(gains, SAFE_GAIN, 0.0) and _sum_exceeds(rest, SMALLEST_GAIN, 1.0)
 
 
+def blocks_object(gains: FloatArray) -> bool:
+    """Whether a larger candidate predicts the blocks worse by more than a standard error."""
+    return _sum_exceeds(-gains, 0.0, 1.0)
+
+
 def decisive_block(gains: FloatArray, by_evidence: bool) -> int | None:
     """Find the single block that makes left-out blocks and evidence disagree, if there is one.
 
@@ -163,9 +178,10 @@ def decisive_block(gains: FloatArray, by_evidence: bool) -> int | None:
 
     Returns
     -------
-    Index of the block whose gain contradicts the evidence most, if both criteria agree without
-    it. Else, if the evidence favours the larger and the sum of the gains exceeds `SAFE_GAIN`,
-    index of the block that gains most. None if both criteria agree already, or in other cases.
+    Index among the deciding blocks of the one whose gain contradicts the evidence most, if both
+    criteria agree without it. Else, if the evidence favours the larger and the sum of the gains
+    exceeds `SAFE_GAIN`, index of the block that gains most. None if both criteria agree already,
+    or in other cases.
     """
     if gains.size < 3 or blocks_favour(gains) == by_evidence:
         return None

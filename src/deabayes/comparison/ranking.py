@@ -16,13 +16,14 @@ from deabayes.comparison.blocks import (
     BlockLoo,
     Place,
     block_edges,
+    block_ends,
     block_names,
     block_terms,
     leave_one_block_out,
 )
 from deabayes.comparison.decision import Decision, Score, decide
 from deabayes.comparison.left_out import leave_blocks_out
-from deabayes.comparison.verdicts import elpd_difference, verdicts
+from deabayes.comparison.verdicts import elpd_difference, ends_difference, verdicts
 from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
@@ -99,7 +100,9 @@ def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo
     parts = np.array_split(theta, -(-len(theta) // DRAWS_AT_ONCE))
     terms = np.concatenate([_terms(target, part, edges) for part in parts])
     experiments = {r.experiment.name: r.experiment for r in target.records}
-    return leave_one_block_out(terms, block_names(experiments, _places(target, edges)))
+    places = _places(target, edges)
+    names, ends = block_names(experiments, places), block_ends(experiments, places)
+    return leave_one_block_out(terms, names, ends)
 
 
 def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[Place]:
@@ -199,9 +202,10 @@ def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence)
 def _row(score: Score, chosen: Score | None) -> dict[str, object]:
     """Return the scores of a candidate, and their difference from the chosen one's."""
     unknown = float("nan")
-    loo, difference = score.loo, (unknown, unknown)
+    loo, difference, at_ends = score.loo, (unknown, unknown), unknown
     if chosen is not None and loo is not None:
         difference = elpd_difference(score, chosen)
+        at_ends = ends_difference(score, chosen)
     return {
         "candidate": score.candidate,
         "order": score.order,
@@ -213,6 +217,7 @@ def _row(score: Score, chosen: Score | None) -> dict[str, object]:
         "elpd_block_loo_se": loo.se if loo else unknown,
         "elpd_difference": difference[0],
         "elpd_difference_se": difference[1],
+        "elpd_difference_ends": at_ends,
         "elpd_leave_one_experiment_out": score.leave_one_experiment_out,
         "worst_k_hat": float(loo.k_hat.max()) if loo else unknown,
         "converged": score.converged,

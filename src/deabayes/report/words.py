@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from deabayes.comparison.verdicts import NOT_RANKED
 from deabayes.figures.noise_share import sizes
 from deabayes.figures.results import StudyResults
 from deabayes.prediction.errors import rejected
@@ -116,7 +117,8 @@ GLOSSARY = {
         "record, or that the evidence without some record is not known to half a nat. Larger is "
         "better. A difference over blocks counts if it exceeds 4 and twice its standard error. It "
         "also counts if it exceeds 8 and, without the block that gains most, 4 and its standard "
-        "error."
+        "error. The first and the last block of a record do not count: they show how a candidate "
+        "extrapolates."
     ),
     "Further experiment": (
         "What the data of an experiment are expected to tell, if one of the remaining candidates "
@@ -162,10 +164,11 @@ def verdict(study: StudyResults) -> str:
     """State which candidate to use, and whether its calibration records reject it."""
     errors = study.recommended.errors
     rejecting = [] if errors is None else list(rejected(errors)["experiment"])
+    choice = " ".join(filter(None, (_choice(study), _cost_of_smaller(study))))
     if not rejecting:
-        return _choice(study)
+        return choice
     return (
-        f"{_choice(study)} But the records to which it was fitted reject it "
+        f"{choice} But the records to which it was fitted reject it "
         f"({', '.join(rejecting)}). All these models lack something, and parameters may be off by "
         "more than their intervals say."
     )
@@ -189,6 +192,42 @@ def _choice(study: StudyResults) -> str:
     if text.startswith("not resolved"):
         return f"The records do not decide the model order; {best.name} is shown ({text})."
     return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
+
+
+def _cost_of_smaller(study: StudyResults) -> str:
+    """Compare the errors of the shown candidate with those of the next smaller one.
+
+    Empty if no smaller candidate was ranked.
+    """
+    table = study.comparison
+    if table is None or study.recommended.name not in table.index:
+        return ""
+    unranked = table["verdict"].astype(str).str.startswith(NOT_RANKED)
+    ranked = table[~unranked].sort_values("n_parameters")
+    names = list(ranked.index)
+    if study.recommended.name not in names[1:]:
+        return ""
+    smaller = names[names.index(study.recommended.name) - 1]
+    results = {candidate.name: candidate.errors for candidate in study.candidates}
+    mine, theirs = results.get(study.recommended.name), results.get(smaller)
+    if mine is None or theirs is None:
+        return ""
+    parts = [
+        f"{_mean_error(theirs, role)} instead of {_mean_error(mine, role)} on {words} records"
+        for role, words in (("calibrate", "the fitted"), ("validate", "the held-out"))
+        if (mine["role"] == role).any() and (theirs["role"] == role).any()
+    ]
+    return f"With {smaller}, e_rms is {', and '.join(parts)}." if parts else ""
+
+
+def _mean_error(errors: pd.DataFrame, role: str) -> str:
+    """Mean rms error over the records of a role, with its interval, in per cent."""
+    rows = errors[errors["role"] == role]
+    mean, low, high = (
+        significant(float(rows[column].mean()), 2)
+        for column in ("e_rms_percent", "e_rms_q05", "e_rms_q95")
+    )
+    return f"{mean} % [{low}, {high}]"
 
 
 def may_hide(study: StudyResults) -> str:
