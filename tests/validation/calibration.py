@@ -64,7 +64,7 @@ def simulate(target: LogPosterior, rng: np.random.Generator) -> tuple[FloatArray
         finite = all(np.isfinite(response).all() for response in responses.values())
     records = []
     for record in target.records:
-        noise = target.noise_draws(target.draws(theta), record.group)
+        noise = target.noise_draws(target.draws(theta), record)
         parts = target.noise.sample(rng, record.experiment.coordinate, record.weights, noise)
         response = record.scale.with_residuals(responses[record.experiment.name], sum(parts))
         records.append(replace(record.experiment, response=response[0]))

@@ -34,11 +34,11 @@ CANDIDATES = ("kv_gm_3", "ogden_1_units_3")
 DRAWS = 1000
 SIZE = {"distribution": "lognormal", "median": 0.05, "sigma": 0.02}
 SHORT = {"distribution": "loguniform", "lower": 1, "upper": 5}
+DEFAULTS: Mapping[str, object] = {"noise_scale": "mixed", "priors": {}}
 VARIANTS: Mapping[str, Mapping[str, object]] = {
-    "in time, default priors": {"noise_coordinate": "record", "priors": {}},
-    "along the grid, default priors": {"priors": {}},
-    "along the grid, Matern-3/2": {"priors": {}, "noise": "matern32"},
-    "along the grid, per record": {"priors": {}, "noise_groups": "experiment"},
+    "defaults: correlated in time": {**DEFAULTS, "noise_coordinate": "record"},
+    "defaults, along the grid": DEFAULTS,
+    "defaults, along the grid, per record": {**DEFAULTS, "noise_groups": "experiment"},
     "along the grid, 1 to 5 points": {"priors": {"tau_ou": SHORT}},
     "along the grid, size 5 %": {"priors": {"sigma_ou": SIZE}},
     "along the grid, size 5 %, 1 to 5 points (shipped)": {},
@@ -64,7 +64,7 @@ def left_out(
     particles = result.particles.reshape(z.shape)
     draws = target.draws(target.prior.to_parameters(particles))
     mean = record.simulate(draws)
-    noise_draws = target.noise_draws(draws, record.group)
+    noise_draws = target.noise_draws(draws, record)
     correlated, white = target.noise.sample(
         rng, record.noise_coordinate, record.weights, noise_draws
     )

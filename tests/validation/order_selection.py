@@ -1,13 +1,15 @@
 """Does the shipped rule choose the right model order, and does it say when it cannot?
 
-Specimens are drawn from the priors of `membrane_worlds` and `tubular_worlds`. Every order from 1 to
-3 is fitted and scored for the shipped rule (`comparison.decision`): bridge evidence, BIC,
-block-LOO. Worlds:
+Specimens are drawn from the priors of `membrane_worlds`, `tubular_worlds`, `structure_worlds`
+(films at rest, by Ogden terms) and `rubber_worlds` (Ogden terms too). Every order from 1 to 3 is
+fitted and scored for the shipped rule (`comparison.decision`): bridge evidence, BIC, block-LOO.
+Worlds:
 
 - `closed`: the truth is one of the candidates.
 - `shown`: the same, and drawn again until the records can show its last unit (`order_signal`).
-- `discrepancy`: the records also have a smooth error of 1 % of their range, even in the logarithm
-  of time, that no candidate has. The right choice is still the true order.
+- `discrepancy`: the records also have a smooth error of 1 % of their range that no candidate has,
+  even in the logarithm of time, or along the stretch. The right choice is still the true order.
+- `shown_discrepancy`: the same, and drawn again until the last unit shows beside the error.
 - `one_more`: the truth has four units. The right choice is three, the best there is.
 
 The units of the truth are drawn from the prior. A second or third unit may be too weak, or too
@@ -26,7 +28,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -40,22 +42,24 @@ from deabayes.posteriors.problem import split_log_likelihood
 from tests.validation import rows
 from tests.validation.membrane_worlds import membrane
 from tests.validation.order_signal import SHOWN, signal
+from tests.validation.rubber_worlds import rubber
 from tests.validation.sampled import Sampled, sample
+from tests.validation.structure_worlds import at_rest
 from tests.validation.tubular_worlds import tubular
-from tests.validation.worlds import Discrepancy, Simulated, World, simulate, smooth_in_log_time
+from tests.validation.worlds import Simulated, World, simulate
 
 SEED = 20261123
 CANDIDATES = (1, 2, 3)
 STORED_DRAWS = 2000
 """Per ensemble, about as many as a posterior file holds."""
 
-FAMILIES: Mapping[str, Callable[[], World]] = {"kv_gm": membrane, "voigt_kelvin": tubular}
-WORLDS: Mapping[str, Discrepancy | None] = {
-    "closed": None,
-    "shown": None,
-    "discrepancy": smooth_in_log_time,
-    "one_more": None,
+FAMILIES: Mapping[str, Callable[[], World]] = {
+    "kv_gm": membrane,
+    "voigt_kelvin": tubular,
+    "film": at_rest,
+    "rubber": rubber,
 }
+WORLDS = ("closed", "shown", "discrepancy", "shown_discrepancy", "one_more")
 
 
 def replicate(task: rows.Task) -> rows.Row:
@@ -75,6 +79,7 @@ def replicate(task: rows.Task) -> rows.Row:
     return {
         "signal": f"{seen:.2f}",
         **_specimen(truth, data),
+        "ends": _ends(scores),
         **{name: value for score in scores for name, value in _score(score).items()},
         **{name: value for ranked, _ in fits for name, value in _noise(ranked).items()},
         "cpu_seconds": f"{sum(s.cpu_seconds for _, s in fits):.1f}",
@@ -125,10 +130,12 @@ def _simulated(
     """A specimen of a world, and how much of its last unit its records can show."""
     order = truth.system.order
     fewer = min(order, max(CANDIDATES)) - 1
+    with_error, shown = "discrepancy" in world_name, world_name.startswith("shown")
     while True:
-        data = simulate(world, truth, rng, WORLDS[world_name])
-        seen = signal(world, order, fewer, data.truth)
-        if world_name != "shown" or seen >= SHOWN:
+        data = simulate(world, truth, rng, with_error)
+        enough = SHOWN if shown else 0.0
+        seen = signal(world, order, fewer, data.truth, with_error, enough)
+        if seen >= enough:
             return data, seen
 
 
@@ -136,13 +143,19 @@ def _specimen(truth: LogPosterior, data: Simulated) -> rows.Row:
     """How close the specimen's times are, and how noisy its records."""
     times = [float(v[0]) for n, v in data.truth.items() if n.startswith("tau")]
     ratios = [later / earlier for earlier, later in pairwise(times)]
-    noise = truth.noise_draws(data.truth, truth.records[0].group)
+    noise = truth.noise_draws(data.truth, truth.records[0])
     extent = max(record.response_range for record in data.records)
     size = float(np.hypot(noise["sigma_ou"][0], noise["sigma_white"][0]))
     return {
         "smallest_ratio": f"{min(ratios):.3f}" if ratios else "",
         "noise_share": f"{size / extent:.5f}",
     }
+
+
+def _ends(scores: Sequence[Score]) -> str:
+    """Which blocks are the first or last of their records, the same for every candidate."""
+    ends = next((score.loo.ends for score in scores if score.loo), ())
+    return " ".join(str(int(end)) for end in ends)
 
 
 def _score(score: Score) -> rows.Row:
@@ -160,7 +173,7 @@ def _score(score: Score) -> rows.Row:
 def _noise(ranked: Ranked) -> rows.Row:
     """What a candidate takes for correlated and for white noise, over the records' range."""
     target, order = ranked.target, ranked.target.system.order
-    noise = target.noise_draws(target.draws(ranked.theta(STORED_DRAWS)), target.records[0].group)
+    noise = target.noise_draws(target.draws(ranked.theta(STORED_DRAWS)), target.records[0])
     extent = max(record.experiment.response_range for record in target.records)
     return {
         f"{word}:{order}": f"{np.median(noise[name]) / extent:.5f}"
@@ -171,7 +184,7 @@ def _noise(ranked: Ranked) -> rows.Row:
 def main() -> None:
     parser = rows.parser(__doc__)
     parser.add_argument("family", choices=sorted(FAMILIES))
-    parser.add_argument("world", choices=list(WORLDS))
+    parser.add_argument("world", choices=WORLDS)
     parser.add_argument("truth", type=int, help="units of the truth; 4 in the world one_more")
     options = parser.parse_args()
     extra = options.truth > max(CANDIDATES)

@@ -21,6 +21,7 @@ with the default noise model and with the right one.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -36,7 +37,7 @@ from tests.validation.membrane_worlds import membrane
 from tests.validation.sampled import Sampled, sample
 from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular_full
-from tests.validation.worlds import OU, Simulated, World, given, group_of, simulate
+from tests.validation.worlds import OU, Simulated, World, given, record_of, simulate
 
 SEED = 20261122
 RANKS = 99
@@ -161,8 +162,10 @@ def _held_out(sampled: Sampled, data: Simulated, rng: np.random.Generator) -> ro
     row: rows.Row = {}
     for record in data.held_out:
         proportional = record.response_name in system.proportional
-        origin = NoiseOrigin(group_of(target, record), proportional=proportional)
-        noise = target.noise_draws(draws, origin.group)
+        like = record_of(target, record)
+        scale = None if like.correlated_scale != 1.0 else 1.0
+        origin = NoiseOrigin(like.group, correlated_scale=scale, proportional=proportional)
+        noise = target.noise_draws(draws, replace(like, correlated_scale=1.0))
         samples = sample_response(
             system, target.noise, draws, noise, record, origin, record.coordinate, rng
         )

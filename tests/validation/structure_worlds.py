@@ -16,7 +16,7 @@ import numpy as np
 from deabayes.experiment import Excitation, Experiment, FloatArray, Quantity, Role, Specimen
 from deabayes.study import Settings
 from tests.shared import structures
-from tests.validation.worlds import World, blank
+from tests.validation.worlds import World, blank, fifths
 
 PERIODS, PER_PERIOD, KNOTS = 8, 20, 200
 QUANTITIES = {
@@ -64,6 +64,8 @@ def at_rest() -> World:
         lambda _: FILM | NOISE,
         (pull(0.0), pull(5.0)),
         (pull(3.0, "validate"),),
+        noise_scale="absolute",
+        smooth_in=fifths,
     )
 
 
@@ -84,6 +86,7 @@ def in_motion() -> World:
         motion_priors,
         (sine(5.0, 1.0), sine(5.0, 5.0), sine(5.0, 10.0)),
         (sine(4.0, 3.0, "validate"),),
+        noise_scale="absolute",
     )
 
 

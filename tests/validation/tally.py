@@ -1,4 +1,4 @@
-"""How often the right model order was picked, and whether a conflict of criteria went unflagged."""
+"""How often the right model order was picked, where the records show the last unit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from deabayes.comparison.blocks import BlockLoo
-from deabayes.comparison.decision import Decision, Score, decide, is_favoured
+from deabayes.comparison.decision import Decision, Score, decide
 from tests.validation import rows
 from tests.validation.order_signal import SHOWN
 
@@ -27,19 +27,6 @@ def outcome(decision: Decision, right: str) -> str:
     if decision.unresolved:
         return "not resolved"
     return "right" if decision.chosen == right else "wrong"
-
-
-def unflagged_conflict(scores: Sequence[Score], decision: Decision) -> bool:
-    """Whether a candidate was chosen without a flag, although another one is not worse.
-
-    The chosen one must win against every smaller candidate, and no larger one may win, or even
-    conflict, against it.
-    """
-    if decision.chosen is None or decision.unresolved:
-        return False
-    ranked = {s.candidate: s for s in scores if s.loo is not None}
-    chosen = ranked.pop(decision.chosen)
-    return not all(is_favoured(chosen, other) for other in ranked.values())
 
 
 def single_picks(scores: Sequence[Score]) -> Mapping[str, str]:
@@ -62,6 +49,7 @@ def scores_of(row: Mapping[str, object]) -> list[Score]:
 
 def _score(row: Mapping[str, object], order: int) -> Score:
     terms = np.array(str(row[f"terms:{order}"]).split(), dtype=float)
+    ends = tuple(end == "1" for end in str(row["ends"]).split())
     return Score(
         candidate=candidate(row, order),
         order=order,
@@ -71,7 +59,7 @@ def _score(row: Mapping[str, object], order: int) -> Score:
         log_evidence_mcse=float(str(row[f"mcse:{order}"])),
         bic=float(str(row[f"bic:{order}"])),
         leave_one_experiment_out=float("nan"),
-        loo=BlockLoo(terms, np.zeros_like(terms)) if terms.size else None,
+        loo=BlockLoo(terms, np.zeros_like(terms), ends=ends) if terms.size else None,
     )
 
 
@@ -93,10 +81,15 @@ def verdict(row: Mapping[str, object]) -> dict[str, object]:
         "outcome": outcome(decision, right),
         "chosen": decision.chosen,
         "unresolved": " ".join(decision.unresolved),
-        "unflagged_conflict": unflagged_conflict(scores, decision),
-        "all_converged": all(score.converged for score in scores),
+        "surplus": _is_surplus(row, scores, decision),
         **{f"best_{criterion}": pick for criterion, pick in single_picks(scores).items()},
     }
+
+
+def _is_surplus(row: Mapping[str, object], scores: Sequence[Score], decision: Decision) -> bool:
+    """Whether a candidate with more units than the truth was chosen without a flag."""
+    order = next((s.order for s in scores if s.candidate == decision.chosen), 0)
+    return order > int(str(row["truth"])) and not decision.unresolved
 
 
 def write(folder: Path) -> list[str]:
@@ -111,7 +104,7 @@ def write(folder: Path) -> list[str]:
 
 
 def tally(replicates: Iterable[Mapping[str, object]]) -> list[rows.Row]:
-    """Return a row per family, world and truth: picks, share right, flags, conflicts.
+    """Return a row per family, world and truth: specimens, outcomes, surplus units.
 
     Parameters
     ----------
@@ -124,33 +117,24 @@ def tally(replicates: Iterable[Mapping[str, object]]) -> list[rows.Row]:
 
 def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> rows.Row:
     family, world, truth = keys
-    counts = {outcome: int((group["outcome"] == outcome).sum()) for outcome in OUTCOMES}
-    judged = group[group["outcome"] != "no verdict"]
-    decided = counts["right"] + counts["wrong"]
-    shown = judged[judged["signal"].astype(float) >= SHOWN]
-    shown_right = int((shown["outcome"] == "right").sum())
-    picks = group["chosen"].value_counts()
-    right = group["right"].iloc[0]
+    shown = group[group["signal"].astype(float) >= SHOWN]
+    judged = shown[shown["outcome"] != "no verdict"]
+    counts = {outcome: int((shown["outcome"] == outcome).sum()) for outcome in OUTCOMES}
     return {
         "family": family,
         "world": world,
         "true units": truth,
-        "right pick": right,
-        "replicates": len(group),
-        **counts,
-        "picks": ", ".join(f"{name}: {count}" for name, count in sorted(picks.items())),
-        "share right of all judged": share(counts["right"], len(judged)),
+        "specimens": len(group),
+        "surplus unit": int(group["surplus"].sum()),
         "last unit is shown": len(shown),
-        "share right of these": share(shown_right, len(shown)),
-        "share right of those decided": share(counts["right"], decided),
+        **counts,
+        "share right": share(counts["right"], len(judged)),
         **{
-            f"best {criterion} right": share(
-                int((judged[f"best_{criterion}"] == right).sum()), len(judged)
+            f"right by {criterion} alone": share(
+                int((judged[f"best_{criterion}"] == judged["right"]).sum()), len(judged)
             )
             for criterion in ("evidence", "bic", "elpd")
         },
-        "unflagged conflicts": int(group["unflagged_conflict"].sum()),
-        "every candidate converged": int(group["all_converged"].sum()),
     }
 
 

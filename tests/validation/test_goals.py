@@ -57,6 +57,24 @@ def test_a_set_that_passes_its_gates_and_is_off_is_named(tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    ("world", "right", "wrong", "surplus", "expected"),
+    [
+        ("shown", 0.95, 2, 2, ["yes", "yes"]),
+        ("shown", 0.94, 3, 3, ["NO", "NO"]),
+        ("shown_discrepancy", 0.80, 0, 0, ["yes", "yes"]),
+        ("shown_discrepancy", 0.95, 1, 0, ["NO", "yes"]),
+    ],
+)
+def test_orders_and_surplus_units(tmp_path, world, right, wrong, surplus, expected):
+    rows = {"family": ["m"], "world": world, "true units": 2, "specimens": 100}
+    rows |= {"surplus unit": surplus, "last unit is shown": 40, "wrong": wrong}
+    pd.DataFrame({**rows, "share right": right}).to_csv(
+        tmp_path / "order_selection.csv", index=False
+    )
+    assert met(found(tmp_path), "6") == ["", *expected]
+
+
 @pytest.mark.parametrize(("share", "expected"), [(0.90, "yes"), (0.85, "NO"), (0.95, "NO")])
 def test_coverage_and_its_control(tmp_path, share, expected):
     right, wrong = "OU + white noise, fitted as such", "fitted as independent noise (must fail)"

@@ -12,7 +12,6 @@ from tests.validation.tally import (
     scores_of,
     single_picks,
     tally,
-    unflagged_conflict,
     verdict,
 )
 
@@ -45,24 +44,6 @@ def test_outcome(made, worth):
 CLEAR = [score(1, 0.0, [0.0] * 20), score(2, 30.0, [2.0] * 20), score(3, 28.0, [1.95] * 20)]
 
 
-def test_a_clear_pick_is_no_conflict():
-    made = decide(CLEAR)
-    assert made.chosen == "m_2" and not made.unresolved
-    assert not unflagged_conflict(CLEAR, made)
-
-
-@pytest.mark.parametrize("chosen", ["m_1", "m_3"])
-def test_a_pick_against_the_criteria_is_a_conflict_unless_flagged(chosen):
-    assert unflagged_conflict(CLEAR, decision(chosen))
-    assert not unflagged_conflict(CLEAR, decision(chosen, "m_2"))
-
-
-def test_a_pick_against_evidence_alone_is_a_conflict():
-    scores = [score(1, 0.0, [0.0] * 20), score(2, 9.0, [0.01] * 20)]
-    assert unflagged_conflict(scores, decision("m_1"))
-    assert decide(scores).unresolved == ("m_2",)
-
-
 def test_single_picks_pass_over_what_did_not_converge():
     scores = [*CLEAR[:2], score(3, 99.0, [9.0] * 20, converged=False)]
     assert set(single_picks(scores).values()) == {"m_2"}
@@ -70,7 +51,7 @@ def test_single_picks_pass_over_what_did_not_converge():
 
 def stored(truth, *scores, signal="99.00"):
     """A row as `order_selection` stores it."""
-    row = {"family": "m", "world": "closed", "truth": str(truth), "signal": signal}
+    row = {"family": "m", "world": "closed", "truth": str(truth), "signal": signal, "ends": ""}
     for each in scores:
         row |= {
             f"parameters:{each.order}": str(each.n_parameters),
@@ -82,7 +63,7 @@ def stored(truth, *scores, signal="99.00"):
     return row
 
 
-CONFLICT = [score(1, 0.0, [0.0] * 20), score(2, 9.0, [0.01] * 20), score(3, -9.0, [-1.0] * 20)]
+CONFLICT = [score(1, 0.0, [0.0] * 20), score(2, 2.5, [0.01] * 20), score(3, -9.0, [-1.0] * 20)]
 ALONE = [
     score(1, 0.0, [], converged=False),
     score(2, 0.0, [0.0] * 20),
@@ -105,18 +86,13 @@ def test_right_is_the_true_order_or_the_largest_there_is(truth, right):
     assert found["outcome"] == "wrong" and found["chosen"] == "m_2"
 
 
-def test_tally_counts_undecided_apart():
+def test_tally_counts_where_the_last_unit_is_shown():
     rows = [stored(2, *CLEAR), stored(2, *CLEAR), stored(2, *CONFLICT), stored(2, *ALONE)]
-    rows += [stored(2, score(1, 99.0, [9.0] * 20), *CLEAR[1:], signal="16.90")]
-    rows += [stored(1, *CLEAR, signal="inf")]
+    rows += [stored(2, *CLEAR[:1], signal="16.90"), stored(1, *CLEAR, signal="inf")]
     first, row = tally(rows)
-    assert (first["true units"], first["wrong"]) == ("1", 1)
-    assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 1, 1, 1)
-    assert row["share right of all judged"] == "0.50"
-    assert row["share right of those decided"] == "0.67"
-    assert row["last unit is shown"] == 3 and row["share right of these"] == "0.67"
-    assert first["last unit is shown"] == 1 and first["share right of these"] == "0.00"
+    assert (first["true units"], first["wrong"], first["surplus unit"]) == ("1", 1, 1)
+    assert (row["specimens"], row["last unit is shown"], row["surplus unit"]) == (5, 4, 0)
+    assert (row["right"], row["wrong"], row["not resolved"], row["no verdict"]) == (2, 0, 1, 1)
+    assert (row["share right"], first["share right"]) == ("0.67", "0.00")
     for criterion in ("evidence", "bic", "elpd"):
-        assert row[f"best {criterion} right"] == "0.75"
-    assert row["unflagged conflicts"] == 0 and row["picks"] == "m_1: 2, m_2: 2"
-    assert row["every candidate converged"] == 4
+        assert row[f"right by {criterion} alone"] == "1.00"

@@ -12,7 +12,7 @@ from tests.validation.cases import case
 from tests.validation.membrane_worlds import doubling_grid, membrane
 from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular
-from tests.validation.worlds import given, responded, simulate, smooth_in_log_time
+from tests.validation.worlds import given, log_time, noise_of, responded, simulate, smooth_error
 
 
 def test_spacings_double_and_a_denser_grid_contains_the_usual_times():
@@ -37,10 +37,10 @@ def test_innovations_of_simulated_records_at_the_truth_are_standard_normal():
     found = []
     for seed in range(5):
         data = simulate(world, target, np.random.default_rng(seed))
-        noise = target.noise_draws(data.truth, "step")
         theta = np.array([[data.truth[name][0] for name in target.names]])
         clean = target.responses(theta)
         for record in data.records:
+            noise = noise_of(target, data.truth, record)
             residuals = record.response - clean[record.name]
             weights = 1.0 / record.samples_averaged
             found.append(target.noise.innovations(residuals, record.coordinate, weights, noise))
@@ -90,7 +90,7 @@ def test_given_records_change_the_likelihood_but_not_the_prior():
 def test_discrepancy_is_smooth_and_of_the_stated_size():
     record = membrane().target(1).records[0].experiment
     rng = np.random.default_rng(6)
-    errors = np.stack([smooth_in_log_time(rng, record) for _ in range(300)])
+    errors = np.stack([smooth_error(rng, log_time, record) for _ in range(300)])
     size = errors.std() / record.response_range
     assert size == pytest.approx(0.01, rel=0.1)
     late = record.coordinate > 50.0
@@ -102,7 +102,7 @@ def test_failed_specimens_give_nan_records():
     target = membrane().target(1)
     theta = target.prior.to_parameters(np.zeros((1, target.dimension)))
     truth = {**target.draws(theta), "mu_alpha": np.array([5e3])}
-    noise = target.noise_draws(truth, "step")
+    noise = target.noise_draws(truth, target.records[0])
     record = target.records[2].experiment
     assert np.isnan(
         responded(target, truth, noise, record, np.random.default_rng(7)).response

@@ -11,19 +11,23 @@ specimen, one set of noise parameters for all records of a protocol.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from deabayes.experiment import Excitation, Experiment, FloatArray, Role, Specimen
-from deabayes.inference.log_posterior import LogPosterior, build
+from deabayes.inference.log_posterior import LogPosterior, Record, build
 from deabayes.inference.record_noise import ResidualScale
 from deabayes.study import Settings, Study
 
-Discrepancy = Callable[[np.random.Generator, Experiment], FloatArray]
+SmoothIn = Callable[[Experiment], FloatArray]
+"""Coordinate (N,) of a record in which a model's error is smooth over a length of 1."""
+ERROR_SHARE = 0.01
+"""Standard deviation of that error, as a share of the record's range."""
 NoiseGroups = Literal["protocol", "experiment"]
+NoiseScale = Literal["mixed", "absolute", "range"]
 OU = "ornstein_uhlenbeck"
 
 
@@ -35,6 +39,7 @@ class World:
     ----------
     priors : from the number of units to the priors of a model with as many.
     records, held_out : experiments whose response is still to be simulated.
+    smooth_in : coordinate of the smooth error that no candidate has, if one is asked for.
     """
 
     family: str
@@ -43,7 +48,9 @@ class World:
     records: tuple[Experiment, ...]
     held_out: tuple[Experiment, ...] = ()
     noise_groups: NoiseGroups = "protocol"
+    noise_scale: NoiseScale = "mixed"
     ending: str = ""
+    smooth_in: SmoothIn = field(default_factory=lambda: log_time)
 
     def target(self, order: int, noise: str = OU) -> LogPosterior:
         """Log-posterior whose records are the median specimen's, which sets the noise priors."""
@@ -64,6 +71,7 @@ class World:
             (candidate,),
             noise=noise,
             noise_groups=self.noise_groups,
+            noise_scale=self.noise_scale,
             priors=self.priors(order),
         )
         return build(study, candidate, self.specimen, records)
@@ -89,7 +97,7 @@ def simulate(
     world: World,
     target: LogPosterior,
     rng: np.random.Generator,
-    discrepancy: Discrepancy | None = None,
+    with_error: bool = False,
 ) -> Simulated:
     """Draw a specimen from the target's prior and simulate all records of the world with it.
 
@@ -97,30 +105,41 @@ def simulate(
 
     Parameters
     ----------
-    discrepancy : what the model leaves out of a record, added to it (N,); the records held
-        out are without.
+    with_error : whether the fitted records also have a smooth error that no candidate has.
     """
     while True:
         truth = target.draws(target.prior.sample(rng, 1))
         noisy = [
-            responded(target, truth, target.noise_draws(truth, group_of(target, r)), r, rng)
+            responded(target, truth, noise_of(target, truth, r), r, rng)
             for r in (*world.records, *world.held_out)
         ]
         if all(np.isfinite(record.response).all() for record in noisy):
             break
     count = len(world.records)
     records = noisy[:count]
-    if discrepancy is not None:
-        records = [replace(e, response=e.response + discrepancy(rng, e)) for e in records]
+    if with_error:
+        records = [
+            replace(e, response=e.response + smooth_error(rng, world.smooth_in, e)) for e in records
+        ]
     return Simulated(truth, tuple(records), tuple(noisy[count:]))
 
 
-def group_of(target: LogPosterior, experiment: Experiment) -> str:
-    """The noise group of a record: its own, that of its protocol, or the first."""
-    groups = {record.experiment.protocol: record.group for record in reversed(target.records)}
-    groups |= {record.experiment.name: record.group for record in target.records}
-    first = target.records[0].group
-    return groups.get(experiment.name, groups.get(experiment.protocol, first))
+def noise_of(
+    target: LogPosterior, truth: Mapping[str, FloatArray], experiment: Experiment
+) -> Mapping[str, FloatArray]:
+    """The noise parameters of one specimen's record, whose range is that of its clean response."""
+    like = record_of(target, experiment)
+    if like.correlated_scale != 1.0:
+        clean = target.system.simulator_of(experiment)(truth)
+        like = replace(like, correlated_scale=float(np.ptp(clean)))
+    return target.noise_draws(truth, like)
+
+
+def record_of(target: LogPosterior, experiment: Experiment) -> Record:
+    """The record whose noise an experiment has: its own, one of its protocol, or the first."""
+    alike = [r for r in target.records if r.experiment.protocol == experiment.protocol]
+    own = [r for r in alike if r.experiment.name == experiment.name]
+    return next(iter((*own, *alike, *target.records)))
 
 
 def responded(
@@ -138,18 +157,37 @@ def responded(
     return replace(experiment, response=scale.with_residuals(clean, correlated + white)[0])
 
 
-def smooth_in_log_time(
-    rng: np.random.Generator, experiment: Experiment, share: float = 0.01
-) -> FloatArray:
-    """A smooth error of a model, `share` of the record's range, even in the logarithm of time.
+def log_time(experiment: Experiment) -> FloatArray:
+    """Coordinate of an error with about a feature per factor e of time.
 
-    A Gaussian process with a squared-exponential covariance of length 1 in ln t: about a
-    feature per factor e of time, as a spectrum of relaxation times leaves it.
+    A spectrum of relaxation times leaves such an error of a model with few.
     """
-    log_time = np.log(experiment.coordinate)
-    covariance = np.exp(-0.5 * np.subtract.outer(log_time, log_time) ** 2)
-    root = np.linalg.cholesky(covariance + 1e-8 * np.eye(log_time.size))
-    return share * experiment.response_range * (root @ rng.standard_normal(log_time.size))
+    return np.log(experiment.coordinate)
+
+
+def fifths(experiment: Experiment) -> FloatArray:
+    """Coordinate of an error with about five features along the record."""
+    return experiment.coordinate / (0.2 * np.ptp(experiment.coordinate))
+
+
+def error_covariance(
+    smooth_in: SmoothIn, experiment: Experiment, share: float = ERROR_SHARE
+) -> FloatArray:
+    """Covariance (N, N) of a smooth error of a model, `share` of the record's range.
+
+    It is squared-exponential, of length 1 in the coordinate that `smooth_in` gives.
+    """
+    along = smooth_in(experiment)
+    covariance = np.exp(-0.5 * np.subtract.outer(along, along) ** 2) + 1e-8 * np.eye(along.size)
+    return (share * experiment.response_range) ** 2 * covariance
+
+
+def smooth_error(
+    rng: np.random.Generator, smooth_in: SmoothIn, experiment: Experiment
+) -> FloatArray:
+    """Sample of a smooth error of a model over a record, (N,)."""
+    covariance = error_covariance(smooth_in, experiment)
+    return np.linalg.cholesky(covariance) @ rng.standard_normal(len(covariance))
 
 
 def blank(
