@@ -1,13 +1,17 @@
-"""Tables, help and code in the pages come from measured CSV files, the command line and scripts."""
+"""Tables, help, code and notebooks in the pages come from CSV files, the command line and scripts."""
 
 from __future__ import annotations
 
 import ast
+import base64
 import csv
+import json
 import posixpath
 import re
 from pathlib import Path
 from typing import Any
+
+from mkdocs.structure.files import File
 
 TABLE = re.compile(r"<!-- table: (?P<path>\S+) -->")
 FIGURE = re.compile(r"<!-- figure: (?P<path>\S+) (?P<text>[^>]+?) -->")
@@ -15,6 +19,36 @@ CODE = re.compile(r"<!-- code: (?P<path>\S+)(?P<names>( \w+)*) -->")
 COMMANDS = "<!-- commands -->"
 SYSTEMS = "<!-- systems -->"
 NOT_MEASURED = '!!! note "Not measured yet"\n    `{path}` does not exist.\n'
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add a page for every notebook, with the outputs that are stored in it."""
+    for path in sorted(Path(config["docs_dir"]).glob("notebooks/*.ipynb")):
+        content, pictures = notebook(path)
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=content))
+        for name, picture in pictures.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=picture))
+    return files
+
+
+def notebook(path: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook as Markdown, and its pictures by name."""
+    parts: list[str] = []
+    pictures: dict[str, bytes] = {}
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", []):
+            shown = output.get("data", {})
+            if "image/png" in shown:
+                name = f"{path.stem}_{len(pictures) + 1}.png"
+                pictures[name] = base64.b64decode(shown["image/png"])
+                parts.append(f"![What the code above draws]({name})")
+            else:
+                text = "".join(output.get("text", shown.get("text/plain", "")))
+                parts.append(f"```text\n{text.rstrip()}\n```")
+    parts.append(f"Download [{path.name}]({path.name}), or find it in `docs/notebooks/`.")
+    return "\n\n".join(parts), pictures
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:

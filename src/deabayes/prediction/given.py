@@ -42,7 +42,7 @@ def without_unit(values: Any, expected: str, where: str) -> tuple[Any, str | Non
     text = " ".join(map(str, name)) if isinstance(name, tuple) else str(name)
     if header := UNIT_OF_NAME.search(text):
         return values, header["unit"]
-    if name is not None and text != where:
+    if name is not None and text != where.rpartition(" ")[2]:
         _refuse_another_unit(text, expected, where)
     return values, None
 
