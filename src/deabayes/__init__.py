@@ -10,13 +10,15 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from deabayes.faults import UserError
+
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
     from deabayes.own_models.loading import load_models
     from deabayes.prediction.simulate import simulate
 
 __version__ = version("deabayes")
-__all__ = ["Posterior", "load_models", "open_posterior", "simulate"]
+__all__ = ["Posterior", "UserError", "load_models", "open_posterior", "simulate"]
 
 
 def __getattr__(name: str) -> Any:

@@ -82,13 +82,20 @@ class Posterior:
 
         Parameters
         ----------
-        size, seed : number of draws, and the seed that picks them at random. `predict` uses the
-            same draws for the same size and seed. Without a size, all stored draws are returned,
-            ensemble after ensemble.
-        kinds : kinds of quantities to return, all by default: ``"material"``, ``"specimen"``,
+        size
+            Number of draws. Without it, all stored draws are returned, ensemble after ensemble.
+        seed
+            Picks the draws at random. `predict` uses the same draws for the same size and seed.
+        kinds
+            Kinds of quantities to return, all by default: ``"material"``, ``"specimen"``,
             ``"noise"`` and ``"derived"``. There is also ``"prior"`` with `predict_with`, and
             ``"population"`` and ``"reference"`` in a population. `simulate` takes the parameters
             of the first two kinds.
+
+        Raises
+        ------
+        UserError
+            A kind that the posterior does not have.
         """
         import pandas as pd
 
@@ -121,15 +128,22 @@ class Posterior:
 
         Parameters
         ----------
-        response : response channel; by default the one of the calibration records.
-        size, seed : number of posterior draws, and the seed that picks them.
-        conditions : conditions held during the experiment (`deformation`, `load_g`).
-        protocol : protocol of the experiment (`sine`, `frequency_response`, ...). If the study
-            names a wider candidate for this protocol (`predict_with`), that candidate solves the
+        response
+            Response channel; by default the one of the calibration records.
+        size
+            Number of posterior draws.
+        seed
+            Picks the draws, and draws the noise.
+        conditions
+            Conditions held during the experiment (`deformation`, `load_g`).
+        protocol
+            Protocol of the experiment (`sine`, `frequency_response`, ...). If the study names a
+            wider candidate for this protocol (`predict_with`), that candidate solves the
             prediction. The noise is that of calibrated records of this protocol. By default, the
             fitted candidate solves the prediction.
-        **channels : `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...). The
-            excitation is linear between its values. If the many values of a voltage are samples of
+        **channels
+            `time=` [s] and one excitation channel (`voltage=`, `stretch=`, ...). The excitation
+            is linear between its values. If the many values of a voltage are samples of
             a smooth curve, this curve is used (twelve neighbours on one polynomial). A single
             value is held. Without `time`, the excitation is quasi-static. Numbers are SI unless
             they carry a unit: ``"1.8 kV"``, a pint quantity, a DataArray with `units`, a Series
@@ -146,6 +160,11 @@ class Posterior:
             records. `model_note` says which candidate solved the prediction, if the study names a
             wider candidate for some protocols. `held_out_note` says where the bands missed
             held-out records, or that the scores (errors.csv) are not beside the file.
+
+        Raises
+        ------
+        UserError
+            Unknown channels, conditions or protocols; values in a wrong unit or of unlike length.
         """
         from deabayes.posteriors.fitted import Fitted
         from deabayes.prediction.bands import to_dataset
@@ -184,6 +203,11 @@ class Posterior:
 
 def open_posterior(path: str | Path) -> Posterior:
     """Open `results/{study}/{candidate}/posterior.nc`.
+
+    Parameters
+    ----------
+    path
+        The file. An `errors.csv` beside it tells predictions which held-out records were missed.
 
     Raises
     ------

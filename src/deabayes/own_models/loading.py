@@ -41,7 +41,8 @@ def load_models(*files: str | Path) -> dict[str, Path]:
 
     Parameters
     ----------
-    *files : paths relative to the working directory.
+    *files
+        Paths relative to the working directory.
 
     Returns
     -------

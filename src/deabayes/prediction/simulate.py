@@ -33,20 +33,28 @@ def simulate(
 
     Parameters
     ----------
-    system : e.g. ``"tubular"``.
-    candidate : e.g. ``"voigt_kelvin_2"``.
-    parameters : one value or an array of draws (W,) per parameter, in SI or with a unit
-        (``"1.5 MPa"``). Give a mapping, a DataFrame of draws or one of its rows
+    system
+        Name of the system, such as ``"tubular"``.
+    candidate
+        Name of the model, such as ``"voigt_kelvin_2"``.
+    parameters
+        One value or an array of draws (W,) per parameter, in SI or with a unit (``"1.5 MPa"``).
+        Give a mapping, a DataFrame of draws or one of its rows
         (``posterior.draws(kinds=("material", "specimen"))``). You may also give a quantity of
         the specimen that has an sd; otherwise its value in `specimen` is used.
-    specimen : a study folder, or a mapping of the specimen's quantities
-        (``{"thickness": 80e-6}`` in SI, or ``"80 um"``).
-    time : (N,) [s] or time spans, ascending; without `time` the excitation is quasi-static.
-    response : response channel; by default the system's response to this excitation.
-    conditions : conditions held during the record (`deformation`, `load_g`).
-    **excitation : one channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ...
-        It is linear between its values. If many values of a voltage sample a smooth curve
-        (twelve neighbours on one polynomial), that curve is used. A single value is held.
+    specimen
+        A study folder, or a mapping of the specimen's quantities (``{"thickness": 80e-6}`` in
+        SI, ``"80 um"``, or ``{"value": 80, "unit": "um", "sd": 2}``).
+    time
+        (N,) [s] or time spans, ascending; without `time` the excitation is quasi-static.
+    response
+        Response channel; by default the system's response to this excitation.
+    conditions
+        Conditions held during the record (`deformation`, `load_g`).
+    **excitation
+        One channel (N,) in SI or with a unit: ``voltage=``, ``stretch=``, ... It is linear
+        between its values. If many values of a voltage sample a smooth curve (twelve neighbours
+        on one polynomial), that curve is used. A single value is held.
 
     Returns
     -------
