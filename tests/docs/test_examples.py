@@ -255,9 +255,8 @@ def test_the_commands_of_the_tutorial_are_accepted(
             case "source":
                 assert arguments == [".venv/bin/activate"]
             case "snakemake":
-                assert "fit tubular_full voigt_kelvin_3_inertia_circuit" in planned(
-                    tmp_path, *arguments[2:]
-                )
+                jobs = planned(tmp_path, *arguments[2:], "--configfile", ROOT / "config.yaml")
+                assert "fit tubular_full voigt_kelvin_3_inertia_circuit" in jobs
             case "deabayes" if arguments[0] == "check":
                 main(arguments)
             case "deabayes":
