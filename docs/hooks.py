@@ -1,4 +1,4 @@
-"""Tables, help, code and notebooks in the pages come from CSV files, the command line and scripts."""
+"""Tables, help and code in the pages come from CSV files, the command line and notebooks."""
 
 from __future__ import annotations
 

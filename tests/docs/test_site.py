@@ -16,7 +16,7 @@ import pytest
 import deabayes
 
 ROOT = Path(__file__).parents[2]
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome") or ""
 CELL = re.compile(r"<td>(.*?)</td>", re.DOTALL)
 LIMIT = 25_000  # words of all pages, the README and the notebooks' text, without code
 
@@ -34,13 +34,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.skipif(not CHROMIUM, reason="needs Chromium")
 @pytest.mark.parametrize("page", ["index.html", "reference/words.html"])
 def test_search_works_from_the_file_system(site: Path, page: str) -> None:
-    run = subprocess.run(
-        [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000"]
-        + ["--dump-dom", f"{(site / page).as_uri()}?q=pull-in"],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=10000"]
+    shown = [CHROMIUM, *options, "--dump-dom", f"{(site / page).as_uri()}?q=pull-in"]
+    run = subprocess.run(shown, capture_output=True, text=True, timeout=120)
     found = re.findall(r'<a[^>]*href="([^"]+)"[^>]*class="md-search-result__link"', run.stdout)
     assert any(link.startswith((site / "theory/membrane.html").as_uri()) for link in found), found
 
