@@ -61,6 +61,12 @@ def test_any_other_name_is_none_of_a_unit(name: object, channel: str) -> None:
     np.testing.assert_array_equal(array_in_si(given, SI[channel], channel), VALUES)
 
 
+def test_a_parameter_whose_name_contains_a_unit_is_called_so() -> None:
+    """In pint alpha is the fine-structure constant; draws of J_alpha are plain numbers."""
+    given = pd.Series(VALUES, name="J_alpha")
+    np.testing.assert_array_equal(array_in_si(given, "1", "parameter J_alpha"), VALUES)
+
+
 @pytest.mark.parametrize("name", ["voltage (mm)", "voltage (V/m)"])
 def test_a_unit_of_another_dimension_in_brackets_is_refused(name: str) -> None:
     with pytest.raises(UserError, match=r"voltage: unit '.*' is .*, expected a voltage"):
