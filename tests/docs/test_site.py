@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 import sys
-import typing
 from pathlib import Path
 
 import pytest
@@ -87,9 +86,3 @@ def test_the_pages_stay_short() -> None:
         texts += ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
     fence = re.compile(r"^ *```.*?^ *```$", re.DOTALL | re.MULTILINE)
     assert sum(len(fence.sub("", text).split()) for text in texts) <= LIMIT
-
-
-def test_the_package_is_typed() -> None:
-    assert (Path(deabayes.__file__).parent / "py.typed").is_file()
-    hints = typing.get_type_hints(deabayes.open_posterior)
-    assert hints["return"] is deabayes.Posterior

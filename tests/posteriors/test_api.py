@@ -165,7 +165,7 @@ def test_the_file_of_another_version_names_both(tmp_path):
 
 
 def test_the_package_lists_what_it_offers_and_has_types():
-    names = ["Posterior", "__version__", "load_models", "open_posterior", "simulate"]
+    names = ["Posterior", "UserError", "__version__", "load_models", "open_posterior", "simulate"]
     assert dir(deabayes) == names and all(hasattr(deabayes, name) for name in names)
     assert Path(deabayes.__file__).with_name("py.typed").is_file()
 
