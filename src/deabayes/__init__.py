@@ -1,5 +1,7 @@
 """Bayesian characterisation of dielectric elastomer actuators.
 
+Examples
+--------
 >>> import deabayes
 >>> post = deabayes.open_posterior("results/tubular/voigt_kelvin_2/posterior.nc")  # doctest: +SKIP
 >>> post.summary()  # doctest: +SKIP
