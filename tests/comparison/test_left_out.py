@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from deabayes.comparison.blocks import block_edges, block_terms, leave_one_block_out
+from deabayes.comparison.blocks import leave_one_block_out
 from deabayes.comparison.evidence import leave_one_experiment_out
 from deabayes.comparison.left_out import ON_THE_WAY, leave_blocks_out, left_out_log_densities
+from deabayes.inference.blocks import block_edges, block_terms
 from deabayes.sampling.problem import Problem, log_standard_normal
 from deabayes.sampling.tempering import temper
 

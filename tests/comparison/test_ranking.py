@@ -10,8 +10,9 @@ import pytest
 import xarray as xr
 
 from deabayes.comparison import ranking
-from deabayes.comparison.blocks import BlockLoo, block_names
+from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.ranking import Ranked, common_blocks, comparison_table
+from deabayes.inference.blocks import block_names
 
 TIME = np.arange(200.0)
 

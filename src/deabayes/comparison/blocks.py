@@ -1,4 +1,4 @@
-"""Blocks of the records, and how well a candidate predicts each block from the others."""
+"""How well a candidate predicts each block of its records from the other blocks."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from deabayes.experiment import Experiment, FloatArray
+from deabayes.inference.blocks import Place
 from deabayes.posteriors.sensitivity import smoothed
 
-Place = tuple[str, slice]
-"""A block: the name of its record, and the slice of its points."""
 FEWEST_INTERIOR = 3
 """With fewer interior blocks than this in all records, the blocks at the ends count too."""
 
@@ -59,27 +58,6 @@ def standard_error(terms: FloatArray) -> float:
     return float(np.sqrt(terms.size * np.var(terms, ddof=1))) if terms.size > 1 else float("inf")
 
 
-def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
-    """First index of each block; a block is a contiguous stretch at least `length` long.
-
-    With blocks of at least two correlation lengths, the neighbours of a left-out block say
-    little about its noise (inference.md, Model order).
-    """
-    edges, start = [0], coordinate[0]
-    for index, value in enumerate(coordinate):
-        if value - start >= length and index > edges[-1]:
-            edges.append(index)
-            start = value
-    if len(edges) > 2 and coordinate[-1] - coordinate[edges[-1]] < length / 2:
-        edges.pop()
-    return np.asarray(edges, dtype=np.intp)
-
-
-def block_terms(pointwise: FloatArray, edges: NDArray[np.intp]) -> FloatArray:
-    """Sum conditional log densities (S, N) over blocks: (S, B)."""
-    return np.add.reduceat(pointwise, edges, axis=1)
-
-
 def leave_one_block_out(
     terms: FloatArray, names: tuple[str, ...] = (), ends: tuple[bool, ...] = ()
 ) -> BlockLoo:
@@ -105,18 +83,3 @@ def block_ends(experiments: Mapping[str, Experiment], places: Sequence[Place]) -
         block.start == 0 or block.stop == experiments[name].coordinate.size
         for name, block in places
     )
-
-
-def block_names(experiments: Mapping[str, Experiment], places: Sequence[Place]) -> tuple[str, ...]:
-    """Describe where each block is, such as `the end of creep_2kV, time 0.8 to 1 s`."""
-
-    def named(name: str, block: slice) -> str:
-        experiment = experiments[name]
-        at, unit = experiment.coordinate, experiment.coordinate_unit
-        edge = "the beginning of " if block.start == 0 else ""
-        edge = "the end of " if block.stop == at.size else edge
-        extent = f"{at[block.start]:.3g} to {at[block.stop - 1]:.3g}"
-        where = f"{edge}{name}, {experiment.coordinate_name} {extent}"
-        return where if unit == "1" else f"{where} {unit}"
-
-    return tuple(named(*place) for place in places)

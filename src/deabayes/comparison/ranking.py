@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -14,24 +13,27 @@ from numpy.typing import NDArray
 
 from deabayes.comparison.blocks import (
     BlockLoo,
-    Place,
-    block_edges,
     block_ends,
-    block_names,
-    block_terms,
     leave_one_block_out,
 )
 from deabayes.comparison.decision import Decision, Score, decide
 from deabayes.comparison.left_out import leave_blocks_out
 from deabayes.comparison.verdicts import elpd_difference, ends_difference, verdicts
 from deabayes.experiment import FloatArray
+from deabayes.inference.blocks import (
+    FEWEST_BLOCKS,
+    Edges,
+    block_edges,
+    block_log_likelihood,
+    block_names,
+    block_places,
+)
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.problem import problem_of
 from deabayes.posteriors.storage import stacked
 from deabayes.quantities import with_unit
 
 LOO_DRAWS = 4000
-DRAWS_AT_ONCE = 1000
 TRUSTED_K_HAT = 0.5
 """Largest Pareto shape at which a block's importance weights are trusted. With 0.7 (1000 draws),
 one in four of the blocks that nearly alone inform a parameter passed, with a log density 1 to 3
@@ -42,7 +44,6 @@ FAR_BEHIND = 50.0
 """Nats of log evidence and of elpd. A candidate further behind the best in both is not sampled
 without blocks: that changes a few nats only."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
-FEWEST_BLOCKS = 10
 
 
 @dataclass(frozen=True)
@@ -93,31 +94,21 @@ def common_blocks(ranked: Sequence[Ranked]) -> dict[str, NDArray[np.intp]]:
     return edges
 
 
-def block_loo(ranked: Ranked, edges: Mapping[str, NDArray[np.intp]]) -> BlockLoo:
+def block_loo(ranked: Ranked, edges: Edges) -> BlockLoo:
     """Compute the block-LOO of one candidate over all calibrated records by importance weights."""
     target = ranked.target
     theta = ranked.theta(LOO_DRAWS)
-    parts = np.array_split(theta, -(-len(theta) // DRAWS_AT_ONCE))
-    terms = np.concatenate([_terms(target, part, edges) for part in parts])
+    terms = block_log_likelihood(target, theta, edges)
     experiments = {r.experiment.name: r.experiment for r in target.records}
-    places = _places(target, edges)
+    places = block_places(target, edges)
     names, ends = block_names(experiments, places), block_ends(experiments, places)
     return leave_one_block_out(terms, names, ends)
-
-
-def _places(target: LogPosterior, edges: Mapping[str, NDArray[np.intp]]) -> list[Place]:
-    """Return the record's name and the slice of points of every block."""
-    return [
-        (r.experiment.name, slice(*ends))
-        for r in target.records
-        for ends in pairwise((*edges[r.experiment.name], r.experiment.coordinate.size))
-    ]
 
 
 def _sampled(
     ranked: Ranked,
     loo: BlockLoo,
-    edges: Mapping[str, NDArray[np.intp]],
+    edges: Edges,
     seed: np.random.SeedSequence,
 ) -> BlockLoo:
     """Replace the terms of blocks whose importance weights are not trusted, by sampling."""
@@ -126,19 +117,10 @@ def _sampled(
         return loo
     target, terms = ranked.target, loo.terms.copy()
     z = target.prior.to_normal(ranked.theta(SAMPLED_DRAWS))
-    places = _places(target, edges)
+    places = block_places(target, edges)
     blocks = [places[block] for block in doubtful]
     terms[doubtful] = leave_blocks_out(target, problem_of(target), blocks, z, seed)
     return replace(loo, terms=terms)
-
-
-def _terms(
-    target: LogPosterior, theta: FloatArray, edges: Mapping[str, NDArray[np.intp]]
-) -> FloatArray:
-    """Log densities (S, B) of all blocks, in the order of the records."""
-    pointwise = target.pointwise_log_likelihood(theta)
-    names = [r.experiment.name for r in target.records]
-    return np.concatenate([block_terms(pointwise[name], edges[name]) for name in names], axis=1)
 
 
 def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> list[Score]:

@@ -8,9 +8,17 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 import deabayes
 from deabayes.experiment import FloatArray
+from deabayes.inference.blocks import (
+    FEWEST_BLOCKS,
+    block_edges,
+    block_log_likelihood,
+    block_names,
+    block_places,
+)
 from deabayes.inference.log_posterior import LogPosterior, log_standard_normal
 from deabayes.own_models.loading import recorded
 from deabayes.posteriors.content import PosteriorContent
@@ -172,6 +180,8 @@ STORED_PRIOR_DRAWS = 1000
 COMPARED_PRIOR_DRAWS = 10_000
 """Prior draws with which the posterior's widths are compared; contraction scatters by 0.02."""
 PRIOR_PREDICTIVE_DRAWS = 50
+POSTERIOR_PREDICTIVE_DRAWS = 100
+"""Of all ensembles together."""
 
 
 def posterior_tree(content: PosteriorContent) -> xr.DataTree:
@@ -187,10 +197,11 @@ def posterior_tree(content: PosteriorContent) -> xr.DataTree:
         "posterior": _draws(content, theta, shape).merge(_further(content)),
         "sample_stats": xr.Dataset({"lp": (("chain", "draw"), content.log_posterior)}),
         "unconstrained_posterior": xr.Dataset({"z": (("chain", "draw", "dimension"), content.z)}),
-        "log_likelihood": _log_likelihood(content, theta),
+        "log_likelihood": _log_likelihood(content, theta, shape),
         "log_prior": xr.Dataset({"log_prior": (("chain", "draw"), log_prior)}),
         "prior": _draws(content, prior_theta, (1, STORED_PRIOR_DRAWS)),
         "prior_predictive": _prior_predictive(content, prior_theta[:PRIOR_PREDICTIVE_DRAWS]),
+        "posterior_predictive": _posterior_predictive(content, theta, shape),
         "observed_data": _observed(content),
         "summary": summary_dataset(summary),
     }
@@ -208,8 +219,18 @@ def _draws(content: PosteriorContent, theta: FloatArray, shape: tuple[int, int])
             name: (("chain", "draw"), values.reshape(shape), described[name])
             for name, values in quantities(content.target, theta).items()
         },
-        coords={"chain": np.arange(shape[0]), "draw": np.arange(shape[1])},
+        coords=_every_draw(shape),
     )
+
+
+def _every_draw(shape: tuple[int, int]) -> dict[str, NDArray[np.intp]]:
+    return {"chain": np.arange(shape[0]), "draw": np.arange(shape[1])}
+
+
+def _stream(content: PosteriorContent, index: int) -> np.random.Generator:
+    """Return random numbers of their own for one part of the file."""
+    key = (*content.seed.spawn_key, index)
+    return np.random.default_rng(np.random.SeedSequence(content.seed.entropy, spawn_key=key))
 
 
 def _further(content: PosteriorContent) -> xr.Dataset:
@@ -217,8 +238,7 @@ def _further(content: PosteriorContent) -> xr.Dataset:
     if content.further is None:
         return xr.Dataset()
     shape = content.z.shape[:2]
-    seed = np.random.SeedSequence(content.seed.entropy, spawn_key=(*content.seed.spawn_key, 1))
-    theta = content.further.sample(np.random.default_rng(seed), int(np.prod(shape)))
+    theta = content.further.sample(_stream(content, 1), int(np.prod(shape)))
     variables = {}
     for p, column in zip(content.further.parameters, theta.T, strict=True):
         attributes = label(p, content.further.describe(p.name), "prior")
@@ -227,11 +247,34 @@ def _further(content: PosteriorContent) -> xr.Dataset:
     return xr.Dataset(variables)
 
 
-def _log_likelihood(content: PosteriorContent, theta: FloatArray) -> xr.Dataset:
-    shape, target = content.z.shape[:2], content.target
-    names = [record.experiment.name for record in target.records]
+def _log_likelihood(
+    content: PosteriorContent, theta: FloatArray, shape: tuple[int, int]
+) -> xr.Dataset:
+    """Return log p(block | points before it, theta) of each block of each record, for `loo`.
+
+    A block is a tenth of its record, so that candidates of one study have the same blocks. The
+    terms of a record add up to its log-likelihood. Single precision halves the size and moves
+    `loo` by less than 0.001.
+    """
+    target = content.target
+    edges = {
+        r.experiment.name: block_edges(
+            r.noise_coordinate, float(np.ptp(r.noise_coordinate)) / FEWEST_BLOCKS
+        )
+        for r in target.records
+    }
+    with np.errstate(all="ignore"):
+        terms = block_log_likelihood(target, theta, edges)
+    terms = np.where(np.isfinite(terms), terms, -np.inf).astype(np.float32)
+    places = block_places(target, edges)
+    experiments = {r.experiment.name: r.experiment for r in target.records}
     return xr.Dataset(
-        {n: (("chain", "draw"), target.log_likelihood(theta, [n]).reshape(shape)) for n in names}
+        {"blocks": (("chain", "draw", "block"), terms.reshape(*shape, -1))},
+        coords={
+            **_every_draw(shape),
+            "block": list(block_names(experiments, places)),
+            "record": ("block", [name for name, _ in places]),
+        },
     )
 
 
@@ -255,6 +298,32 @@ def _prior_predictive(content: PosteriorContent, theta: FloatArray) -> xr.Datase
         for name, values in content.target.responses(theta).items()
     }
     return xr.Dataset(variables, coords=_observed(content).coords)
+
+
+def _posterior_predictive(
+    content: PosteriorContent, theta: FloatArray, shape: tuple[int, int]
+) -> xr.Dataset:
+    """Return repetitions of each record: the model's curve of a draw, plus noise drawn anew.
+
+    The draws are evenly taken from all ensembles; the coordinate `draw` is that of the posterior.
+    Single precision halves the size.
+    """
+    target, rng = content.target, _stream(content, 2)
+    size = min(-(-POSTERIOR_PREDICTIVE_DRAWS // shape[0]), shape[1])
+    taken = np.linspace(0, shape[1] - 1, size).astype(int)
+    draws = target.draws(theta.reshape(*shape, -1)[:, taken].reshape(-1, theta.shape[1]))
+    variables = {}
+    for record in target.records:
+        discrepancy, white = target.noise.sample(
+            rng, record.noise_coordinate, record.weights, target.noise_draws(draws, record)
+        )
+        values = record.scale.with_residuals(record.simulate(draws), discrepancy + white)
+        name, unit = record.experiment.name, {"units": record.experiment.response_unit}
+        dimensions = ("chain", "draw", f"{name}_coordinate")
+        values = values.reshape(shape[0], size, -1).astype(np.float32)
+        variables[name] = (dimensions, values, unit)
+    where = {"chain": np.arange(shape[0]), "draw": taken}
+    return xr.Dataset(variables, coords={**_observed(content).coords, **where})
 
 
 def _attributes(content: PosteriorContent) -> dict[str, str]:
