@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -14,6 +15,7 @@ from tests.shared import membranes
 from tests.shared.fake_tables import whole
 from tests.shared.tube_trees import specimen, tree
 
+import deabayes
 from deabayes.cli.main import cli
 from deabayes.experiment import Excitation, Quantity, Specimen
 from deabayes.export import export
@@ -67,30 +69,44 @@ def parts(model, load=0.0):
     return chain, MovingChain(chain, mass), circuit, per_square
 
 
-def sampled(model, inputs):
-    """Output (draw, sample) of the discrete model, from rest."""
-    a, b, c, d = matrices(model, "discrete")
-    state, output = np.zeros_like(b), []
-    for value in inputs:
-        output.append((c @ state + d * value)[:, 0, 0])
-        state = a @ state + b * value
-    return np.array(output).T
+def opened(path):
+    """The model as a Python user reads the file."""
+    if path.suffix == ".json":
+        return json.loads(path.read_text())
+    return loadmat(path, simplify_cells=True)["model"]
 
 
+JUMP = 1e-9
+"""[s] in which the voltage changes from one held value to the next."""
+
+
+@pytest.mark.parametrize("ending", ["json", "mat"])
 @pytest.mark.parametrize("candidate", ["voigt_kelvin_2", "voigt_kelvin_2_inertia"])
-def test_the_discrete_model_predicts_as_the_system_does(candidate, tmp_path):
-    """Voltages that jump every two samples; strain at every sample."""
-    load = 300.0 if "inertia" in candidate else None
-    model = exported(tree(candidate), tmp_path, rate="1 kHz", load_g=load)
-    voltage = np.repeat(np.random.default_rng(0).uniform(0.0, 2500.0, 60), 2)
-    time = 1e-3 * np.arange(voltage.size)
-    knots, values = np.repeat(time, 2)[1:], np.repeat(voltage, 2)[:-1]
-    driven = Excitation("voltage", "V", knots, values, {"load_g": load or 0.0})
-    wanted = build("tubular", candidate, specimen()).predict(
-        driven, time, "strain", draws_of(model)
-    )
-    got = sampled(model, voltage**2)
-    np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-9 * np.abs(wanted).max())
+def test_python_control_simulates_what_the_package_simulates(candidate, ending, tmp_path):
+    """Continuous: a voltage that is switched on; discrete: voltages held for a sample each."""
+    load = {"load_g": 300.0} if "inertia" in candidate else {}
+    path = tmp_path / f"model.{ending}"
+    certain = {n: replace(q, sd=None) for n, q in specimen().quantities.items()}
+    posterior = tree(candidate, of=replace(specimen(), quantities=certain))
+    export(posterior, "state-space", path, rate="1 kHz", **load)
+    model = opened(path)
+    assert list(model["axes"]) == ["draw", "row", "column"]
+    step = model["discrete"]["sample_time"]["value"]
+    time = step * np.arange(120)
+    held = np.random.default_rng(0).uniform(0.0, 2500.0, time.size)
+    jumps = np.column_stack([time, time + step - JUMP]).ravel()
+    for which, dt, volts, drive in (
+        ("continuous", 0.0, np.full(time.size, 2000.0), {"time": time, "voltage": 2000.0}),
+        ("discrete", step, held, {"time": jumps, "voltage": np.repeat(held, 2)}),
+    ):
+        known = {name: quantity.value for name, quantity in certain.items()}
+        strain = deabayes.simulate(
+            "tubular", candidate, draws_of(model), known, conditions=load, **drive
+        ).strain.values[:, :: len(drive["time"]) // time.size]
+        plants = [control.ss(*abcd, dt) for abcd in zip(*matrices(model, which), strict=True)]
+        found = [control.forced_response(plant, time, volts**2).outputs for plant in plants]
+        assert len(found) == 12
+        np.testing.assert_allclose(found, strain, rtol=0.0, atol=1e-6 * strain.max())
 
 
 @pytest.mark.parametrize("ending", ["", "_circuit"])
@@ -150,14 +166,14 @@ def test_discrete_is_the_zero_order_hold(candidate, bias, tmp_path):
 
 def test_matlab_and_json_hold_the_same_numbers(tmp_path):
     posterior = tree("voigt_kelvin_2_inertia_circuit")
-    options = {"rate": "10 kHz", "bias": "2 kV", "load_g": 300.0, "draws": 5}
+    options = {"rate": "10 kHz", "bias": "2 kV", "load_g": 300.0, "draws": 7}
     model = exported(posterior, tmp_path, **options)
     export(posterior, "state-space", tmp_path / "model.mat", **options)
-    matlab = loadmat(tmp_path / "model.mat", simplify_cells=True)["model"]
+    matlab = opened(tmp_path / "model.mat")
     for which in ("continuous", "discrete"):
-        for name, got in zip("ABCD", matrices(model, which), strict=True):
-            assert np.array_equal(np.moveaxis(got, 0, -1).squeeze(), matlab[which][name].squeeze())
-    assert matlab["continuous"]["A"].shape == (5, 5, 5)
+        for got, stored in zip(matrices(model, which), matrices(matlab, which), strict=True):
+            assert np.array_equal(got.squeeze(), stored)
+    assert matlab["continuous"]["A"].shape == (7, 5, 5)
     assert matlab["discrete"]["sample_time"]["value"] == model["discrete"]["sample_time"]["value"]
     assert [s["name"] for s in matlab["states"]] == [s["name"] for s in model["states"]]
     assert np.array_equal(draws_of(model)["E_1"], matlab["draws"]["parameters"]["E_1"]["values"])

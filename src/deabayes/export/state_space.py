@@ -22,6 +22,8 @@ from deabayes.units import parse_quantity
 DRAWS, GRAM = 200, 1e-3
 FITTED_DELAY = "sensor_delay"
 OWN_DELAYS = ("strain.delay", "displacement.delay", "phase.delay")
+AXES = ("draw", "row", "column")
+"""Axes of A, B, C and D, in every file format."""
 STEPS_PER_PERIOD = 10.0
 """Recommended number of samples per period of a resonance."""
 DISCRETISATION = "zero-order hold: exact for an input held between samples (matrix exponential)"
@@ -41,8 +43,8 @@ def write(
 
     Parameters
     ----------
-    suffix : `.json` or `.mat`, the file's format. Draws are the first axis of arrays in JSON,
-        and the last axis in MATLAB, so that `ss` accepts the arrays.
+    suffix : `.json` or `.mat`, the file's format. The axes of the matrices are draw, row, column
+        in both.
     rate : sample rate of the discrete model, e.g. ``"10 kHz"``; by default there is none.
     draws : number of draws; 200 by default, or all if there are fewer.
     load_g : mass of the hanging load [g].
@@ -122,6 +124,7 @@ def _content(
         "provenance_note": "from simulated records, not from measurements" if simulated else "",
         "converged": converged(tree),
         "equations": "x' = A x + B u, y = C x + D u; discrete: x[k+1] = A x[k] + B u[k]",
+        "axes": list(AXES),
         "validity": model.validity,
         "input": _signals(model.input)[0],
         "output": _signals(model.output)[0],
@@ -189,13 +192,13 @@ def _too_slow(space: StateSpace, rate: float) -> list[str]:
 
 
 def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write arrays as nested lists with the draws as first axis, and numbers with all digits."""
+    """Write arrays as nested lists, and numbers with all digits."""
     text = json.dumps(content, default=lambda array: array.tolist(), allow_nan=False)
     path.write_text(text, encoding="utf-8")
 
 
 def write_mat(content: Mapping[str, Any], path: Path) -> None:
-    """Write a struct `model`; draws are the last axis, so ss(A, B, C, D) is an array of systems."""
+    """Write a struct `model`."""
     from scipy.io import savemat
 
     with path.open("wb") as stream:
@@ -203,14 +206,14 @@ def write_mat(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _matlab(value: Any) -> Any:
-    """Return a value as savemat takes it: structs, cells, and draws on the last axis."""
+    """Return a value as savemat takes it, with lists as cells."""
     if isinstance(value, Mapping):
         return {name: _matlab(item) for name, item in value.items()}
     if isinstance(value, list):
         cells = np.empty(len(value), dtype=object)
         cells[:] = [_matlab(item) for item in value]
         return cells
-    return np.moveaxis(value, 0, -1) if isinstance(value, np.ndarray) and value.ndim else value
+    return value
 
 
 WRITERS = {".json": write_json, ".mat": write_mat}
