@@ -88,6 +88,38 @@ def test_the_prior_is_the_normal_of_the_draws(program, made, tmp_path):
     assert all(made[name] == theta[name] for name in names)
 
 
+def drawn_by(program, prior):
+    """Draws of the parameters by the program itself, name -> (4000,)."""
+    if program == "pymc":
+        import pymc
+
+        with pymc.Model():
+            theta = prior()
+            values = pymc.draw(list(theta.values()), draws=4000, random_seed=1)
+        return dict(zip(theta, values, strict=True))
+    import jax
+    from numpyro.infer import Predictive
+
+    return Predictive(prior, num_samples=4000)(jax.random.key(1))
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_the_program_itself_draws_from_the_posteriors_normal(program, tmp_path):
+    """Where PyMC or NumPyro is installed; the environment of the tests has neither."""
+    pytest.importorskip(program)
+    known = run(posterior("tensile_strip", "ogden_2_units_1", size=400), program, tmp_path)
+    drawn = drawn_by(program, known["prior"])
+    values = np.column_stack(
+        [
+            np.log(drawn[name]) if name in known["LOGARITHM"] else drawn[name]
+            for name in known["UNITS"]
+        ]
+    )
+    scores = np.linalg.solve(known["CHOLESKY"], (values - known["MEAN"]).T)
+    np.testing.assert_allclose(scores.mean(axis=1), 0.0, atol=5.0 / np.sqrt(4000))
+    np.testing.assert_allclose(np.cov(scores), np.eye(len(scores)), atol=0.1)
+
+
 def test_noise_and_derived_quantities_are_left_out(made, tmp_path):
     tree = posterior("membrane", "kv_gm_1", size=50)
     for name, kind in (("step.sigma_white", "noise"), ("t_v_1", "derived")):

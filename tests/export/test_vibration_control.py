@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import control
@@ -22,6 +23,7 @@ from deabayes.systems.tubular.voigt_kelvin import Chain, MovingChain
 
 MASSES = ("total_mass", "active_mass", "sensor_mass")
 ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs/how-to/vibration-control.md"
 
 
 def script(name):
@@ -75,6 +77,26 @@ def test_the_critical_gain_is_where_poles_cross(example, design):
     for plant, gain in zip(plants, critical, strict=True):
         assert example.unstable([plant], 0.99 * gain) == 0.0
         assert example.unstable([plant], 1.01 * gain) == 1.0
+
+
+@pytest.mark.parametrize("ending", ["json", "mat"])
+def test_the_page_loads_both_files(ending, design, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    posterior = tree("voigt_kelvin_2_inertia_circuit", size=20, spread=0.05)
+    export(posterior, "state-space", Path(f"model.{ending}"), bias="2 kV", load_g=300.0)
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    before, _, other = code.partition("  # or ")
+    if ending == "mat":
+        other, _, after = other.partition("\n")
+        code = f"import scipy.io\n{before.rpartition('json.load(')[0]}{other}\n{after}"
+    known = {}
+    exec(compile(code, PAGE.name, "exec"), known)
+    assert len(known["plants"]) == 40
+    for plant, (acceleration, _) in zip(
+        known["plants"], zip(*design[:2], strict=True), strict=True
+    ):
+        np.testing.assert_array_equal(plant.A, acceleration.A)
+        assert plant.C.shape == (1, 5) and plant.B.shape == (5, 1)
 
 
 @pytest.fixture(scope="module")
