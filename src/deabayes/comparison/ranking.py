@@ -11,11 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from deabayes.comparison.blocks import (
-    BlockLoo,
-    block_ends,
-    leave_one_block_out,
-)
+from deabayes.comparison.blocks import BlockLoo, block_ends, leave_one_block_out
 from deabayes.comparison.decision import Decision, Score, decide
 from deabayes.comparison.left_out import leave_blocks_out
 from deabayes.comparison.verdicts import elpd_difference, ends_difference, verdicts
@@ -105,12 +101,7 @@ def block_loo(ranked: Ranked, edges: Edges) -> BlockLoo:
     return leave_one_block_out(terms, names, ends)
 
 
-def _sampled(
-    ranked: Ranked,
-    loo: BlockLoo,
-    edges: Edges,
-    seed: np.random.SeedSequence,
-) -> BlockLoo:
+def _sampled(ranked: Ranked, loo: BlockLoo, edges: Edges, seed: np.random.SeedSequence) -> BlockLoo:
     """Replace the terms of blocks whose importance weights are not trusted, by sampling."""
     doubtful = np.flatnonzero(~(loo.k_hat <= TRUSTED_K_HAT))
     if not doubtful.size:

@@ -23,7 +23,7 @@ def block_edges(coordinate: FloatArray, length: float) -> NDArray[np.intp]:
     """First index of each block; a block is a contiguous stretch at least `length` long.
 
     With blocks of at least two correlation lengths, the neighbours of a left-out block say
-    little about its noise (inference.md, Model order).
+    little about its noise (docs/statistics.md, Model order).
     """
     edges, start = [0], coordinate[0]
     for index, value in enumerate(coordinate):
