@@ -28,6 +28,9 @@ FREQUENCY_RESPONSE = {"frequency": "Hz", "gain": "1/V", "phase": "rad"}
 PHASE = "_phase"
 """The name of a phase record is that of the gain record plus this ending."""
 ONSET_SHARE = 0.02
+SETTLED_SHARE, OVERSHOOT, LONG_HOLD = 0.05, 0.2, 10.0
+"""Of a step: distance from its last value that still counts as settled and largest overshoot, as
+shares of its height; least length of the hold after it, as a multiple of its own length."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,38 @@ class Excitation:
         departure = np.abs(self.values - self.values[0])
         left = np.flatnonzero(departure > ONSET_SHARE * departure.max())
         return float(self.coordinate[max(int(left[0]) - 1, 0) if left.size else 0])
+
+    @property
+    def starts_applied(self) -> bool:
+        """Whether it is a voltage that is not zero at its first knot; it was zero before."""
+        largest = float(np.abs(self.values).max())
+        return self.unit == "V" and abs(float(self.values[0])) > ONSET_SHARE * largest
+
+    @property
+    def start(self) -> float:
+        """Coordinate at which something first happens: the first knot or the onset."""
+        return float(self.coordinate[0]) if self.starts_applied else self.onset
+
+    def settled(self, height: float) -> float:
+        """Knot from which the signal stays within 5 % of `height` of its last value."""
+        away = np.flatnonzero(np.abs(self.values - self.values[-1]) > SETTLED_SHARE * height)
+        return float(self.coordinate[int(away[-1]) + 1 if away.size else 0])
+
+    @property
+    def step(self) -> float:
+        """Time at which its only step begins [s]; NaN without a step, with several, without time.
+
+        A step is a change to a last value at which the signal stays, for at least ten times as
+        long as the change took. A voltage that is constant steps at its first knot.
+        """
+        before = 0.0 if self.starts_applied else float(self.values[0])
+        height = abs(float(self.values[-1]) - before)
+        largest = float(np.abs(self.values - before).max())
+        if self.without_time or height == 0.0 or largest > (1.0 + OVERSHOOT) * height:
+            return float("nan")
+        end, settled = float(self.coordinate[-1]), self.settled(height)
+        is_held = end - settled >= LONG_HOLD * max(settled - self.start, 0.0)
+        return self.start if is_held else float("nan")
 
 
 @dataclass(frozen=True)
@@ -177,17 +212,13 @@ class Experiment:
 
     @property
     def elapsed(self) -> float:
-        """Time from the onset of the excitation to the last reading [s]; NaN without a time axis.
+        """Time from the start of the excitation to the last reading [s]; NaN without a time axis.
 
         A voltage is zero before its first knot. If it is not zero at this knot, it begins there.
         """
         if self.coordinate_name != "time":
             return float("nan")
-        driven, last = self.excitation, float(np.max(self.coordinate))
-        applied = driven.unit == "V" and (
-            abs(driven.values[0]) > ONSET_SHARE * np.abs(driven.values).max()
-        )
-        return last - (float(driven.coordinate[0]) if applied else driven.onset)
+        return float(np.max(self.coordinate)) - self.excitation.start
 
     @property
     def response_range(self) -> float:

@@ -113,12 +113,13 @@ def analyse(results: Path, output: Path | None) -> None:
 @click.command()
 @click.argument("results", type=EXISTING)
 @click.option("-o", "--output", type=TARGET, required=True)
-def figures(results: Path, output: Path) -> None:
-    """Draw every figure of one study's results folder (results/NAME)."""
+@click.option("--names", is_flag=True, help="Write study and candidate into every drawing.")
+def figures(results: Path, output: Path, names: bool) -> None:
+    """Draw every figure of one study's results folder (results/NAME), as SVG, PDF and PNG."""
     from deabayes.pipeline import draw_figures
 
     check_folder_of("figures", output, "svg")
-    draw_figures(results, output)
+    draw_figures(results, output, names)
 
 
 @click.command()

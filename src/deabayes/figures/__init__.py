@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -69,6 +69,7 @@ REGISTRY: Mapping[str, str] = {
 OF_OTHERS = ("data_and_bands", "residuals", "marginals")
 """Figures of candidates that are not recommended; unconverged ones also get `convergence`."""
 INDEX = "index.json"
+FILES = ("svg", "png", "pdf")
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class SavedFigure:
     caption: str
     svg: Path
     png: Path
+    pdf: Path
     analysis: str = ""
 
 
@@ -110,11 +112,11 @@ def names_of(candidate: CandidateResults) -> list[str]:
     return [name for name in every if name in others]
 
 
-def draw(name: str, results: Results) -> list[Figure]:
+def draw(name: str, results: Results, named: bool = False) -> list[Figure]:
     """Draw a registered figure with its mandatory marks.
 
-    Every figure gets a header. Figures from simulated data are marked as simulated. Figures of
-    an unconverged candidate or population get a watermark.
+    Figures from simulated data are marked as simulated. Figures of an unconverged candidate or
+    population get a watermark. `named` writes the names of study and candidate above the axes.
     """
     from deabayes.figures import style
     from deabayes.figures.results import StudyResults
@@ -122,13 +124,16 @@ def draw(name: str, results: Results) -> list[Figure]:
     with style.applied():
         figures = _drawn(module(name), results)
         for figure in figures:
-            candidate = "" if results is results.study else f"  ·  {results.name}"
-            style.header(figure, f"{results.study.name}{candidate}")
-            if results.provenance == "simulated":
-                style.mark_simulated(figure)
+            words = "  ·  ".join(_names(results)) if named else ""
+            style.finish(figure, words, results.provenance == "simulated")
             if not isinstance(results, StudyResults) and not results.converged:
                 style.watermark_unconverged(figure)
     return figures
+
+
+def _names(results: Results) -> list[str]:
+    """Names of the study, and of the candidate if the results are a candidate's."""
+    return list(dict.fromkeys((results.study.name, results.name)))
 
 
 def _drawn(source: ModuleType, results: Results) -> list[Figure]:
@@ -140,14 +145,15 @@ def _drawn(source: ModuleType, results: Results) -> list[Figure]:
     return source.draw(results) if not systems or results.study.system in systems else []
 
 
-def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
-    """Draw the figures of a study and its candidates as SVG and PNG (300 dpi).
+def save_all(study_folder: str | Path, out: str | Path, named: bool = False) -> list[SavedFigure]:
+    """Draw the figures of a study and its candidates as SVG, PDF and PNG (300 dpi).
 
     The study and the recommended candidate get all registered figures, other candidates get
     `OF_OTHERS`. Files are `{figure}[_{sheet}].svg` for the study and
     `{candidate}_{figure}[_{sheet}].svg` for a candidate; `index.json` lists them. `study_folder`
     may also be the folder of a population (`results/populations/NAME`). A population has its own
-    figures.
+    figures. `named` writes the names of study and candidate into the drawings; they always are
+    in the files' metadata.
 
     Raises
     ------
@@ -164,19 +170,19 @@ def save_all(study_folder: str | Path, out: str | Path) -> list[SavedFigure]:
     (out / INDEX).unlink(missing_ok=True)
     wanted: list[tuple[str, Results]] = [(name, whole) for name in names(scope)]
     wanted += [(name, each) for each in candidates for name in names_of(each)]
-    saved = _save_each(wanted, out)
-    entries = [asdict(replace(s, svg=s.svg.name, png=s.png.name)) for s in saved]  # type: ignore[arg-type]
+    saved = _save_each(wanted, out, named)
+    entries = [asdict(s) | {kind: getattr(s, kind).name for kind in FILES} for s in saved]
     (out / INDEX).write_text(json.dumps(entries, indent=1), encoding="utf-8")
     return saved
 
 
-def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFigure]:
+def _save_each(wanted: Sequence[tuple[str, Results]], out: Path, named: bool) -> list[SavedFigure]:
     """Draw and save all figures; raise a UserError at once, all other errors at the end."""
     saved: list[SavedFigure] = []
     failures: dict[str, Exception] = {}
     for name, results in wanted:
         try:
-            saved += _save(name, results, out)
+            saved += _save(name, results, out, named)
         except UserError:
             raise
         except Exception as error:
@@ -187,7 +193,10 @@ def _save_each(wanted: Sequence[tuple[str, Results]], out: Path) -> list[SavedFi
 
 
 def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
-    """Figures that `save_all` wrote into `out`; None if there are none or the results are newer."""
+    """Figures that `save_all` wrote into `out`; None if there are none or the results are newer.
+
+    Figures of an older version, which wrote no PDF, count as none.
+    """
     from deabayes.figures.results import results_of
 
     index = out / INDEX
@@ -197,10 +206,12 @@ def saved_figures(study_folder: Path, out: Path) -> list[SavedFigure] | None:
     if any(path.stat().st_mtime >= drawn for path in results_of(study_folder).inputs):
         return None
     entries = json.loads(index.read_text(encoding="utf-8"))
-    return [SavedFigure(**e | {"svg": out / e["svg"], "png": out / e["png"]}) for e in entries]
+    if not all(entry.keys() >= set(FILES) for entry in entries):
+        return None
+    return [SavedFigure(**e | {kind: out / e[kind] for kind in FILES}) for e in entries]
 
 
-def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
+def _save(name: str, results: Results, out: Path, named: bool) -> list[SavedFigure]:
     from deabayes.figures import style
 
     source = module(name)
@@ -208,13 +219,14 @@ def _save(name: str, results: Results, out: Path) -> list[SavedFigure]:
     title, caption = (getattr(source, f"FIGURE_{n}", None) or getattr(source, n)
                       for n in ("TITLE", "CAPTION"))  # fmt: skip
     candidate = "" if results is results.study else results.name
-    figures = draw(name, results)
+    figures, keywords = draw(name, results, named), _names(results)
     saved = []
     for sheet, figure in enumerate(figures, start=1):
         stem = "_".join(filter(None, (candidate, name, str(sheet) if len(figures) > 1 else "")))
-        svg, png = out / f"{stem}.svg", out / f"{stem}.png"
+        number = [f"sheet {sheet}"] if len(figures) > 1 else []
         with style.applied():
-            style.write(figure, svg, png)
+            style.write(figure, out / stem, ", ".join([title, *keywords, *number]), keywords)
+        files = [out / f"{stem}.{kind}" for kind in FILES]
         analysis = getattr(source, "ANALYSIS", "")
-        saved.append(SavedFigure(name, candidate, sheet, title, caption, svg, png, analysis))
+        saved.append(SavedFigure(name, candidate, sheet, title, caption, *files, analysis))
     return saved

@@ -14,22 +14,17 @@ TITLE = "Data and predictions"
 CAPTION = (
     "Observed points, the posterior median and three separate 90 % bands. The blue band says how "
     "well the parameters are known; only the grey one, up to the grey line, says where new data "
-    "would fall: with little white noise the band with discrepancy fills all of it. Relaxation, "
-    "creep and frequency responses over more than a factor of 30 on a logarithmic axis, gains on "
-    "two, load–unload records as loops."
+    "would fall: with little white noise the band with discrepancy fills all of it. What follows a "
+    "single step is drawn against the logarithm of the time since the step, without the points "
+    "before it. Frequencies are logarithmic too, gains on both axes. Load–unload records are loops."
 )
 
 
-def draw(
-    results: CandidateResults,
-    log_time: bool | None = None,
-    role: str = "",
-    observed: str = "observed",
-) -> list[Figure]:
+def draw(results: CandidateResults, role: str = "", observed: str = "observed") -> list[Figure]:
     """Return one sheet per nine records.
 
-    `log_time` forces or forbids a logarithmic time axis. A non-empty `role` replaces the records'
-    own roles in their titles. `observed` is the legend's label of the points.
+    A non-empty `role` replaces the records' own roles in their titles. `observed` is the legend's
+    label of the points.
     """
 
     def panel(ax: Axes, record: Record) -> None:
@@ -46,5 +41,5 @@ def draw(
         panels.set_horizontal(ax, x)
         panels.title(ax, record, role=role)
 
-    records = side_by_side(results.predictions.values(), log_time)
+    records = side_by_side(results.predictions.values())
     return panels.record_sheets(records, 44, panel, bands.handles(observed))

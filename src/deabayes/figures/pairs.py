@@ -42,10 +42,10 @@ def draw(results: CandidateResults) -> list[Figure]:
 def _matrix(results: CandidateResults, names: list[str]) -> Figure:
     count = len(names)
     side = style.DOUBLE_COLUMN if count > 4 else style.DOUBLE_COLUMN * (0.35 + 0.13 * count)
-    figure = Figure(figsize=(side, side + style.HEADER))
+    figure = Figure(figsize=(side, side))
     figure.subplots_adjust(
-        left=0.62 / side, right=1 - 0.12 / side, bottom=0.62 / (side + style.HEADER),
-        top=1 - (style.HEADER + 0.05) / (side + style.HEADER), wspace=0.12, hspace=0.12,
+        left=0.62 / side, right=1 - 0.12 / side, bottom=0.62 / side, top=1 - 0.05 / side,
+        wspace=0.12, hspace=0.12,
     )  # fmt: skip
     axes = figure.subplots(count, count, squeeze=False, sharex="col")
     columns = [_column(results, name) for name in names]
@@ -149,6 +149,8 @@ def _label(ax: Axes, columns: list[_Column], row: int, column: int, size: float)
     ax.tick_params(labelsize=6.0, length=1.5, pad=1.5)
     _ticks(ax, columns[column], "x", few)
     ax.tick_params(axis="x", labelbottom=last, rotation=45)
+    for tick in ax.get_xticklabels():
+        tick.set(ha="right", rotation_mode="anchor")  # so that a label ends below its tick
     if column < row:
         _ticks(ax, columns[row], "y", few)
         ax.tick_params(axis="y", labelleft=column == 0)

@@ -63,12 +63,11 @@ def grid(
 
     Parameters
     ----------
-    height : of all rows together, without the header, in inches.
+    height : of all rows together, in inches.
     width : share of the width of two columns of a journal.
     options : further arguments of matplotlib's `Figure.subplots`.
     """
-    size = (width * style.DOUBLE_COLUMN, height + style.HEADER)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=(width * style.DOUBLE_COLUMN, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
@@ -293,7 +292,7 @@ def title(ax: Axes, record: Record, whole: bool = False, role: str = "") -> None
     words = role or record.role
     if not record.name.startswith(record.protocol):
         words += f", {plain(record.protocol)}"
-    if record.shown.start and not whole:
+    if record.shown.start and record.protocol == "sine" and not whole:
         gaps = after_last_gap(record.prediction["coordinate"].values) > 0
         words += ", last cycle kept" if gaps else f", last {CYCLES_SHOWN} cycles"
     heading(ax, record.name, words, EXTRAPOLATION if record.extrapolation else "")
@@ -380,10 +379,19 @@ def _powers(low: float, high: float, ticks: int) -> Locator:
 
 
 def _fractions(low: float, high: float, ticks: int) -> Locator:
-    """Ticks at round values within less than two decades; equidistant ticks if none fit."""
+    """Ticks at round values within less than two decades; equidistant ticks if none fit.
+
+    If every set has too few or too many values, some of the smallest set with too many are left
+    out.
+    """
     decades = 10.0 ** np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
+    many = np.array([])
     for parts in WITHIN_DECADES:
         places = np.outer(decades, parts).ravel()
-        if 2 <= np.sum((places >= low) & (places <= high)) <= ticks:
+        inside = places[(places >= low) & (places <= high)]
+        if 2 <= inside.size <= ticks:
             return FixedLocator(places)
+        many = inside if inside.size > ticks else many
+    if many.size:
+        return FixedLocator(many[np.linspace(0, many.size - 1, ticks).round().astype(int)])
     return MaxNLocator(ticks, min_n_ticks=2)

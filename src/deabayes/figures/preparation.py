@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from deabayes.experiment import Experiment, FloatArray
+from deabayes.experiment import LONG_HOLD, Experiment, FloatArray
 from deabayes.figures import panels, style
 from deabayes.figures.results import StudyResults
 from deabayes.quantities import DisplayUnit, display_unit, plain
@@ -29,7 +29,6 @@ CAPTION = (
     "the ramp ended, linear up to the ramp's length and logarithmic beyond."
 )
 RECORDS_PER_SHEET = 6
-LONG_HOLD = 10.0
 MARKED_KNOTS = 60
 HIDDEN, POINTS = "hidden from the likelihood", "points of the likelihood"
 
@@ -79,13 +78,10 @@ class PreparedRecord:
     @cached_property
     def hold_start(self) -> float | None:
         """Coordinate at which the final long hold begins; None if the record has none."""
-        knots, values = self.experiment.excitation.coordinate, self.experiment.excitation.values
-        far = np.abs(values - values[-1]) > 0.05 * max(float(np.ptp(values)), 1e-300)
-        if self.is_curve or not far.any():
-            return None
-        start = float(knots[int(np.flatnonzero(far)[-1]) + 1])
-        first, last = self.ends
-        return start if last - start > LONG_HOLD * max(start - first, 0.0) else None
+        excitation, (first, last) = self.experiment.excitation, self.ends
+        start = excitation.settled(float(np.ptp(excitation.values)))
+        is_long = first < start and last - start > LONG_HOLD * (start - first)
+        return start if is_long and not self.is_curve else None
 
     def since_hold(self, coordinate: FloatArray) -> FloatArray:
         """Coordinate in display units, counted from the start of the final hold if there is one."""
@@ -108,7 +104,7 @@ def _sheet(records: Sequence[PreparedRecord]) -> Figure:
     rows = -(-len(records) // columns)
     curves = all(record.is_curve for record in records)
     width = (0.6, 0.8, 1.0)[columns - 1] * style.DOUBLE_COLUMN
-    height = rows * (44 if curves else 70) * style.MILLIMETRE + style.HEADER + 0.45
+    height = rows * (44 if curves else 70) * style.MILLIMETRE + 0.45
     figure = Figure(figsize=(width, height), layout="constrained")
     cells = figure.subfigures(rows, columns, squeeze=False).ravel()
     for cell, record in zip(cells, records, strict=False):

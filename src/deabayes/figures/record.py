@@ -13,8 +13,11 @@ from deabayes.experiment import FloatArray
 from deabayes.integrate.periodic import passes, usual_period
 from deabayes.quantities import ROLES, DisplayUnit, display_unit, plain
 
-LOG_TIME_PROTOCOLS = ("relaxation", "creep", "frequency_response")
-CYCLES_SHOWN = 3
+DECADES = 30.0
+"""Ratio of largest to smallest frequency, or time since a step, of a logarithmic axis."""
+ROUNDING = 1e-6
+"""Share of the time after a step within which a reading counts as one at the step itself."""
+CYCLES, CYCLES_SHOWN = ("sine", "load_unload"), 3
 GAP = 3.0
 """A step of more than this many median spacings between two points is a gap."""
 SMALLEST = 0.05
@@ -35,11 +38,11 @@ class Record:
     """One prediction file, in display units.
 
     `shown` is the part that a panel shows. It is the whole record, or the last cycles of a long
-    sine, or the points after the last gap of a sine with gaps.
+    sine, or the points after the last gap of a sine with gaps, or the points after a step on a
+    logarithmic axis.
     """
 
     prediction: xr.Dataset
-    log_time: bool | None = None
     beside: float = 0.0
     """Largest observed response (SI) among the records with the same response name."""
 
@@ -112,6 +115,8 @@ class Record:
     @property
     def shown(self) -> slice:
         time = self.prediction["coordinate"].values
+        if np.isfinite(self.step):
+            return slice(self._after(self.step), None)
         if self.protocol == "sine" and (last := after_last_gap(time)):
             return slice(last, None)
         crossings = passes(time, self.prediction["excitation"].values)
@@ -120,20 +125,30 @@ class Record:
         shown = CYCLES_SHOWN * usual_period(crossings)
         return slice(int(np.searchsorted(time, time[-1] - shown)), None)
 
+    @property
+    def step(self) -> float:
+        """Start of the excitation's only step [s], if readings span decades after it; else NaN."""
+        step = float(self.prediction.attrs.get("step", np.nan))
+        since = self.prediction["coordinate"].values[self._after(step) :] - step
+        is_shown = self.protocol not in CYCLES and _spans_decades(since)
+        return step if is_shown else float("nan")
+
+    def _after(self, step: float) -> int:
+        """Index of the first reading after a step; the number of readings if the step is NaN."""
+        time = self.prediction["coordinate"].values
+        return int(np.searchsorted(time, step + ROUNDING * (time[-1] - step), side="right"))
+
     def against_coordinate(self) -> Axis:
-        """Axis of the coordinate: time, frequency, or the excitation of a record without time."""
+        """Axis of the coordinate: time, frequency, or the excitation of a record without time.
+
+        After a step, it is the time since the step. This time and a frequency are logarithmic.
+        """
         coordinate = self.prediction["coordinate"]
-        values = coordinate.values[self.shown]
-        logarithmic = self.log_time
-        if logarithmic is None:
-            positive = values[values > 0]
-            logarithmic = (
-                self.protocol in LOG_TIME_PROTOCOLS
-                and positive.size > 0.9 * values.size
-                and positive.max() > 30 * positive.min()
-            )
+        values, unit = coordinate.values[self.shown], _unit(coordinate)
         name = str(coordinate.attrs.get("name", "coordinate"))
-        return _axis(values, name, _unit(coordinate), bool(logarithmic))
+        if np.isfinite(self.step):
+            return _axis(values - self.step, name, unit, True, since=" since the step")
+        return _axis(values, name, unit, name == "frequency" and _spans_decades(values[values > 0]))
 
     def horizontal(self) -> Axis:
         """Horizontal axis: the excitation for a `load_unload` record, else the coordinate."""
@@ -144,9 +159,9 @@ class Record:
         return _axis(excitation.values[self.shown], name, _unit(excitation))
 
 
-def side_by_side(predictions: Iterable[xr.Dataset], log_time: bool | None = None) -> list[Record]:
+def side_by_side(predictions: Iterable[xr.Dataset]) -> list[Record]:
     """Records that share a display unit per response, so that they can be compared by eye."""
-    alone = [Record(prediction, log_time) for prediction in predictions]
+    alone = [Record(prediction) for prediction in predictions]
     largest: dict[str, float] = {}
     for each in alone:
         name = each.response_name
@@ -158,9 +173,15 @@ def _unit(variable: xr.DataArray) -> str:
     return str(variable.attrs.get("unit", variable.attrs.get("units", "1")))
 
 
-def _axis(values: FloatArray, name: str, unit: str, logarithmic: bool = False) -> Axis:
+def _spans_decades(positive: FloatArray) -> bool:
+    return bool(positive.size and positive.max() > DECADES * positive.min() > 0.0)
+
+
+def _axis(
+    values: FloatArray, name: str, unit: str, logarithmic: bool = False, since: str = ""
+) -> Axis:
     display = display_unit(unit, values, name)
-    return Axis(values / display.factor, plain(name) + display.suffix, logarithmic)
+    return Axis(values / display.factor, plain(name) + since + display.suffix, logarithmic)
 
 
 def after_last_gap(coordinate: FloatArray) -> int:

@@ -17,7 +17,8 @@ SCOPE = "candidate"
 TITLE = "Residuals"
 CAPTION = (
     "Observed minus posterior median, with the bands around it, the predictive one up to the grey "
-    "line. A trend or a wave that fills the orange band is something the model does not contain. "
+    "line. The horizontal axis is that of the data; records without a step are drawn along time. A "
+    "trend or a wave that fills the orange band is something the model does not contain. "
     "The last panel shows the residuals' spread per record: records that share one noise model "
     "should spread alike."
 )

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+import deabayes
 
 MILLIMETRE = 1 / 25.4
 DOUBLE_COLUMN = 183 * MILLIMETRE
 HEADER = 0.22
-"""Height in inches above the axes for the study's name and the marks."""
+"""Height in inches above the axes for the name and the mark of a figure, if it has them."""
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -27,13 +31,20 @@ BANDS = {
 }
 """Colour and label of each band, widest first so that narrower bands are drawn on top."""
 
+FONTS = ("DejaVu Sans", "Verdana", "Arial", "Helvetica")
+"""The font of all text, which comes with matplotlib, then those that show an SVG without it."""
+FONT_OF_SYMBOLS = re.compile(r"font-family: '[^',]+'(?=[;\"])")
+"""The font of mathematical text in an SVG, for which matplotlib names no other fonts."""
+OTHER_FONTS = ", ".join([*map(repr, FONTS[1:]), "sans-serif"])
+
 SETTINGS = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
+    "font.sans-serif": list(FONTS),
     "mathtext.fontset": "dejavusans",
     "font.size": 7.0,
     "axes.labelsize": 7.0,
     "axes.titlesize": 7.0,
+    "figure.titlesize": 7.0,
     "xtick.labelsize": 6.5,
     "ytick.labelsize": 6.5,
     "legend.fontsize": 6.5,
@@ -55,7 +66,8 @@ SETTINGS = {
     "patch.linewidth": 0.5,
     "figure.dpi": 300,
     "savefig.dpi": "figure",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
     "svg.hashsalt": "deabayes",
 }
 
@@ -65,16 +77,6 @@ def applied() -> Iterator[None]:
     """Set matplotlib's defaults for the duration of a `with` block."""
     with matplotlib.rc_context(SETTINGS):
         yield
-
-
-def mark_simulated(target: Axes | Figure) -> None:
-    """Write "simulated data" in the upper right corner, outside the data."""
-    style = {"fontsize": 6.5, "color": VERMILLION, "style": "italic", "ha": "right"}
-    if isinstance(target, Figure):
-        height = target.get_size_inches()[1]
-        target.text(0.995, 1 - 0.05 / height, "simulated data", va="top", **style)
-    else:
-        target.text(1.0, 1.01, "simulated data", va="bottom", transform=target.transAxes, **style)
 
 
 def watermark_unconverged(figure: Figure) -> None:
@@ -95,27 +97,47 @@ def watermark_unconverged(figure: Figure) -> None:
     )
 
 
-def header(figure: Figure, text: str) -> None:
-    """Write `text` in a strip above the axes, which is kept free.
+def finish(figure: Figure, name: str = "", simulated: bool = False) -> None:
+    """Lay the figure out, once for all files, with a strip above the axes for name and mark.
 
-    The layout is computed here once, and not again for every file that is written.
+    A figure with neither of them has no strip. A figure's title has room for both beside it.
     """
-    height = figure.get_size_inches()[1]
+    strip = HEADER if (name or simulated) and not figure.get_suptitle() else 0.0
+    width, height = figure.get_size_inches()
+    share = height / (height + strip)
+    figure.set_size_inches(width, height + strip)
     engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.set(rect=(0, 0, 1, 1 - HEADER / height))
+    if engine is None:
+        edges = figure.subplotpars
+        figure.subplots_adjust(bottom=share * edges.bottom, top=share * edges.top)
+    else:
+        engine.set(rect=(0, 0, 1, share))
         engine.execute(figure)
         figure.set_layout_engine("none")
-    figure.text(0.005, 1 - 0.05 / height, text, fontsize=6.5, color=GREY, va="top")
+    above: dict[str, Any] = {"y": 1 - 0.05 / (height + strip), "fontsize": 6.5, "va": "top"}
+    if name:
+        figure.text(x=0.005, s=name, color=GREY, **above)
+    if simulated:
+        figure.text(x=0.995, s="simulated data", color=VERMILLION, style="italic", ha="right",
+                    **above)  # fmt: skip
 
 
-def write(figure: Figure, svg: Path, png: Path) -> None:
-    """Write the figure as SVG and PNG.
+def write(figure: Figure, stem: Path, title: str, keywords: Sequence[str]) -> None:
+    """Write the figure as `stem`.svg, .png and .pdf, with its title and keywords as metadata.
 
     `Figure.savefig` would draw each file twice, to find a layout that is already known.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    FigureCanvasAgg(figure).print_png(png)  # PNG first: writing the SVG changes the resolution
-    FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None})
+    said = {"Title": title, "Creator": f"deabayes {deabayes.__version__}"}
+    words = {"Keywords": ", ".join(keywords)}
+    resolution, text = figure.dpi, io.StringIO()
+    FigureCanvasAgg(figure).print_png(f"{stem}.png", metadata=said | words)
+    FigureCanvasPdf(figure).print_pdf(f"{stem}.pdf", metadata=said | words | {"CreationDate": None})
+    figure.set_dpi(resolution)  # writing a PDF or an SVG changes it
+    FigureCanvasSVG(figure).print_svg(text, metadata=said | {"Keywords": keywords, "Date": None})
+    figure.set_dpi(resolution)
+    svg = FONT_OF_SYMBOLS.sub(rf"\g<0>, {OTHER_FONTS}", text.getvalue())
+    Path(f"{stem}.svg").write_text(svg, encoding="utf-8")

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from deabayes.sampling.engine import Sampled
 
 
-def draw_figures(results: Path, output: Path) -> None:
-    """Draw every registered figure of a study."""
+def draw_figures(results: Path, output: Path, named: bool = False) -> None:
+    """Draw every registered figure of a study; `named` writes its name into the drawings."""
     from deabayes.figures import save_all
 
     check_as_fitted(results)
-    save_all(results, output)
+    save_all(results, output, named)
 
 
 def build_report(

@@ -303,5 +303,6 @@ def to_dataset(
         failed_draws=samples.failed,
         failure=samples.failure,
         noise_note=samples.noise_note,
+        step=driven.step,
         **attributes,
     )

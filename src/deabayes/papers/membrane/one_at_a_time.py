@@ -28,7 +28,7 @@ def draw(results: CandidateResults, analysis: AnalysisResults) -> list[Figure]:
 
 def _sheet(curves: xr.Dataset) -> Figure:
     figure, axes = panels.sheet(curves.sizes["parameter"], 36 * style.MILLIMETRE)
-    prior_axes.head(figure, prior_axes.drive(curves))
+    figure.suptitle(prior_axes.drive(curves))
     shown, x = prior_axes.horizontal(curves)
     values = curves["curve"].values[..., shown]
     unit, label = prior_axes.vertical(curves, values)

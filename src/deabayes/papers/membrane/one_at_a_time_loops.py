@@ -39,7 +39,7 @@ def draw(results: CandidateResults, analysis: AnalysisResults) -> list[Figure]:
 def _sheet(curves: xr.Dataset) -> Figure:
     figure, axes = panels.sheet(curves.sizes["parameter"], 38 * style.MILLIMETRE)
     first, last = curves["cycle"].values[[FIRST, LAST]]
-    prior_axes.head(figure, f"{prior_axes.drive(curves)}, cycle {last}")
+    figure.suptitle(f"{prior_axes.drive(curves)}, cycle {last}")
     values = curves["curve"].values[:, :, LAST]
     unit, label = prior_axes.vertical(curves, values)
     for k, ax in enumerate(axes):

@@ -6,7 +6,6 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
@@ -43,11 +42,6 @@ def vertical(curves: xr.Dataset, values: FloatArray) -> tuple[DisplayUnit, str]:
     name = str(curves.attrs["response_name"])
     unit = display_unit(str(curves.attrs["response_unit"]), values, name)
     return unit, plain(name) + unit.suffix
-
-
-def head(figure: Figure, text: str) -> None:
-    """Write `text` in the strip above the axes, between the study's name and the marks."""
-    figure.text(0.5, 1 - 0.05 / figure.get_size_inches()[1], text, ha="center", va="top")
 
 
 def drive(curves: xr.Dataset) -> str:

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
 from deabayes.figures.results import AnalysisResults, StudyResults
-from deabayes.papers.membrane.prior_axes import drive, head, horizontal, vertical
+from deabayes.papers.membrane.prior_axes import drive, horizontal, vertical
 from deabayes.quantities import short
 
 SCOPE = "study"
@@ -38,7 +38,7 @@ def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
 
 def _sheet(candidates: Sequence[xr.Dataset]) -> Figure:
     figure, axes = panels.sheet(len(candidates), 52 * style.MILLIMETRE)
-    head(figure, drive(candidates[0]))
+    figure.suptitle(drive(candidates[0]))
     bands = np.concatenate([c["band"].values.ravel() for c in candidates])
     bands = bands[np.isfinite(bands)]
     low, top = (float(bands.min()), float(bands.max())) if bands.size else (0.0, 1.0)

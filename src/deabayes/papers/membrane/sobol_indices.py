@@ -10,7 +10,6 @@ from matplotlib.patches import Patch
 
 from deabayes.figures import panels, style
 from deabayes.figures.results import AnalysisResults, CandidateResults
-from deabayes.papers.membrane.prior_axes import head
 from deabayes.quantities import symbol_text
 
 SCOPE = "candidate"
@@ -55,7 +54,7 @@ def _sheet(rows: pd.DataFrame) -> Figure:
         ax.set_xlabel("share of the variance" if k >= (lines - 1) * COLUMNS else "")
     region = rows.loc[rows["stage"] != "lost", "region_percent"].iloc[0]
     text = f"{rows['record'].iloc[0]}, central {region:.0f} % of the prior in each coordinate"
-    head(figure, text)
+    figure.suptitle(text)
     handles = [Patch(color=FIRST, label="first order"), Patch(color=TOTAL, label="total")]
     panels.legend_below(figure, handles)
     return figure

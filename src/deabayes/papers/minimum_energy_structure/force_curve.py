@@ -84,7 +84,7 @@ def draw(results: StudyResults, analysis: AnalysisResults) -> list[Figure]:
     """Return one panel with the forces of all voltages, and one panel of errors per voltage."""
     records = panels.by_size(analysis.curves.values(), "voltage_kV")
     shown = panels.place_of(results.recommended.name, records[0])
-    height = max(0.95 * len(records) + 0.7 + style.HEADER, 3.0)
+    height = max(0.95 * len(records) + 0.7, 2.8)
     figure = Figure(figsize=(style.DOUBLE_COLUMN, height), layout="constrained")
     names = [f"error {k}" for k in range(len(records))]
     axes = figure.subplot_mosaic([["forces", name] for name in names], width_ratios=(5, 4))
