@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from deabayes.faults import UserError
+from deabayes.faults import PredictionWarning, UserError
 
 if TYPE_CHECKING:
     from deabayes.api import Posterior, open_posterior
@@ -20,7 +20,14 @@ if TYPE_CHECKING:
     from deabayes.prediction.simulate import simulate
 
 __version__ = version("deabayes")
-__all__ = ["Posterior", "UserError", "load_models", "open_posterior", "simulate"]
+__all__ = [
+    "Posterior",
+    "PredictionWarning",
+    "UserError",
+    "load_models",
+    "open_posterior",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+import warnings
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from deabayes.faults import UserError
+from deabayes.faults import PredictionWarning, UserError
 from deabayes.posteriors.storage import picked, read_tree, stacked, sum_of_draws
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 KINDS = ("material", "specimen", "noise", "derived")
 """Kinds of quantities; not every posterior has all of them."""
+CAUTIONS = ("unit_note", "failure", "held_out_note")
+"""Attributes of a prediction that say why not to trust it, beside `converged`, `extrapolation`."""
 
 
 class Posterior:
@@ -154,12 +157,20 @@ class Posterior:
         xarray.Dataset
             ``["median"]``, ``["mean"]`` and the bands `parameter`, `discrepancy` and
             `predictive` (level, bound, coordinate), with levels 0.5 and 0.9 and bounds
-            `lower` and `upper`; `coordinate` is the time. Four attributes are notes, which are
+            `lower` and `upper`; `coordinate` is the time. Some attributes are notes, which are
             empty if there is nothing to say. `extrapolation` says where the excitation leaves the
-            calibrated region. `noise_note` says if the noise, or its size, comes from other
-            records. `model_note` says which candidate solved the prediction, if the study names a
-            wider candidate for some protocols. `held_out_note` says where the bands missed
-            held-out records, or that the scores (errors.csv) are not beside the file.
+            calibrated region. `unit_note` says that a voltage may be in kV and not in V.
+            `failure` says how many draws have no response, and why. `held_out_note` says where
+            the bands missed held-out records, or that the scores (errors.csv) are not beside the
+            file. `noise_note` says if the noise, or its size, comes from other records.
+            `model_note` says which candidate solved the prediction, if the study names a wider
+            candidate for some protocols. `step` is the time of the excitation's only step [s],
+            NaN without one.
+
+        Warns
+        -----
+        deabayes.PredictionWarning
+            The posterior did not converge, or one of the first four notes is not empty.
 
         Raises
         ------
@@ -177,12 +188,15 @@ class Posterior:
             samples,
             {
                 "extrapolation": fitted.extrapolation(experiment),
+                "unit_note": fitted.unit_note(experiment),
                 "converged": int(fitted.converged),
                 "model_note": fitted.model_note(experiment, protocol),
                 "noise_group": fitted.noise_of(experiment).group,
                 "held_out_note": self._held_out_note(),
             },
         )
+        for caution in cautions(dataset.attrs):
+            warnings.warn(caution, PredictionWarning, stacklevel=2)
         return dataset.drop_vars(["observed", "pit"])
 
     def _held_out_note(self) -> str:
@@ -199,6 +213,15 @@ class Posterior:
         from deabayes.posteriors.inheritance import handed_on
 
         return handed_on(self._tree)
+
+
+def cautions(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """Yield a sentence per reason not to trust a prediction with these attributes."""
+    if not attributes["converged"]:
+        yield "NOT CONVERGED, do not use these numbers"
+    if attributes["extrapolation"]:
+        yield f"extrapolation: {attributes['extrapolation']}"
+    yield from (attributes[name] for name in CAUTIONS if attributes[name])
 
 
 def open_posterior(path: str | Path) -> Posterior:

@@ -1,4 +1,4 @@
-"""Mistakes of users: errors with one sentence each."""
+"""Mistakes and cautions of users: errors and warnings with one sentence each."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ class UserError(Exception):
     The message names the file, row or key, what was found and what to do; the
     command line prints it without a traceback and exits with status 1.
     """
+
+
+class PredictionWarning(UserWarning):
+    """A reason not to trust a prediction, which is also an attribute of its Dataset."""
 
 
 class Faults(UserError):

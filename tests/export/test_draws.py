@@ -178,6 +178,20 @@ def test_the_command_warns_of_draws_that_did_not_converge(tmp_path, converged):
     assert pd.read_csv(tmp_path / "draws.csv")["E_0 [Pa]"].tolist() == stored
 
 
+@pytest.mark.parametrize("name", ["tube", "tube/one"])
+def test_the_command_takes_a_study_or_a_candidate_by_name(tmp_path, name):
+    posterior = tmp_path / "results/tube/one/posterior.nc"
+    posterior.parent.mkdir(parents=True)
+    write_tree(file(None), posterior)
+    stored = []
+    for source in (name, str(posterior)):
+        command = ["export", source, "--results", str(tmp_path / "results"), "--to", "csv", "-o"]
+        result = CliRunner().invoke(cli, [*command, str(tmp_path / "draws.csv")])
+        assert result.exit_code == 0, result.stderr
+        stored.append((tmp_path / "draws.csv").read_text())
+    assert stored[0] == stored[1]
+
+
 def test_the_help_names_every_format_and_shells_complete_them():
     text = " ".join(CliRunner().invoke(cli, ["export", "--help"]).output.split())
     assert f"One of {', '.join(REGISTRY)}." in text

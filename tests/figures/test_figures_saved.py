@@ -14,7 +14,7 @@ from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 
 
-def test_save_all_writes_svg_and_png_and_an_index(
+def test_save_all_writes_svg_png_and_pdf_and_an_index(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few = {name: figures.REGISTRY[name] for name in ("residuals", "coverage", "errors")}
@@ -31,8 +31,14 @@ def test_save_all_writes_svg_and_png_and_an_index(
     for figure in saved:
         assert figure.svg.read_text().startswith("<?xml")
         assert figure.png.read_bytes().startswith(b"\x89PNG")
+        assert figure.pdf.read_bytes().startswith(b"%PDF")
     assert len(json.loads((out / "index.json").read_text())) == len(saved)
     assert figures.saved_figures(study, out) == saved
+    entries = json.loads((out / "index.json").read_text())
+    older = [{k: v for k, v in entry.items() if k != "pdf"} for entry in entries]
+    (out / "index.json").write_text(json.dumps(older))
+    assert figures.saved_figures(study, out) is None, "of a version that wrote no PDF"
+    (out / "index.json").write_text(json.dumps(entries))
     (study / "comparison.csv").touch()
     assert figures.saved_figures(study, out) is None
 

@@ -55,6 +55,37 @@ def test_one_value_is_held_over_the_time(post, held):
     np.testing.assert_array_equal(median(post, time=TIME, voltage=held), expected)
 
 
+@pytest.mark.parametrize(
+    ("voltage", "note", "said"),
+    [
+        (9e3, "extrapolation", "extrapolation: voltage 9000 to 9000 V lies outside the calibrated"),
+        (1.8, "unit_note", r"reaches only 1\.8 V, .* in kV, give its unit \(.1\.8 kV.\)$"),
+    ],
+)
+def test_a_reason_not_to_trust_a_prediction_is_a_warning_and_an_attribute(
+    post, voltage, note, said
+):
+    with pytest.warns(deabayes.PredictionWarning, match=said) as caught:
+        found = post.predict(size=20, time=TIME, voltage=voltage)
+    (caution,) = caught
+    assert found.attrs[note] and str(caution.message).endswith(found.attrs[note])
+    assert caution.filename == __file__, "it points at the user's line"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("voltage", [1800.0, "1.8 kV", 0.0])
+def test_a_prediction_within_the_calibration_warns_of_nothing(post, voltage):
+    found = post.predict(size=20, time=TIME, voltage=voltage)
+    assert found.attrs["unit_note"] == found.attrs["extrapolation"] == ""
+
+
+def test_draws_that_did_not_converge_are_warned_of():
+    tree = file(None)
+    tree["summary"]["converged"][:] = 0
+    with pytest.warns(deabayes.PredictionWarning, match="NOT CONVERGED"):
+        Posterior(tree).predict(size=20, time=TIME, voltage=VOLTS)
+
+
 def test_a_function_as_excitation_is_refused_with_a_remedy(post):
     with pytest.raises(UserError, match=r"voltage: .* found a function; give its values"):
         post.predict(time=TIME, voltage=lambda time: 1800.0 * time)
@@ -165,7 +196,8 @@ def test_the_file_of_another_version_names_both(tmp_path):
 
 
 def test_the_package_lists_what_it_offers_and_has_types():
-    names = ["Posterior", "UserError", "__version__", "load_models", "open_posterior", "simulate"]
+    names = ["Posterior", "PredictionWarning", "UserError", "__version__", "load_models",
+             "open_posterior", "simulate"]  # fmt: skip
     assert dir(deabayes) == names and all(hasattr(deabayes, name) for name in names)
     assert Path(deabayes.__file__).with_name("py.typed").is_file()
 

@@ -193,6 +193,7 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
             "converged": int(fake.converged),
             "noise_group": experiment.protocol,
             "failed_draws": 0,
+            "step": experiment.excitation.step,
             "extrapolation": fake.extrapolation if experiment.role == "validate" else "",
         },
     )

@@ -60,9 +60,20 @@ def test_a_table_with_units_holds_what_python_gives(place: Path) -> None:
 def test_what_is_to_be_known_of_it_is_said(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (place / "drive.csv").write_text(DRIVE.replace("1.8", "8"))
     predict("-o", "out.csv", "--response", "displacement")
-    said = capsys.readouterr().err
-    assert re.search(r"out\.csv: extrapolation: voltage 0 to 8000 V lies outside", said)
+    lines = capsys.readouterr().err.splitlines()
+    (said,) = (line for line in lines if "extrapolation" in line)
+    assert said.startswith("out.csv: extrapolation: voltage 0 to 8000 V lies outside")
+    assert "PredictionWarning" not in " ".join(lines)
     assert "displacement_median [m]" in Path("out.csv").read_text()
+
+
+def test_volts_where_kilovolts_were_calibrated_are_a_line_on_the_terminal(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "drive.csv").write_text(DRIVE.replace("kV", "V"))
+    predict("-o", "out.csv")
+    (said,) = (line for line in capsys.readouterr().err.splitlines() if "kV" in line)
+    assert said.startswith("out.csv: voltage reaches only 1.8 V, and the calibration records ")
 
 
 ERRORS = pd.DataFrame(
@@ -242,14 +253,17 @@ def test_a_study_by_name_has_one_posterior_or_names_them(
     by_name = ("predict", "tube", "--excitation", "drive.csv", "-o")
     main([*by_name, "named.csv"])
     predict("-o", "file.csv")
-    assert Path("named.csv").read_text() == Path("file.csv").read_text()
+    main(["predict", "tube/one", *by_name[2:], "candidate.csv"])
+    for name in ("named.csv", "candidate.csv"):
+        assert Path(name).read_text() == Path("file.csv").read_text()
     other = Path("results/tube/two/posterior.nc")
     other.parent.mkdir()
     other.write_bytes(wanted.read_bytes())
     capsys.readouterr()
     for arguments, said in (
-        ([*by_name, "again.csv"], f"study tube has 2 fitted candidates; give {wanted} or {other}"),
+        ([*by_name, "again.csv"], "study tube has 2 fitted candidates; give tube/one or tube/two"),
         (["predict", "tub", *by_name[2:], "again.csv"], "'tub' is neither a posterior file nor"),
+        (["predict", "tube/ane", *by_name[2:], "again.csv"], "did you mean 'tube/one'"),
     ):
         with pytest.raises(SystemExit):
             main(arguments)

@@ -63,7 +63,6 @@ def test_help_loads_nothing_heavy() -> None:
         ("fitt",),
         ("fit",),
         ("fit", "tubular", "voigt_kelvin_1", "--prepared", "nowhere"),
-        ("export", "no_such_file.nc", "--to", "csv", "-o", "x.csv"),
         ("check",),
     ],
 )
@@ -116,6 +115,11 @@ def test_unknown_candidate_names_the_nearest() -> None:
 def test_compare_of_a_study_never_fitted(tmp_path: Path) -> None:
     run = deabayes("compare", "tubular", "--results", tmp_path)
     assert_one_message(run, 1, "tubular", "deabayes fit")
+
+
+def test_export_of_a_file_or_study_that_is_not_there(tmp_path: Path) -> None:
+    run = deabayes("export", "nothing.nc", "--to", "csv", "-o", "x.csv", "--results", tmp_path)
+    assert_one_message(run, 1, "'nothing.nc' is neither a posterior file nor", "deabayes fit")
 
 
 def test_a_file_that_is_no_posterior(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def study_folders(names: Sequence[str], results: Path) -> list[Path]:
 
 
 def posterior_files(sources: Sequence[str], results: Path) -> list[Path]:
-    """Posterior files given as paths, or all posteriors of one study given by name."""
+    """Posterior files given as paths, or of one STUDY/CANDIDATE, or all of one study by name."""
     from deabayes.posteriors.storage import fitted_posteriors
 
     missing = [source for source in sources if not Path(source).is_file()]
@@ -152,26 +152,28 @@ def posterior_files(sources: Sequence[str], results: Path) -> list[Path]:
         return [Path(source) for source in sources]
     if len(sources) > 1:
         raise UserError(f"{missing[0]}: no such posterior file")
-    files = fitted_posteriors(results / sources[0])
+    of_candidate = results / sources[0] / "posterior.nc"
+    files = [of_candidate] if of_candidate.is_file() else fitted_posteriors(results / sources[0])
     if not files:
         raise _unknown(sources[0], "posterior file", results)
     return files
 
 
 def one_posterior(source: str, results: Path) -> Path:
-    """One posterior file, given as a path or as the name of a study with one fitted candidate."""
+    """One posterior file, given as a path, STUDY/CANDIDATE or a study with one fitted candidate."""
     if Path(source).is_dir() and not (results / source).exists():
         return Path(source)  # opening it says which posterior files are in it
     files = posterior_files([source], results)
     if len(files) > 1:
-        choices = " or ".join(map(str, files))
+        choices = " or ".join(f"{source}/{file.parent.name}" for file in files)
         raise UserError(f"study {source} has {len(files)} fitted candidates; give {choices}")
     return files[0]
 
 
 def _unknown(name: str, kind: str, results: Path) -> UserError:
-    """Say that a name is unknown, and which fitted study it may mean."""
-    fitted = sorted({path.parts[-3] for path in results.glob("*/*/posterior.nc")})
+    """Say that a name is unknown, and which fitted study, or candidate, it may mean."""
+    parts = slice(-3, -1) if "/" in name else slice(-3, -2)
+    fitted = sorted({"/".join(p.parts[parts]) for p in results.glob("*/*/posterior.nc")})
     hint = nearest(name, fitted) if fitted else "; run `deabayes fit` first"
     return UserError(f"{name!r} is neither a {kind} nor a fitted study under {results}{hint}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from deabayes.cli.arguments import (
     posterior_files,
 )
 from deabayes.export import REGISTRY as FORMATS
-from deabayes.faults import UserError
+from deabayes.faults import PredictionWarning, UserError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,8 +31,8 @@ PREDICTED = (".csv", ".nc")
 """Endings of a file with a prediction."""
 NO_CSV = (".xlsx", ".xls", ".nc", ".mat", ".tdms", ".json", ".parquet")
 """Endings that a CSV file must not have, because the programs that open them could not read it."""
-NOTES = ("failure", "noise_note", "model_note", "held_out_note")
-"""Attributes of a prediction that a reader must know if they are not empty."""
+NOTES = ("noise_note", "model_note")
+"""Attributes of a prediction that are no cautions, but that a reader must know too."""
 
 
 @click.command()
@@ -57,11 +58,12 @@ def predict(
 ) -> None:
     """Predict every record, with three bands, and score the predictions.
 
-    POSTERIOR is a file, or the name of a fitted study (all its candidates).
+    POSTERIOR is a file, a fitted candidate (STUDY/CANDIDATE), or the name of a
+    fitted study (all its candidates).
 
     With --excitation FILE, predict the response to that excitation instead, and write it to
     -o FILE.csv or FILE.nc. FILE is a record with `time [s]` and the excitation, in any unit.
-    POSTERIOR is then a file, or a study with one fitted candidate.
+    POSTERIOR is then a file, a candidate, or a study with one fitted candidate.
     """
     if excitation is None:
         for name, value in (
@@ -110,7 +112,7 @@ def _predict_excitation(
     conditions: Sequence[str],
 ) -> None:
     """Predict the response to the excitation in a record; print what a user must know."""
-    from deabayes.api import open_posterior
+    from deabayes.api import cautions, open_posterior
     from deabayes.cli.drive import read_drive
     from deabayes.files import write_atomically
     from deabayes.own_models.loading import restore
@@ -123,25 +125,22 @@ def _predict_excitation(
     post = open_posterior(posterior)
     restore(post.data.attrs)
     drive: dict[str, Any] = read_drive(str(post.data.attrs["system"]), excitation)
-    prediction = post.predict(
-        response=response,
-        protocol=protocol,
-        conditions=named_values(conditions, "--condition"),
-        **drive,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PredictionWarning)  # each is a line on the terminal
+        prediction = post.predict(
+            response=response,
+            protocol=protocol,
+            conditions=named_values(conditions, "--condition"),
+            **drive,
+        )
     if output.suffix == ".nc":
         write_dataset(prediction, output)
     else:
         table = as_table(prediction)
         write_atomically(lambda path: table.to_csv(path, index=False), output)
-    attributes = prediction.attrs
-    if not attributes["converged"]:
-        _warn(output, "NOT CONVERGED, do not use these numbers")
-    if attributes["extrapolation"]:
-        _warn(output, f"extrapolation: {attributes['extrapolation']}")
-    for name in NOTES:
-        if attributes[name]:
-            _warn(output, attributes[name])
+    notes = (prediction.attrs[name] for name in NOTES)
+    for text in (*cautions(prediction.attrs), *filter(None, notes)):
+        _warn(output, text)
 
 
 def _warn(output: Path, text: str) -> None:
@@ -231,7 +230,8 @@ def complete_format(_context: object, _parameter: object, incomplete: str) -> li
 
 
 @click.command()
-@click.argument("posterior", type=EXISTING)
+@click.argument("posterior")
+@RESULTS
 @click.option(
     "--to",
     required=True,
@@ -248,8 +248,11 @@ def complete_format(_context: object, _parameter: object, incomplete: str) -> li
 )
 @click.option("--load-g", type=float, help="state-space: mass of the load in g  [default: 0]")
 @click.option("--bias", help="state-space: linearise about this voltage ('2 kV').")
-def export(posterior: Path, to: str, output: Path, **options: object) -> None:
+def export(posterior: str, results: Path, to: str, output: Path, **options: object) -> None:
     """Write POSTERIOR in another program's format.
+
+    POSTERIOR is a file, a fitted candidate (STUDY/CANDIDATE), or the name of a
+    study with one fitted candidate.
 
     csv, parquet, json, mat: every draw of every quantity, SI.
 
@@ -264,9 +267,10 @@ def export(posterior: Path, to: str, output: Path, **options: object) -> None:
     """
     from deabayes.pipeline import export_posterior
 
-    keep_inputs(output, posterior)
-    converged, warnings = export_posterior(posterior, to, output, **options)
-    for warning in warnings:
-        _warn(output, warning)
+    source = one_posterior(posterior, results)
+    keep_inputs(output, source)
+    converged, found = export_posterior(source, to, output, **options)
+    for caution in found:
+        _warn(output, caution)
     if not converged:
         _warn(output, "NOT CONVERGED, do not use these numbers")

@@ -164,6 +164,10 @@ class Fitted:
         """Say in which respects an experiment leaves the calibrated region; empty if in none."""
         return Calibrated(self.system, self.records).extrapolation(experiment)
 
+    def unit_note(self, experiment: Experiment) -> str:
+        """Say that a voltage may have been given in kV; empty if it is not that small."""
+        return Calibrated(self.system, self.records).unit_note(experiment)
+
     def experiment(
         self,
         channels: Mapping[str, ArrayLike],

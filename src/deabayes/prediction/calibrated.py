@@ -16,6 +16,8 @@ from deabayes.systems.base import System
 LONGEST_EXTRAPOLATION = 1.5
 FASTEST_EXTRAPOLATION = 1.5
 RANGE_TOLERANCE = 0.01
+FAR_BELOW = 0.01
+"""Share of the calibrated voltage below which a voltage may have been given in kV."""
 SHARE = 0.2
 """Share of an excitation's range that counts as a change, so that monitor noise does not count."""
 SINE = 2.0 * math.asin(SHARE)
@@ -185,6 +187,22 @@ class Calibrated:
             self._frequency(experiment),
         )
         return "; ".join(note for note in notes if note)
+
+    def unit_note(self, experiment: Experiment) -> str:
+        """Say that a voltage is so small that it may be in kV; empty for any other excitation."""
+        driven = experiment.excitation
+        known = [
+            max(abs(r.lowest), abs(r.highest))
+            for r in self.records
+            if r.excitation_name == driven.name
+        ]
+        largest = float(np.abs(driven.values).max())
+        if driven.unit != "V" or not known or not 0.0 < largest < FAR_BELOW * max(known):
+            return ""
+        return (
+            f"{driven.name} reaches only {largest:.4g} V, and the calibration records "
+            f'{max(known):.4g} V; if it is in kV, give its unit ("{largest:.4g} kV")'
+        )
 
     def _range(self, experiment: Experiment) -> str:
         driven = experiment.excitation
