@@ -81,7 +81,7 @@ def test_a_prediction_within_the_calibration_warns_of_nothing(post, voltage):
 
 def test_draws_that_did_not_converge_are_warned_of():
     tree = file(None)
-    tree["summary"]["converged"][:] = 0
+    tree.attrs["convergence"] = json.dumps({"converged": False, "reasons": []})
     with pytest.warns(deabayes.PredictionWarning, match="NOT CONVERGED"):
         Posterior(tree).predict(size=20, time=TIME, voltage=VOLTS)
 

@@ -226,7 +226,7 @@ def _save(name: str, results: Results, out: Path, named: bool) -> list[SavedFigu
         number = [f"sheet {sheet}"] if len(figures) > 1 else []
         with style.applied():
             style.write(figure, out / stem, ", ".join([title, *keywords, *number]), keywords)
-        files = [out / f"{stem}.{kind}" for kind in FILES]
+        svg, png, pdf = (out / f"{stem}.{kind}" for kind in FILES)
         analysis = getattr(source, "ANALYSIS", "")
-        saved.append(SavedFigure(name, candidate, sheet, title, caption, *files, analysis))
+        saved.append(SavedFigure(name, candidate, sheet, title, caption, svg, png, pdf, analysis))
     return saved
