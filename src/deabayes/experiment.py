@@ -125,14 +125,16 @@ class Excitation:
         A step is a change to a last value at which the signal stays, for at least ten times as
         long as the change took. A voltage that is constant steps at its first knot.
         """
-        before = 0.0 if self.starts_applied else float(self.values[0])
+        before, start = float(self.values[0]), self.onset
+        if self.starts_applied and self.conditions.get("prehistory") != "equilibrium":
+            before, start = 0.0, self.start
         height = abs(float(self.values[-1]) - before)
         largest = float(np.abs(self.values - before).max())
         if self.without_time or height == 0.0 or largest > (1.0 + OVERSHOOT) * height:
             return float("nan")
         end, settled = float(self.coordinate[-1]), self.settled(height)
-        is_held = end - settled >= LONG_HOLD * max(settled - self.start, 0.0)
-        return self.start if is_held else float("nan")
+        is_held = end - settled >= LONG_HOLD * max(settled - start, 0.0)
+        return start if is_held else float("nan")
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ STRETCHED = Excitation("stretch", "1", np.array([0.0, 2.0, 300.0]), np.array([1.
         (voltage([3.0, 600.0], [2e3, 2001.0]), 3.0),  # a constant voltage was off before
         (voltage([0.0, 5.0, 5.1, 5.2, 600.0], [0.0, 0.0, 2.2e3, 2e3, 2e3]), 5.0),  # overshoot
         (voltage([0.0, 5.0, 5.1, 600.0], [3e3, 3e3, 1e3, 1e3]), np.nan),  # it was on before
+        (voltage([0.0, 5.0, 5.1, 600.0], [1e3, 1e3, 3e3, 3e3], prehistory="equilibrium"), 5.0),
         (STRETCHED, 0.0),
     ],
 )

@@ -193,7 +193,7 @@ def _prediction(fake: Fake, experiment: Experiment, curves: FloatArray, scale: f
             "converged": int(fake.converged),
             "noise_group": experiment.protocol,
             "failed_draws": 0,
-            "step": experiment.excitation.step,
+            "step": 0.0 if experiment.protocol in ("relaxation", "creep") else np.nan,
             "extrapolation": fake.extrapolation if experiment.role == "validate" else "",
         },
     )
