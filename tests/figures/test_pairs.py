@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
-from deabayes.figures import pairs
+from deabayes.figures import pairs, panels
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.98])
@@ -72,3 +72,12 @@ def test_draws_of_either_sign_have_linear_axes() -> None:
     column = pairs._column(results, "x")
     assert not column.log
     np.testing.assert_array_equal(column.drawn, values)
+
+
+@pytest.mark.parametrize(("low", "high"), [(30.0, 700.0), (0.9, 40.0), (2.0, 31.0)])
+def test_few_ticks_of_a_logarithmic_axis_stand_apart(low: float, high: float) -> None:
+    ax = Figure().subplots()
+    panels.logarithmic(ax, np.array([low, high]), 2)
+    shown = [tick for tick in ax.get_xticks() if low <= tick <= high]
+    assert len(shown) == 2
+    assert shown[1] >= 3.0 * shown[0], "labels of near values would overlap"

@@ -120,3 +120,14 @@ def test_a_new_folder_and_one_that_was_written_before_are_taken(
     main(["figures", "fit", "-o", "new"])
     main(["analyse", "fit", "-o", "new"])
     assert asked == [Path("new"), Path("new")]
+
+
+@pytest.mark.parametrize(("more", "named"), [((), False), (("--names",), True)])
+def test_names_are_drawn_if_the_command_asks_for_them(
+    place: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...], named: bool
+) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr("deabayes.figures.save_all", lambda *given: asked.extend(given))
+    monkeypatch.setattr("deabayes.pipeline.publish.check_as_fitted", lambda results: None)
+    main(["figures", "fit", "-o", "new", *more])
+    assert asked == [Path("fit"), Path("new"), named]

@@ -133,7 +133,7 @@ def draw(name: str, results: Results, named: bool = False) -> list[Figure]:
 
 def _names(results: Results) -> list[str]:
     """Names of the study, and of the candidate if the results are a candidate's."""
-    return list(dict.fromkeys((results.study.name, results.name)))
+    return [results.study.name, *([] if results is results.study else [results.name])]
 
 
 def _drawn(source: ModuleType, results: Results) -> list[Figure]:
