@@ -99,7 +99,7 @@ def _predict_records(
         keep_inputs(errors, posterior, records, option="--errors")
         folder = output or posterior.with_name("predictions")
         for line in predict_candidate(posterior, records, folder, table):
-            click.echo(line)
+            click.echo(line, err=True)
         click.echo(table)
 
 
