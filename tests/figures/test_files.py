@@ -6,6 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.transforms import Bbox
 from PIL import Image
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
@@ -66,6 +69,29 @@ def test_files_are_the_same_in_every_run(
         content = getattr(saved, kind).read_bytes()
         assert content == getattr(again, kind).read_bytes()
         assert not DATES.search(content)
+
+
+@pytest.mark.parametrize("name", ["marginals", "preparation"])
+def test_noise_in_the_last_digits_of_the_layout_does_not_reach_the_files(
+    candidate: CandidateResults, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The layout's solver is not exact, and its rounding errors differ from run to run."""
+    kept, places = ConstrainedLayoutEngine.execute, []
+    for error in (0.0, 1e-13):
+
+        def execute(engine: ConstrainedLayoutEngine, figure: Figure, error: float = error) -> None:
+            kept(engine, figure)
+            for part in figure.subfigs:
+                part.bbox_relative.set_points(part.bbox_relative.get_points() + error)
+            for ax in figure.axes:
+                place = ax.get_position(original=True)
+                ax._set_position(Bbox(place.get_points() + error))
+
+        monkeypatch.setattr(ConstrainedLayoutEngine, "execute", execute)
+        results = candidate.study if name == "preparation" else candidate
+        (figure,) = figures.draw(name, results)
+        places.append([ax.get_window_extent().bounds for ax in figure.axes])
+    assert places[0] == places[1]
 
 
 @pytest.mark.parametrize("named", [False, True])

@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 import deabayes
 
@@ -18,6 +19,9 @@ MILLIMETRE = 1 / 25.4
 DOUBLE_COLUMN = 183 * MILLIMETRE
 HEADER = 0.22
 """Height in inches above the axes for the name and the mark of a figure, if it has them."""
+
+DIGITS = 9
+"""Digits of the places of panels, as shares of the figure."""
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -114,12 +118,25 @@ def finish(figure: Figure, name: str = "", simulated: bool = False) -> None:
         engine.set(rect=(0, 0, 1, share))
         engine.execute(figure)
         figure.set_layout_engine("none")
+        _round_layout(figure)
     above: dict[str, Any] = {"y": 1 - 0.05 / (height + strip), "fontsize": 6.5, "va": "top"}
     if name:
         figure.text(x=0.005, s=name, color=GREY, **above)
     if simulated:
         figure.text(x=0.995, s="simulated data", color=VERMILLION, style="italic", ha="right",
                     **above)  # fmt: skip
+
+
+def _round_layout(figure: Figure) -> None:
+    """Round the places of all panels, whose last digits differ from run to run.
+
+    The names of clipping regions in an SVG depend on every digit.
+    """
+    for part in figure.subfigs:
+        part.bbox_relative.set_points(part.bbox_relative.get_points().round(DIGITS))
+    for ax in figure.axes:
+        place = ax.get_position(original=True)
+        ax.set_position(Bbox(place.get_points().round(DIGITS)))
 
 
 def write(figure: Figure, stem: Path, title: str, keywords: Sequence[str]) -> None:
