@@ -86,16 +86,17 @@ def _of_chosen(chosen: Score, scores: Sequence[Score]) -> str:
 
 
 def _how_sure(chosen: Score, ranked: Sequence[Score]) -> str:
-    """Say how surely the evidence separates the chosen candidate from its neighbours in size."""
-    ranked = sorted(ranked, key=lambda s: s.n_parameters)
-    place = ranked.index(chosen)
+    """Say how surely the evidence separates the chosen candidate from others, small and large."""
+    most = chosen.n_parameters
+    small = [s for s in ranked if s is not chosen and s.n_parameters <= most]
+    large = [s for s in ranked if s.n_parameters > most]
     words = ""
-    if place > 0:
-        best = max(ranked[:place], key=lambda s: s.log_evidence)
-        gain = chosen.log_evidence - best.log_evidence
-        words += f"; evidence for it over {best.candidate}: {odds(gain)}"
-    if place + 1 < len(ranked):
-        best = max(ranked[place + 1 :], key=lambda s: s.log_evidence)
+    if small:
+        best = max(small, key=lambda s: s.log_evidence)
+        words += f"; evidence for it over {best.candidate}: "
+        words += odds(chosen.log_evidence - best.log_evidence)
+    if large:
+        best = max(large, key=lambda s: s.log_evidence)
         gain = best.log_evidence - chosen.log_evidence
         side = "for" if gain > 0.0 else "against"
         words += f"; evidence {side} the larger {best.candidate}: {odds(gain)}"
