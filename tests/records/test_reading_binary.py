@@ -43,7 +43,7 @@ def test_matlab_7_3(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, ["holds no units", "experiments.csv", "t, u"]),
+        (None, ["no column has a unit; the file has 't', 'u'", "t = time [?]; u = voltage [?]"]),
         ("t = time [s]; w = voltage [kV]", ["no variable 'w'"]),
         ("t = time [s]; u = voltage [kV]", ["differ in length", "time 3", "voltage 2"]),
     ],
@@ -91,29 +91,30 @@ def test_matlab_complex_numbers(tmp_path: Path) -> None:
             read_record(tmp_path / name, columns=from_text("t = time [s]; u = voltage [kV]"))
 
 
-def test_matlab_structures(tmp_path: Path) -> None:
+def test_matlab_structures_and_matrices_are_named_as_in_matlab(tmp_path: Path) -> None:
     import scipy.io
 
-    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": TIME, "u": VOLTAGE_KV}})
-    write_mat_7_3(tmp_path / "b.mat", {"run/t": TIME, "run/u": VOLTAGE_KV})
+    both = np.column_stack([TIME, VOLTAGE_KV])
+    scipy.io.savemat(tmp_path / "a.mat", {"run": {"x": {"t": TIME}, "u": VOLTAGE_KV}, "m": both})
+    write_mat_7_3(tmp_path / "b.mat", {"run/x/t": TIME, "run/u": VOLTAGE_KV, "m": both.T})
     for name in ("a.mat", "b.mat"):
-        for columns in (from_text("t = time [s]"), from_text("run = time [s]"), None):
-            with pytest.raises(UserError, match=r"holds no variables but structures \(run\); save"):
-                read_record(tmp_path / name, columns=columns)
+        for text in ("run.x.t = time [s]; run.u = voltage [kV]",
+                     "m(:,1) = time [s]; m(:,2) = voltage [kV]"):  # fmt: skip
+            check(read_record(tmp_path / name, columns=from_text(text)))
+        with pytest.raises(UserError, match=r"no variable 'm' but m\(:,1\), m\(:,2\); name one"):
+            read_record(tmp_path / name, columns=from_text("m = time [s]"))
+        with pytest.raises(UserError, match=r"run\.x\.t = time \[\?\]; run\.u = voltage \[\?\]"):
+            read_record(tmp_path / name, needed=("time", "voltage"))
 
 
-def test_matlab_structures_beside_variables(tmp_path: Path) -> None:
+def test_matlab_arrays_of_structures(tmp_path: Path) -> None:
     import scipy.io
 
-    scipy.io.savemat(tmp_path / "a.mat", {"run": {"t": TIME, "u": VOLTAGE_KV}, "rate": TIME})
-    write_mat_7_3(tmp_path / "b.mat", {"run/t": TIME, "run/u": VOLTAGE_KV, "rate": TIME})
-    for name in ("a.mat", "b.mat"):
-        assert read_record(tmp_path / name, columns=from_text("rate = time [s]; run = -")).columns
-        with pytest.raises(UserError) as caught:
-            read_record(tmp_path / name, columns=from_text("t = time [s]"))
-        assert "holds no variable 't'; known: rate" in str(caught.value)
-        assert f"{name}: holds structures (run); save their fields as v" in str(caught.value)
-        assert "(save('file.mat', '-struct', 'run'))" in str(caught.value)
+    kind = [("Name", object), ("Data", object)]
+    signals = np.array([("laser", TIME), ("monitor", VOLTAGE_KV)], dtype=kind)
+    scipy.io.savemat(tmp_path / "a.mat", {"rec": {"X": {"Data": TIME}, "Y": signals}})
+    text = "rec.X.Data = time [s]; rec.Y(2).Data = voltage [kV]"
+    check(read_record(tmp_path / "a.mat", columns=from_text(text)))
 
 
 def test_matlab_structures_in_a_cell_array(tmp_path: Path) -> None:

@@ -55,7 +55,8 @@ def test_excel_without_a_header(tmp_path: Path) -> None:
         (
             3,
             "time voltage force",
-            "the last header line is '0.5, 2.5, 1', which is data; correct h",
+            "header_lines: 3 under record_format in specimen.yaml leaves out '0, 0, 0, ', which is "
+            "data; state header_lines: 1",
         ),
         (1, "time voltage", "2 columns are named, but the first sheet has 3; name all of them"),
     ],
@@ -100,10 +101,17 @@ def test_excel_error_at_the_start_of_a_row_is_no_comment(tmp_path: Path) -> None
         read_record(path)
 
 
-def test_excel_title_above_the_header(tmp_path: Path) -> None:
-    rows: list[list[object]] = [["Run 7"], ["time [s]", "force [N]"], [0, 1]]
-    with pytest.raises(UserError, match=r"no column of the first row 'Run 7' has a unit.*titles"):
-        read_record(write_xlsx(tmp_path / "a.xlsx", rows))
+@pytest.mark.parametrize(
+    "header", [[["Time (s)", "Force (N)"]], [["Time", "Force"], ["s", "N"]]], ids=["cells", "row"]
+)
+def test_excel_titles_above_and_units_in_or_below_the_header(
+    tmp_path: Path, header: list[list[object]]
+) -> None:
+    rows: list[list[object]] = [["Run 7"], ["rate", 5], *header, [0, 1], [1, 3]]
+    record = read_record(write_xlsx(tmp_path / "a.xlsx", rows))
+    np.testing.assert_allclose(record.columns["force"], [1.0, 3.0])
+    assert record.notes[0].startswith("header 'Time")
+    assert record.notes[0].endswith("left out above it: 2 rows")
 
 
 def rewritten(path: Path, change: Callable[[bytes], bytes]) -> Path:

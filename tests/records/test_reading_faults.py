@@ -66,7 +66,8 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "missing column": (
         header("time [s],displacement [mm],load [N]"),
-        [RELAX, "column 'force' is missing", "load"],
+        [RELAX, "no column is force; the file has 'time', 'displacement', 'load'",
+         "of experiments.csv: time [s]; displacement [mm]; load = force [N]"],
     ),
     "no column with a unit": (
         specimen(
@@ -74,11 +75,12 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
             "name: strip A\nrecord_format: {header_lines: 1, columns: [{name: a}, {name: b}, "
             "{name: c}]}",
         ),
-        [RELAX, "no column has a unit", "record_format.columns"],
+        [RELAX, "no column is time or displacement or force; the file has 'a', 'b', 'c'. Put this "
+         "into the column `columns` of experiments.csv, and replace each ?: ? = time [?]; "],
     ),
     "misspelt column": (
         header("time [s],displacment [mm],force [N]"),
-        ["column 'displacement' is missing", "'displacment' is not known: rename it"],
+        ["no column is displacement; the file has", "displacment = displacement [mm]; force [N]"],
     ),
     "unknown unit": (header("time [s],displacement [mm],force [Nn]"), ["column force", "'Nn'"]),
     "wrong dimension": (
@@ -98,17 +100,13 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
             "write 'displacement [mm]', and a factor as another unit",
         ],
     ),
-    "round brackets": (
-        header("time [s],displacement [mm],Force (N)"),
-        ["the unit of column 'Force (N)' stands in round brackets; write 'force [N]'"],
-    ),
-    "upper case": (
-        header("time [s],displacement [mm],Force [N]"),
-        ["column 'force' is missing; the record has", "'Force' is not known: rename it 'force'?"],
+    "unknown unit in round brackets": (
+        header("time [s],displacement [mm],Force (Nn)"),
+        ["the file has 'time', 'displacement', 'Force (Nn)'", "Force (Nn) = force [?]"],
     ),
     "channel of another experiment": (
         header("time [s],displacement [mm],nominal_stress [kPa]"),
-        ["column 'force' is missing; the record has", "correct the header or experiments.csv"],
+        ["no column is force; the file has", "replace each ?: ", "? = force [?]"],
     ),
     "decimal commas among points": (
         row(20, '1.9,60,"0,9"'),

@@ -141,9 +141,10 @@ def _record_lines(read: StudyFolder, row: ExperimentRow, report: Report) -> list
         return ["", f"{title} (cannot be used, see the faults)"]
     report.include(warnings=read.warnings(row))
     lines = ["", title, f"  {read.locate(row)}", f"  {_sampling(raw)}"]
+    lines += [f"  {note}" for note in raw.notes]
     for name, values in raw.columns.items():
         lines.append(f"  {name} {_extent(name, values, raw.units[name])}")
-    extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items())
+    extra = ", ".join(f"{key} {value}" for key, value in row.metadata.items() if key != "columns")
     return lines + ([f"  {extra}"] if extra else [])
 
 

@@ -17,8 +17,8 @@ from deabayes.records.columns import (
     from_format,
     from_header,
     renamed,
-    unit_hint,
 )
+from deabayes.records.layout import LOOKED_AT, filled, find_layout, units_in
 from deabayes.records.matlab import opened
 from deabayes.records.text import refuse_skipped_data
 
@@ -30,17 +30,19 @@ def read_xlsx(
 ) -> Table:
     """Read the first sheet; its first row, or the first below `header_lines`, is the header.
 
-    Empty rows and comments do not count. `named` holds names and units that experiments.csv
-    gives to columns of the header.
+    Rows above the header are left out where it is certain which row that is. Empty rows and
+    comments do not count. `named` holds names and units that experiments.csv gives to columns of
+    the header.
     """
     rows = opened(_first_sheet, path, "an Excel file")
     header_lines = int((record_format or {}).get("header_lines", 0))
     skipped, rows = rows[:header_lines], rows[header_lines:]
+    notes: list[str] = []
     columns = from_format(record_format)
     if columns is None:
-        columns, rows = _header(rows[0] if rows else (), path, named), rows[1:]
+        columns, rows, notes = _header(rows, path, named)
     else:
-        refuse_skipped_data(_filled(skipped[-1]) if skipped else [], len(columns), path)
+        refuse_skipped_data([_texts(r) for r in skipped], [_texts(r) for r in rows[:1]], path)
         _refuse_unnamed(path, len(columns), rows)
         columns = renamed(columns, named, str(path))
     if not rows:
@@ -50,8 +52,9 @@ def read_xlsx(
         raise UserError(
             f"{path}: {len(columns)} columns are named, but the first sheet has {width}"
         )
-    filled = zip(*(row + (None,) * (width - len(row)) for row in rows), strict=True)
-    return Table(columns, [_cells(values) for _, values in zip(columns, filled, strict=False)])
+    cells = zip(*(row + (None,) * (width - len(row)) for row in rows), strict=True)
+    arrays = [_cells(values) for _, values in zip(columns, cells, strict=False)]
+    return Table(columns, arrays, notes=notes)
 
 
 def _first_sheet(path: Path) -> list[tuple[object, ...]]:
@@ -91,7 +94,7 @@ def _content(cell: Any) -> object:
 
 def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) -> None:
     """Raise a UserError if the sheet has more than `count` columns, as the names may not match."""
-    width = max((len(_filled(row)) for row in rows), default=0)
+    width = max((len(filled(_texts(row))) for row in rows), default=0)
     if width > count:
         raise UserError(
             f"{path}: {count} columns are named, but the first sheet has {width}; name all of "
@@ -99,22 +102,29 @@ def _refuse_unnamed(path: Path, count: int, rows: Sequence[Sequence[object]]) ->
         )
 
 
-def _filled(row: Sequence[object]) -> list[str]:
-    """Return the cells up to the last filled one."""
-    last = max((i for i, cell in enumerate(row) if cell is not None), default=-1)
-    return [str(cell) for cell in row[: last + 1]]
+def _texts(row: Sequence[object]) -> list[str]:
+    """Return the cells as text, an empty one as an empty text."""
+    return ["" if cell is None else " ".join(str(cell).split()) for cell in row]
 
 
-def _header(row: Sequence[object], path: Path, named: Sequence[Column] | None) -> list[Column]:
-    columns = renamed(from_header(row), named, str(path))
-    if row and all(column.unit is None for column in columns):
-        cells = [str(cell) for cell in row if cell is not None]
-        hint = unit_hint(cells) or "; write it as 'time [s]', 'voltage [kV]'"
-        raise UserError(
-            f"{path}: no column of the first row {', '.join(cells)[:60]!r} has a unit{hint}; "
-            "remove titles above it, or count them as header_lines"
-        )
-    return columns
+def _header(
+    rows: list[tuple[object, ...]], path: Path, named: Sequence[Column] | None
+) -> tuple[list[Column], list[tuple[object, ...]], list[str]]:
+    """Return the columns, the rows below the header and its units, and notes."""
+    texts = [_texts(row) for row in rows[:LOOKED_AT]]
+    layout = find_layout(texts)
+    above = 0 if layout is None else layout.header
+    if not rows:
+        return [], [], []
+    width = len(texts[above])
+    units = units_in(texts[above + 1], width) if above + 1 < len(texts) else None
+    notes = []
+    if above or units is not None:
+        below = "" if units is None else " and a row of units"
+        header = ", ".join(filled(texts[above]))[:60]
+        notes = [f"header {header!r}{below}; left out above it: {above} rows"]
+    columns = renamed(from_header(rows[above], units), named, str(path))
+    return columns, rows[above + (1 if units is None else 2) :], notes
 
 
 def _holds(row: Sequence[object]) -> bool:

@@ -75,7 +75,9 @@ class StudyFolder:
             raise UserError(self._missing_file(row))
         text = row.metadata.get("columns")
         columns = from_text(text) if isinstance(text, str) else None
-        raw = read_record(path, self.file.record_format, self._channels(row), columns)
+        raw = read_record(
+            path, self.file.record_format, self._channels(row), columns, needed_columns(row)
+        )
         if (self.file.record_format or {}).get("incomplete_rows") != "drop":
             return raw
         needed = [name for each in measured_rows(row, raw) for name in needed_columns(each)]

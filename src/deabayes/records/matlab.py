@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +17,25 @@ COMPLEX = ("real", "imag")
 
 
 def read_mat(path: Path, columns: Sequence[Column] | None) -> Table:
-    """Read the given columns from a MATLAB file, which stores no units."""
-    variables, structures = _mat_variables(path)
+    """Read the given columns from a MATLAB file, which stores no units; by default all of them.
+
+    Fields of structures and columns of matrices are named as in MATLAB: ``run.t``, ``data(:,2)``,
+    ``rec.Y(2).Data``.
+    """
+    variables = _mat_variables(path)
     if not variables:
-        remedy = f" but {_fields_wanted(structures)}" if structures else "; copy the record again"
-        raise UserError(f"{path}: holds no variables{remedy}")
-    if columns is None:
-        raise UserError(
-            f"{path}: a .mat file holds no units; name its variables ({', '.join(variables)}) in "
-            "the `columns` column of experiments.csv, such as 't = time [s]; voltage [kV]', or "
-            "under record_format.columns in specimen.yaml"
-        )
+        raise UserError(f"{path}: holds no variables; copy the record again")
+    if columns is None:  # their units are asked for
+        columns = [
+            Column(name, None)
+            for name, values in variables.items()
+            if values.size > 1 and values.dtype.kind in "fiu"
+        ]
+        return Table(columns, [variables[column.name or ""] for column in columns])
     report = Report(str(path))
     table = pick(columns, variables, "variable", report)
-    if report.faults and structures:
-        report.fault(f"holds {_fields_wanted(structures)}")
     report.raise_faults()
     return table
-
-
-def _fields_wanted(structures: Sequence[str]) -> str:
-    return (
-        f"structures ({', '.join(structures)}); save their fields as variables "
-        f"(save('file.mat', '-struct', '{structures[0]}'))"
-    )
 
 
 def pick(
@@ -56,7 +51,9 @@ def pick(
         if column.name in (None, "-") or name is None:
             continue
         if name not in arrays:
-            report.fault(f"holds no {kind} {name!r}{nearest(name, arrays)}")
+            parts = ", ".join(part for part in arrays if part.startswith((f"{name}(", f"{name}.")))
+            hint = f" but {parts}; name one of them" if parts else nearest(name, arrays)
+            report.fault(f"holds no {kind} {name!r}{hint}")
             continue
         picked.append(column)
         values.append(np.asarray(arrays[name]).ravel())
@@ -69,21 +66,45 @@ def pick(
     return Table(picked, values)
 
 
-def _mat_variables(path: Path) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Return arrays by name, and the names of structures."""
+def _mat_variables(path: Path) -> dict[str, NDArray[Any]]:
+    """Return arrays by name."""
     import h5py  # type: ignore[import-untyped,import-not-found,unused-ignore]
     import scipy.io
 
     if h5py.is_hdf5(path):  # version 7.3
         with opened(h5py.File, path, "a MATLAB file") as file:
-            variables = {k: np.asarray(v) for k, v in file.items() if isinstance(v, h5py.Dataset)}
-            names = [k for k in file if not k.startswith("#")]
+            content = [
+                pair for name in file if name != "#refs#" for pair in _read(name, file[name])
+            ]
     else:
-        content = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
-        variables = {k: np.asarray(v) for k, v in content.items() if not k.startswith("__")}
-        names = list(variables)
-    arrays = {k: v for k, v in variables.items() if v.dtype.names in (None, COMPLEX)}
-    return arrays, [k for k in names if k not in arrays]
+        loaded = opened(scipy.io.loadmat, path, "a MATLAB file", squeeze_me=True)
+        content = [(name, values) for name, values in loaded.items() if not name.startswith("__")]
+    return {name: array for pair in content for name, array in _arrays(*pair)}
+
+
+def _read(name: str, item: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the arrays of a variable of version 7.3, which stores them transposed."""
+    if hasattr(item, "items"):  # a structure
+        for field, value in item.items():
+            yield from _read(f"{name}.{field}", value)
+    else:
+        yield name, np.asarray(item).T.squeeze()
+
+
+def _arrays(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the arrays of a variable: fields of a structure, columns of a matrix."""
+    array = np.asarray(value)
+    if array.dtype.names not in (None, COMPLEX):
+        elements = array.reshape(-1)
+        for index, element in enumerate(elements, start=1):
+            whole = name if elements.size == 1 else f"{name}({index})"
+            for field in array.dtype.names or ():
+                yield from _arrays(f"{whole}.{field}", element[field])
+    elif array.ndim == 2 and min(array.shape) > 1:
+        for column in range(array.shape[1]):
+            yield f"{name}(:,{column + 1})", array[:, column]
+    else:
+        yield name, array
 
 
 def opened(opener: Any, path: Path, kind: str, **settings: Any) -> Any:

@@ -24,9 +24,10 @@ from deabayes.records.columns import (
     RawRecord,
     Table,
     from_format,
-    to_record,
 )
+from deabayes.records.conversion import to_record
 from deabayes.records.excel import read_xlsx
+from deabayes.records.labview import is_labview, read_labview
 from deabayes.records.matlab import read_mat
 from deabayes.records.tdms import read_tdms
 from deabayes.records.text import read_text
@@ -69,6 +70,7 @@ def read_record(
     record_format: Mapping[str, Any] | None = None,
     channels: Mapping[str, str] | None = None,
     columns: Sequence[Column] | None = None,
+    needed: Sequence[str] | None = None,
 ) -> RawRecord:
     """Read a record and convert its columns to SI units.
 
@@ -79,6 +81,8 @@ def read_record(
     channels : known channels and their SI units; default `CHANNELS`.
     columns : names and units that experiments.csv gives to columns of this record. For a .mat or
         .tdms file they are the columns to read, with priority over `record_format`.
+    needed : channels that the record must have. Other columns that cannot be read are then left
+        out. None requires every known channel to be sound.
 
     Raises
     ------
@@ -90,8 +94,8 @@ def read_record(
     if not path.is_file():
         raise UserError(f"{path}: there is no such file; correct the path")
     try:
-        table = _read_table(path, record_format, columns)
-        return to_record(table, sha256_of(path), channels or CHANNELS, str(path))
+        table = read_table_of(path, record_format, columns)
+        return to_record(table, sha256_of(path), channels or CHANNELS, str(path), needed)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
 
@@ -102,9 +106,12 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _read_table(
-    path: Path, record_format: Mapping[str, Any] | None, columns: Sequence[Column] | None
+def read_table_of(
+    path: Path,
+    record_format: Mapping[str, Any] | None = None,
+    columns: Sequence[Column] | None = None,
 ) -> Table:
+    """Read a record's columns without converting them; parameters as for `read_record`."""
     named = columns if columns is not None else from_format(record_format)
     match path.suffix.lower():
         case ".xlsx" | ".xlsm":
@@ -115,6 +122,8 @@ def _read_table(
             return read_tdms(path, named)
         case ".xls":
             raise UserError(f"{path}: old Excel files cannot be read; save it as .xlsx or csv")
+        case _ if from_format(record_format) is None and is_labview(path):
+            return read_labview(path, record_format, columns)
         case _:
             return read_text(path, record_format, columns)
 

@@ -15,8 +15,9 @@ from typing import Any
 from deabayes.experiment import FREQUENCY_RESPONSE, PHASE, Role
 from deabayes.faults import Report, UserError, nearest, rename_hint
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
+from deabayes.records.layout import is_number
 from deabayes.records.schema import schema, violations
-from deabayes.records.text import DELIMITERS, is_number
+from deabayes.records.text import DELIMITERS
 from deabayes.systems import system_class
 
 FILE = "experiments.csv"

@@ -5,32 +5,40 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import itertools
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deabayes.faults import Report, UserError
 from deabayes.records.columns import (
-    CHANNELS,
     COMMENT,
     Column,
     Table,
     from_format,
     from_header,
     renamed,
-    unit_hint,
+)
+from deabayes.records.layout import (
+    LOOKED_AT,
+    MISSING,
+    Layout,
+    find_layout,
+    is_like,
+    is_number,
+    units_in,
 )
 
 NAME_AND_UNIT = re.compile(r"\w+ *\[[^\[\]]*\]")
 DELIMITER_NAMES = {"tab": "\t", "\\t": "\t", "whitespace": r"\s+", "": r"\s+", "space": r"\s+",
                    "comma": ",", "semicolon": ";"}  # fmt: skip
 NO_DELIMITERS = ".+-#\"'\n\r"
-MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
-"""Cells without a value."""
 SNIFFED_LINES = 50
 DELIMITERS = ("\t", ";", ",")
+ANY_DELIMITER = (*DELIMITERS, r"\s+")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 """A number whose comma may be a decimal comma or separate thousands."""
 BEGINNINGS = {
@@ -51,7 +59,7 @@ MARKS = {
     codecs.BOM_UTF16_BE: "utf-16",
 }
 """Byte order marks. UTF-32 comes first, because one of its marks begins with a mark of UTF-16."""
-LOOKED_AT = 4096
+BINARY_AT = 4096
 LONGEST_LINE = 8192
 COMMENT_AT_START = re.compile(COMMENT.pattern.encode() + rb"|sep=.?$")
 """A comment, or the line that tells Excel the delimiter."""
@@ -94,36 +102,41 @@ def read_text(
 def _read(
     stream: io.BytesIO, path: Path, settings: Mapping[str, Any], named: Sequence[Column] | None
 ) -> Table:
-    columns, delimiter = _columns(stream, path, settings, named)
+    columns, delimiter, notes = _columns(stream, path, settings, named)
     sample = peek(stream, SNIFFED_LINES)
     if not sample:
         raise UserError(f"{path}: holds no data rows after the header; copy the record again")
     last = last_line(stream)
     decimal = settings.get("decimal") or sniff_decimal([*sample, last], delimiter, path)
-    _check_rows(path, len(columns), delimiter, sample[0], last)
+    _check_rows(path, len(columns), delimiter, sample, last, _header_lines(settings))
     trailing = split(sample[0], delimiter)[len(columns) :]
-    return _read_columns(stream, path, columns, delimiter, decimal, len(trailing))
+    table = read_columns(stream, path, columns, delimiter, decimal, len(trailing))
+    return replace(table, notes=notes)
+
+
+def _header_lines(settings: Mapping[str, Any]) -> int:
+    return int(settings.get("header_lines", 0))
 
 
 def _columns(
     stream: io.BytesIO, path: Path, settings: Mapping[str, Any], named: Sequence[Column] | None
-) -> tuple[list[Column], str]:
-    """Return columns and delimiter, and leave the stream where the data begin."""
+) -> tuple[list[Column], str, list[str]]:
+    """Return columns, delimiter and notes, and leave the stream where the data begin."""
     columns = from_format(settings)
     delimiter = _named_delimiter(settings.get("delimiter"))
-    header_lines = int(settings.get("header_lines", 0))
+    skipped = skip_lines(stream, _header_lines(settings), path)
     if columns is None:
-        return read_header(stream, path, header_lines, delimiter, named)
-    skipped = skip_lines(stream, header_lines, path)
-    delimiter = delimiter or _data_delimiter(peek(stream, 1), len(columns))
-    refuse_skipped_data(split(skipped, delimiter), len(columns), path)
-    return renamed(columns, named, str(path)), delimiter
+        return read_header(stream, path, skipped, delimiter, named)
+    first = peek(stream, 1)
+    delimiter = delimiter or _data_delimiter(first, len(columns))
+    rows = [split(line, delimiter) for line in (*skipped, *first)]
+    refuse_skipped_data(rows[: len(skipped)], rows[len(skipped) :], path)
+    return renamed(columns, named, str(path)), delimiter, []
 
 
 def _data_delimiter(lines: Sequence[str], width: int) -> str:
     """Return the delimiter that splits the first data line into `width` cells."""
-    marks = (*DELIMITERS, r"\s+")
-    return next((m for m in marks if lines and len(split(lines[0], m)) == width), ",")
+    return next((m for m in ANY_DELIMITER if lines and len(split(lines[0], m)) == width), ",")
 
 
 def check_format(record_format: Mapping[str, Any] | None, report: Report) -> None:
@@ -150,10 +163,13 @@ def _named_delimiter(name: str | None) -> str | None:
     return None if name is None else DELIMITER_NAMES.get(name.strip(" ").lower(), name.strip(" "))
 
 
-def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -> None:
+def _check_rows(
+    path: Path, width: int, delimiter: str, sample: Sequence[str], last: str, header_lines: int
+) -> None:
     """Check that the first row matches the header and has a number, and the last is complete."""
+    first = sample[0]
     cells = split(first, delimiter)
-    if cells[width:] not in ([], [""]) or len(cells) < width:
+    if any(cells[width:]) or len(cells) < width:
         raise UserError(
             f"{path}: {width} columns are named, but the first data row {first[:60]!r} "
             f"has {len(cells)}; check the delimiter ({_describe(delimiter)}) and the header"
@@ -164,13 +180,17 @@ def _check_rows(path: Path, width: int, delimiter: str, first: str, last: str) -
             "columns, the file is truncated; copy it again or remove that row"
         )
     if not any(is_number(cell) for cell in cells):
+        further = (
+            n for n, line in enumerate(sample) if any(map(is_number, split(line, delimiter)))
+        )
+        lines = header_lines + next(further, 1)
         raise UserError(
-            f"{path}: the first data row is {first[:60]!r}, which holds no number; correct "
-            "the row, or the header (header_lines under record_format in specimen.yaml)"
+            f"{path}: the first data row is {first[:60]!r}, which holds no number; correct the "
+            f"row, or put this into specimen.yaml: record_format: {{header_lines: {lines}}}"
         )
 
 
-def _read_columns(
+def read_columns(
     stream: io.BytesIO,
     path: Path,
     columns: Sequence[Column],
@@ -178,7 +198,13 @@ def _read_columns(
     decimal: str,
     trailing: int,
 ) -> Table:
-    """Read the rest of the stream with pandas' C parser."""
+    """Read the rest of the stream with pandas' C parser.
+
+    Parameters
+    ----------
+    decimal : decimal sign of the numbers.
+    trailing : cells behind the columns that rows may have; they are left out.
+    """
     import pandas as pd
 
     try:
@@ -207,43 +233,85 @@ def _describe(delimiter: str) -> str:
 def read_header(
     stream: io.BytesIO,
     path: Path,
-    header_lines: int,
+    skipped: Sequence[str],
     delimiter: str | None,
     named: Sequence[Column] | None,
-) -> tuple[list[Column], str]:
-    """Return columns and delimiter, and leave the stream where the data begin.
+) -> tuple[list[Column], str, list[str]]:
+    """Return columns, delimiter and notes, and leave the stream where the data begin.
+
+    Lines above the header are left out where it is certain which line that is.
 
     Parameters
     ----------
-    header_lines : number of non-empty lines above the header.
+    skipped : the lines above, of which record_format says that they are no header.
     delimiter : None to detect it.
     named : names and units that experiments.csv gives to columns of the header.
     """
-    above = skip_lines(stream, header_lines, path)
-    header = _header_line(stream, path)
-    marks = DELIMITERS if delimiter is None else (delimiter,)
-    if any(all(map(is_number, split(header, mark))) for mark in marks):
-        raise UserError(f"{path}: starts with numbers ({header[:40]!r}) where a header such as "
-                        f"'time [s],voltage [kV]' is needed; {_remedy(stream, above)}")  # fmt: skip
-    delimiter = delimiter or sniff_delimiter(header)
+    found, layout = _text_layout(peek(stream, LOOKED_AT), delimiter)
+    above = [line for _, line in itertools.islice(lines(stream), layout.header if layout else 0)]
+    header, number = _header_line(stream, path)
+    marks = ANY_DELIMITER if delimiter is None else (delimiter,)
+    rows = [
+        cells for cells in (split(header, mark) for mark in marks) if all(map(is_number, cells))
+    ]
+    if layout is None and rows:
+        width = max(map(len, rows))
+        raise UserError(
+            f"{path}: starts with numbers ({header[:40]!r}) where a header such as "
+            f"'time [s],voltage [kV]' is needed; {_remedy(stream, skipped, width)}"
+        )
+    delimiter = found if layout else delimiter or sniff_delimiter(header)
     cells = split(header, delimiter)
-    columns = renamed(from_header(cells), named, str(path))
-    _check_columns(columns, cells, header, path)
-    if columns[-1].name is None:
+    units, notes = _units_below(stream, delimiter, len(cells)), []
+    columns = renamed(from_header(cells, units), named, str(path))
+    if len(columns) == 1 and not NAME_AND_UNIT.fullmatch(header.strip()):
+        raise UserError(
+            f"{path}: only one column found in the header {header[:60]!r}; "
+            "separate columns with a comma, ';' or a tab"
+        )
+    if above or units is not None:
+        below = "" if units is None else f", with units in line {number + 1}"
+        count = f"; left out above it: {len(above)} lines" if above else ""
+        notes = [f"header in line {number}{below}{count}"]
+    while columns[-1].name is None and len(columns) > 1:
         columns.pop()  # the header ends with a delimiter
-    return columns, delimiter
+    return columns, delimiter, notes
 
 
-def _remedy(stream: io.BytesIO, above: str) -> str:
-    """Say what to do if the line just read is no header; `above` is the last skipped line."""
+def _text_layout(rows: Sequence[str], delimiter: str | None) -> tuple[str, Layout | None]:
+    """Return the delimiter and the layout of lines of text, if there is a certain one."""
+    for mark in ANY_DELIMITER if delimiter is None else (delimiter,):
+        layout = find_layout([split(line, mark) for line in rows])
+        if layout is not None:
+            return mark, layout
+    return "", None
+
+
+def _units_below(stream: io.BytesIO, delimiter: str, width: int) -> list[str] | None:
+    """Return the units if the next line holds nothing else, and move behind it."""
+    position = stream.tell()
+    _, line = next(lines(stream), (0, b""))
+    units = units_in(split(line.decode("utf-8", errors="replace"), delimiter), width)
+    if units is None:
+        stream.seek(position)
+    return units
+
+
+def _remedy(stream: io.BytesIO, skipped: Sequence[str], width: int) -> str:
+    """Say what to do if the line just read is no header but `width` numbers."""
     comment = _line_before(stream)
     if comment.startswith("#") and NAME_AND_UNIT.search(comment):
         return f"remove the '#' before {comment.lstrip('# ')[:40]!r}"
-    if not above:
-        return "add it, or describe the columns under record_format in specimen.yaml"
+    if not skipped:
+        columns = ", ".join(["{name: ..., unit: ...}"] * width)
+        return (
+            "add it, or describe the columns under record_format in specimen.yaml, filled in: "
+            f"record_format: {{columns: [{columns}]}}"
+        )
     return (
-        f"header_lines under record_format in specimen.yaml, which counts the lines above the "
-        f"header where no `columns` are given, ends with {above[:40]!r}; state fewer, or `columns`"
+        f"header_lines: {len(skipped)} under record_format in specimen.yaml counts the lines above "
+        f"the header and ends with {skipped[-1][:40]!r}; state fewer, or remove it, as the header "
+        "is found without it"
     )
 
 
@@ -254,31 +322,19 @@ def _line_before(stream: io.BytesIO) -> str:
     return filled[-2].decode("utf-8", errors="replace") if len(filled) > 1 else ""
 
 
-def _header_line(stream: io.BytesIO, path: Path) -> str:
+def _header_line(stream: io.BytesIO, path: Path) -> tuple[str, int]:
+    """Return the next line, which must be UTF-8, and its number in the file."""
     for _, line in lines(stream):
+        number = stream.getvalue()[: stream.tell()].rstrip(b"\n").count(b"\n") + 1
         try:
-            return line.decode("utf-8")
+            return line.decode("utf-8"), number
         except UnicodeDecodeError as error:
-            number = stream.getvalue()[: stream.tell()].rstrip(b"\n").count(b"\n") + 1
             raise UserError(
                 f"{path}, line {number}: the header is not UTF-8 (byte 0x{line[error.start]:02x}); "
                 "save the file as UTF-8, or give its encoding in specimen.yaml, such as "
                 "record_format: {encoding: latin-1}"
             ) from None
     raise UserError(f"{path}: holds nothing but empty lines and comments; copy the record again")
-
-
-def _check_columns(columns: list[Column], cells: list[str], header: str, path: Path) -> None:
-    if len(columns) == 1 and not NAME_AND_UNIT.fullmatch(header.strip()):
-        raise UserError(
-            f"{path}: only one column found in the header {header[:60]!r}; "
-            "separate columns with a comma, ';' or a tab"
-        )
-    if all(column.unit is None for column in columns):
-        hint = unit_hint(cells) or "; write it as 'time [s],voltage [kV]'"
-        known = [cell for cell in cells if cell in CHANNELS]
-        hint = f"; write '{known[0]} [{CHANNELS[known[0]]}]'" if known else hint
-        raise UserError(f"{path}: no column of the header {header[:60]!r} has a unit{hint}")
 
 
 def open_text(path: Path, settings: Mapping[str, Any]) -> io.BytesIO:
@@ -301,14 +357,14 @@ def open_text(path: Path, settings: Mapping[str, Any]) -> io.BytesIO:
     marked = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
     encoding = marked or str(settings.get("encoding", "utf-8"))
     if codecs.lookup(encoding) != UTF_8:
-        if b"\0" in "a".encode(encoding) and b"\0" not in content[:LOOKED_AT]:
+        if b"\0" in "a".encode(encoding) and b"\0" not in content[:BINARY_AT]:
             raise UserError(
                 f"{path}: is not {encoding}, which specimen.yaml states (record_format.encoding); "
                 "save the file so, or remove that key: UTF-8, and UTF-16 with a byte order mark, "
                 "are read without it"
             )
         content = content.decode(encoding, errors="replace").encode()
-    _refuse_null_bytes(content[:LOOKED_AT], path)
+    _refuse_null_bytes(content[:BINARY_AT], path)
     return io.BytesIO(content.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
 
 
@@ -329,10 +385,10 @@ def _refuse_null_bytes(start: bytes, path: Path) -> None:
 
 
 def lines(stream: io.BytesIO) -> Iterator[tuple[int, bytes]]:
-    """Yield numbered lines that are neither empty nor comments."""
+    """Yield numbered lines that are neither empty nor comments, with empty cells at both ends."""
     for number, line in enumerate(iter(stream.readline, b""), start=1):
-        bare = line.removeprefix(codecs.BOM_UTF8).strip()
-        if bare and not COMMENT_AT_START.match(bare):
+        bare = line.removeprefix(codecs.BOM_UTF8).strip(b" \n")
+        if bare.strip() and not COMMENT_AT_START.match(bare):
             yield number, bare
 
 
@@ -361,20 +417,19 @@ def last_line(stream: io.BytesIO) -> str:
     return data_lines[-1].decode("utf-8", errors="replace")
 
 
-def skip_lines(stream: io.BytesIO, count: int, path: Path) -> str:
-    """Skip `count` non-empty lines of any content, and return the last of them."""
-    last = b""
-    skipped = 0
-    while skipped < count:
+def skip_lines(stream: io.BytesIO, count: int, path: Path) -> list[str]:
+    """Skip `count` non-empty lines of any content, and return them."""
+    skipped: list[str] = []
+    while len(skipped) < count:
         line = stream.readline()
         if not line:
             raise UserError(
-                f"{path}: ends after {skipped} lines, all of them header (header_lines: {count}); "
-                "copy the record again"
+                f"{path}: ends after {len(skipped)} lines, all of them header (header_lines: "
+                f"{count}); copy the record again"
             )
         if line.strip():
-            last, skipped = line.strip(), skipped + 1
-    return last.decode("utf-8", errors="replace")
+            skipped.append(line.strip(b" \n").decode("utf-8", errors="replace"))
+    return skipped
 
 
 def without_comments(stream: io.BytesIO) -> io.BytesIO:
@@ -392,30 +447,33 @@ def split(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma."""
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def refuse_skipped_data(cells: Sequence[str], count: int, path: Path) -> None:
-    """Raise a UserError if the last header line is a row of `count` numbers."""
-    if len(cells) == count and all(map(is_number, cells)):
+def refuse_skipped_data(
+    skipped: Sequence[Sequence[str]], data: Sequence[Sequence[str]], path: Path
+) -> None:
+    """Raise a UserError if the last lines that are skipped look like the first data row."""
+    count = len(skipped)
+    while (
+        count and data and (_is_comment(skipped[count - 1]) or is_like(skipped[count - 1], data[0]))
+    ):
+        count -= 1
+    lost = [cells for cells in skipped[count:] if not _is_comment(cells)]
+    if lost:
         raise UserError(
-            f"{path}: the last header line is {', '.join(cells)[:40]!r}, which is data; "
-            "correct header_lines under record_format in specimen.yaml"
+            f"{path}: header_lines: {len(skipped)} under record_format in specimen.yaml leaves out "
+            f"{', '.join(lost[0])[:40]!r}, which is data; state header_lines: {count}"
         )
 
 
+def _is_comment(cells: Sequence[str]) -> bool:
+    return bool(cells) and COMMENT.match(cells[0]) is not None
+
+
 def sniff_delimiter(header: str) -> str:
-    """Return the tab, semicolon or comma that gives the most ``name [unit]`` cells."""
+    """Return the tab, semicolon or comma that gives the most cells with a unit."""
 
     def cells(mark: str) -> tuple[int, int]:
         found = split(header, mark)
-        return sum("[" in cell for cell in found), len(found)
+        return sum("[" in cell or "(" in cell for cell in found), len(found)
 
     return max(DELIMITERS, key=cells)
 

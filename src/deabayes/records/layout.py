@@ -1,0 +1,123 @@
+"""Find the header, the row of units and the first data row of a table of text cells."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from deabayes.units import USUAL_UNITS, same_dimension
+
+MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
+"""Cells without a value."""
+LOOKED_AT = 300
+"""Rows in which the header is searched; exports have less above it."""
+ENCLOSED = re.compile(r"\s*(?:\((?P<round>[^()]*)\)|\[(?P<square>[^\[\]]*)\])\s*")
+PLAIN_NUMBERS = ("", "-", "1", "%")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a table begins.
+
+    Attributes
+    ----------
+    header : index of the row of names.
+    units : the units in the row below the names, None if there is no such row.
+    """
+
+    header: int
+    units: Sequence[str] | None = None
+
+    @property
+    def data(self) -> int:
+        """Index of the first data row."""
+        return self.header + (1 if self.units is None else 2)
+
+
+def find_layout(rows: Sequence[Sequence[str]]) -> Layout | None:
+    """Return the layout of a table from its first rows, None if it is not certain.
+
+    It is certain if rows of numbers end the list, if the row above them has a name for each of
+    their columns, and if no row further up looks like them.
+    """
+    numeric, last = _numeric_columns(rows)
+    if not numeric or len(rows[last]) < 2:
+        return None
+    first = last
+    while first > 0 and _has_number(rows[first - 1], numeric):
+        first -= 1
+    header, units = first - 1, None
+    if header > 0 and _names(rows[header - 1], rows[last]):
+        units = units_in(rows[header], len(rows[header - 1]))
+        header -= units is not None
+    if header < 0 or not _names(rows[header], rows[last]):
+        return None
+    if any(is_like(row, rows[first]) for row in rows[:header]):
+        return None
+    return Layout(header, units)
+
+
+def units_in(cells: Sequence[str], width: int) -> list[str] | None:
+    """Return the units of a row that holds nothing else, without their brackets; else None."""
+    found = [unit_in(cell) for cell in cells]
+    if len(filled(cells)) > width or not any(cells):
+        return None
+    units = [unit for unit in found if unit is not None]
+    if len(units) < len(found) or all(unit in PLAIN_NUMBERS for unit in units):
+        return None
+    return units + [""] * (width - len(units))
+
+
+def unit_in(cell: str) -> str | None:
+    """Return the unit that is all of a cell, with or without brackets; None if it is no unit."""
+    match = ENCLOSED.fullmatch(cell)
+    unit = cell if match is None else match["round"] or match["square"] or ""
+    known = unit in (*USUAL_UNITS, *PLAIN_NUMBERS) or (match and same_dimension(unit, unit))
+    return unit.strip() if known else None
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def is_like(cells: Sequence[str], data: Sequence[str]) -> bool:
+    """Whether a row has a number in every column in which a data row has one."""
+    numeric = [i for i, cell in enumerate(data) if is_number(cell)]
+    return (
+        bool(numeric)
+        and len(filled(cells)) <= len(data)
+        and all(i < len(cells) and is_number(cells[i]) for i in numeric)
+    )
+
+
+def filled(cells: Sequence[str]) -> Sequence[str]:
+    """Return the cells up to the last that is not empty."""
+    return cells[: max((i for i, cell in enumerate(cells) if cell), default=-1) + 1]
+
+
+def _numeric_columns(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
+    """Return the columns of numbers, and the index of the row that shows them.
+
+    The very last row may be cut short, so the one before it is preferred.
+    """
+    for index in range(len(rows) - 2, len(rows)):
+        cells = rows[index] if index >= 0 else ()
+        if numeric := [i for i, cell in enumerate(cells) if is_number(cell)]:
+            return numeric, index
+    return [], 0
+
+
+def _has_number(cells: Sequence[str], numeric: Sequence[int]) -> bool:
+    return any(is_number(cells[i]) for i in numeric if i < len(cells))
+
+
+def _names(cells: Sequence[str], data: Sequence[str]) -> bool:
+    """Whether a row can hold the names of a data row's columns."""
+    names = filled(cells)
+    return len(filled(data)) <= len(names) <= len(data) and not any(map(is_number, names))
