@@ -111,7 +111,7 @@ def test_excel_titles_above_and_units_in_or_below_the_header(
     record = read_record(write_xlsx(tmp_path / "a.xlsx", rows))
     np.testing.assert_allclose(record.columns["force"], [1.0, 3.0])
     assert record.notes[0].startswith("header 'Time")
-    assert record.notes[0].endswith("left out above it: 2 rows")
+    assert record.notes[0].endswith("; what is above it is left out")
 
 
 def rewritten(path: Path, change: Callable[[bytes], bytes]) -> Path:

@@ -18,12 +18,28 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("name")
-@click.option("--system", required=True, help="tubular, tensile_strip, ...")
+@click.argument("more", nargs=-1, type=TARGET, metavar="")
+@click.option("--system", help="tubular, tensile_strip, ...; guessed from files if it can be.")
+@click.option(
+    "--from", "first", type=TARGET, metavar="FILE...", help="Records to draft the folder from."
+)
 @click.option("--folder", type=TARGET, default=Path("data"), show_default=True)
 @CONFIG
-def new(name: str, system: str, folder: Path, config: Path) -> None:
-    """Write a commented study folder to fill in, and print its config entry."""
-    click.echo(new_by_name(name, system, folder, config), nl=False)
+def new(
+    name: str,
+    more: Sequence[Path],
+    system: str | None,
+    first: Path | None,
+    folder: Path,
+    config: Path,
+) -> None:
+    """Write a commented study folder to fill in, and print its config entry.
+
+    With --from FILE..., experiments.csv gets a row per file, and a question mark stands
+    behind each guess.
+    """
+    files = [*([] if first is None else [first]), *more]
+    click.echo(new_by_name(name, system, folder, config, files, first is not None), nl=False)
 
 
 @click.command()
@@ -156,13 +172,29 @@ def checked(study: Study, compare: bool = False) -> list[str]:
     return report.warnings
 
 
-def new_by_name(name: str, system: str, folder: Path, config: Path) -> str:
-    """Write a study folder to fill in; return its entry for the config."""
+def new_by_name(
+    name: str, system: str | None, folder: Path, config: Path, files: Sequence[Path], drafted: bool
+) -> str:
+    """Write a study folder to fill in; return its entry for the config.
+
+    Parameters
+    ----------
+    drafted : whether `--from` was given, before the first of the files.
+    """
     from deabayes.own_models.loading import load_for
     from deabayes.records.scaffold import new_study
 
-    load_for(system, config)
-    return new_study(name, system, folder)
+    if files and not drafted:
+        raise click.UsageError(f"{files[0]}: write --from before the first file")
+    if system is None and not files:
+        raise click.UsageError("give --system, or the files of its records: --from FILE...")
+    if Path(name).is_file():
+        raise click.UsageError(
+            f"{name} is a file; the study's name comes first: NAME --from FILE..."
+        )
+    if system is not None:
+        load_for(system, config)
+    return new_study(name, system, folder, files)
 
 
 def download(studies: Sequence[str], config: Path) -> Iterator[str]:

@@ -150,10 +150,8 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
     """
     columns_renamed = list(columns)
     for given in named or ():
-        text = given.source or given.name
-        source = from_header([text])[0].name
-        places = [i for i, column in enumerate(columns) if text == column.source]
-        places = places or [i for i, c in enumerate(columns) if source in (c.name, c.source)]
+        source = given.source or given.name or ""
+        places = _places(columns, source)
         if len(places) != 1:
             known = ", ".join(repr(c.name) for c in columns if c.name)
             raise UserError(
@@ -163,9 +161,18 @@ def renamed(columns: list[Column], named: Sequence[Column] | None, where: str) -
         old = columns[places[0]]
         unit = old.unit if given.unit is None else given.unit
         columns_renamed[places[0]] = replace(
-            old, name=given.name, unit=unit, offset=given.offset, source=old.source or source
+            old, name=given.name, unit=unit, offset=given.offset, source=old.source or old.name
         )
     return columns_renamed
+
+
+def _places(columns: Sequence[Column], text: str) -> list[int]:
+    """Return the columns that a text names: whole, by their name, or but for capitals."""
+    name = from_header([text])[0].name or ""
+    whole = [i for i, column in enumerate(columns) if column.source == text]
+    by_name = [i for i, column in enumerate(columns) if name in (column.name, column.source)]
+    alike = [i for i, c in enumerate(columns) if name.lower() == (c.name or "").lower()]
+    return whole or by_name or alike
 
 
 def from_text(text: str) -> list[Column]:

@@ -67,14 +67,19 @@ def to_record(
         elif name in (None, "-") or (name not in channels and not is_unit(column.unit)):
             left_out.append(column)
         elif name in values:
-            found.fault(f"{where}: column {name!r} occurs twice; rename or remove one")
+            remedy = f"leave one out by `columns`: {column.source} = -" if column.source else ""
+            found.fault(
+                f"{where}: column {name!r} occurs twice; {remedy or 'rename or remove one'}"
+            )
         else:
             with found.catching():
                 place = f"{where}, column {name}"
                 values[name] = _convert(column, array, channels.get(name), place, table.decimal)
                 units[name] = channels.get(name) or si_unit(column.unit or "")
-        if needed is None or _called(column) in (*needed, *ALWAYS_READ):
+        if needed is None or _called(column) in needed:
             errors.include(found.faults)
+        elif _called(column) in ALWAYS_READ:
+            errors.include(f"{f}, or leave it out by `columns`: {name} = -" for f in found.faults)
         elif found.faults:
             left_out.append(column)
     errors.raise_faults()
@@ -121,7 +126,7 @@ def _notes(
     """Say which columns have another name in the file, and which are left out."""
     other = [c for c in columns if c.name in read and c not in left_out and c.source is not None]
     notes = [f"columns {text_of(other)}"] if other else []
-    names = ", ".join(dict.fromkeys(source_of(column) for column in left_out if column.name))
+    names = ", ".join(n for n in dict.fromkeys(map(source_of, left_out)) if n not in ("", "-"))
     return [*notes, f"left out: {names}"] if names else notes
 
 

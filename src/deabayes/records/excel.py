@@ -122,7 +122,8 @@ def _header(
     if above or units is not None:
         below = "" if units is None else " and a row of units"
         header = ", ".join(filled(texts[above]))[:60]
-        notes = [f"header {header!r}{below}; left out above it: {above} rows"]
+        left_out = "; what is above it is left out" if above else ""
+        notes = [f"header {header!r}{below}{left_out}"]
     columns = renamed(from_header(rows[above], units), named, str(path))
     return columns, rows[above + (1 if units is None else 2) :], notes
 

@@ -12,9 +12,9 @@ from deabayes.faults import Faults, Report, UserError, closest
 from deabayes.records.channels import value_before
 from deabayes.records.checks import checked, needed_columns
 from deabayes.records.columns import CHANNELS, ExperimentRow, RawRecord, from_text
+from deabayes.records.marks import confirm
 from deabayes.records.record import hidden_excitation, locate, read_record, without_incomplete
-from deabayes.records.schema import read_yaml
-from deabayes.records.specimen import SpecimenFile, read_specimen_file
+from deabayes.records.specimen import SpecimenFile, read_content, read_specimen_file
 from deabayes.records.table import FILE, channels_of, measured_rows, scan_table
 
 KEPT_BYTES = 200e6
@@ -197,20 +197,24 @@ def _study_of(file: Path) -> Path:
 def _specimen_file(folder: Path, report: Report) -> SpecimenFile | None:
     """Read specimen.yaml; if faulty, return only what checks of the records need."""
     try:
-        return read_specimen_file(folder)
+        file = read_specimen_file(folder)
+        report.include(file.guesses)
+        return file
     except UserError as error:
         faults = error.faults if isinstance(error, Faults) else (str(error),)
     report.include(faults)
     if any("record_format" in fault or "download" in fault for fault in faults):
         return None
     try:
-        content = read_yaml(folder / "specimen.yaml")
+        content, guesses = read_content(folder)
     except UserError:
         return None
     known = not any(", system" in fault for fault in faults)
     system = content.get("system") if known else None
     specimen = Specimen(str(content.get("name")), system if isinstance(system, str) else "", {}, {})
     given = content.get("record_format"), content.get("download")
+    if guesses:
+        report.fault(f"{folder / 'specimen.yaml'}: {confirm(guesses)}")
     return SpecimenFile(specimen, *given, sound=False)
 
 

@@ -38,8 +38,8 @@ class Layout:
 def find_layout(rows: Sequence[Sequence[str]]) -> Layout | None:
     """Return the layout of a table from its first rows, None if it is not certain.
 
-    It is certain if rows of numbers end the list, if the row above them has a name for each of
-    their columns, and if no row further up looks like them.
+    It is certain if rows of numbers end the list, if the row above them holds texts only, and if no
+    row further up looks like them.
     """
     numeric, last = _numeric_columns(rows)
     if not numeric or len(rows[last]) < 2:
@@ -48,10 +48,10 @@ def find_layout(rows: Sequence[Sequence[str]]) -> Layout | None:
     while first > 0 and _has_number(rows[first - 1], numeric):
         first -= 1
     header, units = first - 1, None
-    if header > 0 and _names(rows[header - 1], rows[last]):
+    if header > 0 and _names(rows[header - 1]):
         units = units_in(rows[header], len(rows[header - 1]))
         header -= units is not None
-    if header < 0 or not _names(rows[header], rows[last]):
+    if header < 0 or not _names(rows[header]):
         return None
     if any(is_like(row, rows[first]) for row in rows[:header]):
         return None
@@ -87,12 +87,14 @@ def is_number(cell: str) -> bool:
 
 
 def is_like(cells: Sequence[str], data: Sequence[str]) -> bool:
-    """Whether a row has a number in every column in which a data row has one."""
-    numeric = [i for i, cell in enumerate(data) if is_number(cell)]
+    """Whether a row has numbers, or no value, in the columns in which a data row has numbers."""
+    numeric = [i for i, cell in enumerate(data) if is_number(cell) and cell not in MISSING]
+    there = [cells[i] for i in numeric if i < len(cells)]
     return (
-        bool(numeric)
+        any(map(is_number, there))
+        and len(there) == len(numeric)
         and len(filled(cells)) <= len(data)
-        and all(i < len(cells) and is_number(cells[i]) for i in numeric)
+        and all(is_number(cell) or cell in MISSING for cell in there)
     )
 
 
@@ -117,7 +119,6 @@ def _has_number(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     return any(is_number(cells[i]) for i in numeric if i < len(cells))
 
 
-def _names(cells: Sequence[str], data: Sequence[str]) -> bool:
-    """Whether a row can hold the names of a data row's columns."""
-    names = filled(cells)
-    return len(filled(data)) <= len(names) <= len(data) and not any(map(is_number, names))
+def _names(cells: Sequence[str]) -> bool:
+    """Whether a row can hold the names of columns."""
+    return any(cells) and not any(map(is_number, cells))

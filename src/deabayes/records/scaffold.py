@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from deabayes.faults import UserError
 from deabayes.records.columns import COMMANDS
+from deabayes.records.drafts import draft
+from deabayes.records.marks import without_mark
 from deabayes.records.schema import scalar, schema
 from deabayes.records.table import WITHOUT_TIME, channels_of
 from deabayes.systems import system_class
@@ -49,7 +52,7 @@ instruments:
 #   delimiter: ","       # or ";", tab, whitespace
 #   header_lines: 2      # lines to skip, the header too if columns follow; empty ones not counted
 #   columns:             # all of them, from left to right; name "-" leaves one out
-{format_columns}"""
+{format_columns}{stated_format}"""
 
 README = """\
 One file per record, named in experiments.csv. Text files have a header of `name [unit]`
@@ -69,6 +72,12 @@ held: a column `voltage`, or `voltage_kV` in experiments.csv (0 without voltage)
 
 """
 
+NEXT = """\
+# The files are copied to {folder}. A ? stands behind each guess in experiments.csv and
+# specimen.yaml. This lists the guesses, and what is left to fill in:
+#   deabayes check {shell_folder}
+"""
+
 ENTRY = """\
 # Add this under `studies:` in config.yaml, indented as it is:
   {name}:
@@ -77,14 +86,21 @@ ENTRY = """\
 """
 
 
-def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
+def new_study(
+    name: str, system: str | None, parent: Path = Path("data"), files: Sequence[Path] = ()
+) -> str:
     """Write a commented study folder `parent/name` and return its entry for config.yaml.
+
+    Parameters
+    ----------
+    system : its name; None guesses it from the files.
+    files : records to copy into the folder; experiments.csv then has a row for each.
 
     Raises
     ------
-    UserError : unknown system, a name that cannot be a folder, or a folder that exists.
+    UserError : unknown system, a name that cannot be a folder, a folder that exists, or files that
+        cannot be read.
     """
-    kind = system_class(system)
     pattern = schema("config")["properties"]["studies"]["propertyNames"]["pattern"]
     if not re.fullmatch(pattern, name):
         raise UserError(
@@ -94,8 +110,13 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
     folder = Path(parent) / name
     if folder.exists():
         raise UserError(f"{folder}: exists already and is not overwritten; choose another name")
+    drafted = draft(files, system) if files or system is None else None
+    written_system = system if drafted is None else drafted.system
+    assert written_system is not None
+    system = without_mark(written_system)
+    kind = system_class(system)
     place = folder.as_posix()
-    words = {"name": scalar(name), "system": scalar(system), **_channels(system)}
+    words = {"name": scalar(name), "system": scalar(written_system), **_channels(system)}
     words |= {"folder": scalar(place), "shell_folder": shlex.quote(place)}
     words["required"] = _quantity_lines(kind.required_quantities, kind.meanings, "  ")
     optional = _quantity_lines(kind.optional_quantities, kind.meanings, "  # ")
@@ -103,12 +124,22 @@ def new_study(name: str, system: str, parent: Path = Path("data")) -> str:
     commands = {name: kind.excitations[of] for name, of in COMMANDS.items() if of in kind.in_time}
     known = {**kind.excitations, **commands, **kind.responses}
     words["channels"] = _channel_lines(known, {**MEANINGS, **kind.meanings})
-    (folder / "records").mkdir(parents=True)
-    (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
-    (folder / "experiments.csv").write_text(_table(system), encoding="utf-8")
-    (folder / "records" / "README").write_text(README.format(**words), encoding="utf-8")
     words["candidates"] = ", ".join(_candidates(system))
-    return ENTRY.format(**words)
+    words["stated_format"] = _stated_format({} if drafted is None else drafted.record_format)
+    table = _table(system) if drafted is None else drafted.table
+    (folder / "records").mkdir(parents=True)
+    for target, file in {} if drafted is None else drafted.files.items():
+        shutil.copyfile(file, folder / "records" / target)
+    (folder / "specimen.yaml").write_text(SPECIMEN.format(**words), encoding="utf-8")
+    (folder / "experiments.csv").write_text(table, encoding="utf-8")
+    (folder / "records" / "README").write_text(README.format(**words), encoding="utf-8")
+    return (ENTRY if drafted is None else NEXT + ENTRY).format(**words)
+
+
+def _stated_format(settings: Mapping[str, str]) -> str:
+    """Return a record_format with guesses, or the lines that explain it, for specimen.yaml."""
+    pairs = ", ".join(f"{key}: '{value}'" for key, value in settings.items())
+    return f"\nrecord_format: {{{pairs}}}   # a ? stands behind a guess\n" if pairs else ""
 
 
 def _candidates(system: str) -> list[str]:

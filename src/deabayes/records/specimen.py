@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from numbers import Real
@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from deabayes.experiment import Quantity, Specimen
-from deabayes.faults import Report, UserError, nearest
+from deabayes.faults import Faults, Report, UserError, nearest
 from deabayes.records.columns import CHANNELS
+from deabayes.records.marks import confirm, without_marks_in
 from deabayes.records.schema import read_yaml, violations
 from deabayes.records.text import check_format
 from deabayes.systems import system_class
@@ -35,6 +36,7 @@ class SpecimenFile:
     units : quantity -> the unit it was written in, for display.
     sound : whether the file was read completely; if not, only what checks of records need is
         present.
+    guesses : guesses of `deabayes new` that are not confirmed, as faults.
     """
 
     specimen: Specimen
@@ -43,6 +45,7 @@ class SpecimenFile:
     note: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
     sound: bool = True
+    guesses: Sequence[str] = ()
 
 
 def stated_quantity(entry: Mapping[str, Any], unit: str | None, where: str) -> Quantity:
@@ -148,13 +151,19 @@ def read_specimen(folder: Path) -> Specimen:
 @lru_cache(maxsize=32)
 def _specimen_of(folder: Path, content: bytes) -> Specimen:
     """Read the specimen and cache it by `content`: reading costs more than simulating."""
-    return read_specimen_file(folder).specimen
+    file = read_specimen_file(folder)
+    if file.guesses:
+        raise Faults(file.guesses)
+    return file.specimen
 
 
 def read_specimen_file(folder: Path) -> SpecimenFile:
-    """Read all of specimen.yaml of a study folder; raises like `read_specimen`."""
+    """Read all of specimen.yaml of a study folder; raises like `read_specimen`.
+
+    Guesses that are not confirmed are no fault here, so that the records can be checked.
+    """
     path = Path(folder) / FILE
-    content = read_yaml(path)
+    content, guesses = read_content(folder)
     content |= {key: {} for key in ("quantities", "instruments") if content.get(key, 0) is None}
     report = Report()
     report.include(violations(content, "specimen", str(path)))
@@ -172,7 +181,18 @@ def read_specimen_file(folder: Path) -> SpecimenFile:
         content.get("download"),
         content.get("note", ""),
         {name: str(entry["unit"]) for name, entry in content["quantities"].items()},
+        guesses=[f"{path}: {confirm(guesses)}"] if guesses else [],
     )
+
+
+def read_content(folder: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return specimen.yaml as it is written but for the marks of guesses, and the guesses."""
+    content = read_yaml(Path(folder) / FILE)
+    guesses = []
+    for key in [k for k in ("system", "record_format") if k in content]:
+        content[key], found = without_marks_in(content[key], key)
+        guesses += found
+    return content, guesses
 
 
 def specimen_from_quantities(system: str, quantities: Mapping[str, Any]) -> Specimen:
@@ -214,7 +234,7 @@ def _plain(entry: Mapping[str, Any]) -> dict[str, Any]:
 def system_named(folder: Path) -> str:
     """Return the system that a folder's specimen.yaml names, unchecked; empty if it names none."""
     try:
-        return str(read_yaml(Path(folder) / FILE).get("system", ""))
+        return str(read_content(folder)[0].get("system", ""))
     except (OSError, UserError):
         return ""  # reading the full file reports the fault
 

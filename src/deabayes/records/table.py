@@ -16,6 +16,7 @@ from deabayes.experiment import FREQUENCY_RESPONSE, PHASE, Role
 from deabayes.faults import Report, UserError, nearest, rename_hint
 from deabayes.records.columns import COMMANDS, ExperimentRow, RawRecord
 from deabayes.records.layout import is_number
+from deabayes.records.marks import confirm, without_marks
 from deabayes.records.schema import schema, violations
 from deabayes.records.text import DELIMITERS
 from deabayes.systems import system_class
@@ -104,6 +105,7 @@ def scan_table(folder: Path, report: Report, system: str | None = None) -> list[
     path = Path(folder) / FILE
     table = report.at(str(path))
     rows: list[ExperimentRow] = []
+    guessed: dict[str, list[int]] = {}
     with report.catching():
         lines, header, cells, delimiter = _read_cells(path)
         _check_header(header, str(path))
@@ -111,14 +113,29 @@ def scan_table(folder: Path, report: Report, system: str | None = None) -> list[
         if not cells:
             table.fault("lists no record; add a row per record below the header")
         for line, values in zip(lines, cells, strict=True):
+            bare, guesses = _without_marks(header, values)
             with report.catching():
-                rows.append(_read_row(header, values, delimiter, system, f"{path}, line {line}"))
+                rows.append(_read_row(header, bare, delimiter, system, f"{path}, line {line}"))
+            if guesses:
+                guessed.setdefault(confirm(guesses), []).append(line)
+    for message, places in guessed.items():
+        table.fault(message, f"line{'s' * bool(places[1:])} {', '.join(map(str, places))}")
     for name, count in Counter(row.name.lower() for row in rows).items():
         if count > 1:
             table.fault(
                 f"{count} rows are named {name!r} (upper and lower case count as one); rename them"
             )
     return rows
+
+
+def _without_marks(header: list[str], values: list[str]) -> tuple[list[str], list[str]]:
+    """Return a row without the marks of guesses, and ``column value`` for each of these."""
+    bare, guesses = list(values), []
+    for index, (name, cell) in enumerate(zip(header, values, strict=False)):
+        if name in (*FIXED, *READ_BY_MODELS):
+            bare[index], found = without_marks(cell)
+            guesses += [f"{name} {guess}" for guess in found]
+    return bare, guesses
 
 
 def _read_row(

@@ -250,12 +250,8 @@ def read_header(
     found, layout = _text_layout(peek(stream, LOOKED_AT), delimiter)
     above = [line for _, line in itertools.islice(lines(stream), layout.header if layout else 0)]
     header, number = _header_line(stream, path)
-    marks = ANY_DELIMITER if delimiter is None else (delimiter,)
-    rows = [
-        cells for cells in (split(header, mark) for mark in marks) if all(map(is_number, cells))
-    ]
-    if layout is None and rows:
-        width = max(map(len, rows))
+    width = None if layout else _width_of_numbers(header, stream, delimiter)
+    if width is not None:
         raise UserError(
             f"{path}: starts with numbers ({header[:40]!r}) where a header such as "
             f"'time [s],voltage [kV]' is needed; {_remedy(stream, skipped, width)}"
@@ -263,7 +259,12 @@ def read_header(
     delimiter = found if layout else delimiter or sniff_delimiter(header)
     cells = split(header, delimiter)
     units, notes = _units_below(stream, delimiter, len(cells)), []
-    columns = renamed(from_header(cells, units), named, str(path))
+    columns = from_header(cells, units)
+    if not any(column.name for column in columns):
+        raise UserError(
+            f"{path}: the header {header[:60]!r} names no column; {_described(len(columns))}"
+        )
+    columns = renamed(columns, named, str(path))
     if len(columns) == 1 and not NAME_AND_UNIT.fullmatch(header.strip()):
         raise UserError(
             f"{path}: only one column found in the header {header[:60]!r}; "
@@ -271,9 +272,9 @@ def read_header(
         )
     if above or units is not None:
         below = "" if units is None else f", with units in line {number + 1}"
-        count = f"; left out above it: {len(above)} lines" if above else ""
-        notes = [f"header in line {number}{below}{count}"]
-    while columns[-1].name is None and len(columns) > 1:
+        left_out = "; what is above it is left out" if above else ""
+        notes = [f"header in line {number}{below}{left_out}"]
+    while columns[-1].name is None:
         columns.pop()  # the header ends with a delimiter
     return columns, delimiter, notes
 
@@ -303,16 +304,32 @@ def _remedy(stream: io.BytesIO, skipped: Sequence[str], width: int) -> str:
     if comment.startswith("#") and NAME_AND_UNIT.search(comment):
         return f"remove the '#' before {comment.lstrip('# ')[:40]!r}"
     if not skipped:
-        columns = ", ".join(["{name: ..., unit: ...}"] * width)
-        return (
-            "add it, or describe the columns under record_format in specimen.yaml, filled in: "
-            f"record_format: {{columns: [{columns}]}}"
-        )
+        return _described(width)
     return (
         f"header_lines: {len(skipped)} under record_format in specimen.yaml counts the lines above "
         f"the header and ends with {skipped[-1][:40]!r}; state fewer, or remove it, as the header "
         "is found without it"
     )
+
+
+def _described(width: int) -> str:
+    """Return the advice to describe the columns, with the lines for it."""
+    columns = ", ".join(["{name: ..., unit: ...}"] * width)
+    return (
+        "add it, or describe the columns under record_format in specimen.yaml, filled in: "
+        f"record_format: {{columns: [{columns}]}}"
+    )
+
+
+def _width_of_numbers(line: str, stream: io.BytesIO, delimiter: str | None) -> int | None:
+    """Return how many columns a line has that is numbers or like the next line; None for others."""
+    below = peek(stream, 1)
+    for mark in ANY_DELIMITER if delimiter is None else (delimiter,):
+        cells = split(line, mark)
+        like = len(cells) > 1 and any(is_like(cells, split(other, mark)) for other in below)
+        if like or all(map(is_number, cells)):
+            return len(cells)
+    return None
 
 
 def _line_before(stream: io.BytesIO) -> str:
