@@ -189,6 +189,12 @@ def test_an_exact_name_comes_before_one_in_capitals(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.columns["Time"], [0.0, 3600.0])
 
 
+@pytest.mark.parametrize("first", ["1;V", "1;-", "1;s"])
+def test_a_first_row_with_the_sign_of_a_unit_is_data(tmp_path: Path, first: str) -> None:
+    path = written(tmp_path / "a.csv", ["time [s];Mode", first, "2;A", "3;V"])
+    np.testing.assert_allclose(read_record(path).columns["time"], [1.0, 2.0, 3.0])
+
+
 LINES = [*PREAMBLE, "# by hand", "time [s];voltage [kV];displacement [mm];Flag", *ROWS]
 ABOVE = len(LINES) - len(ROWS)
 COLUMNS = [{"name": "time", "unit": "s"}, {"name": "voltage", "unit": "kV"},

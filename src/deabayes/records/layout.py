@@ -13,7 +13,8 @@ MISSING = ("", *"nan NaN NAN -nan -NaN NA N/A n/a <NA> None null NULL".split())
 LOOKED_AT = 300
 """Rows in which the header is searched; exports have less above it."""
 ENCLOSED = re.compile(r"\s*(?:\((?P<round>[^()]*)\)|\[(?P<square>[^\[\]]*)\])\s*")
-PLAIN_NUMBERS = ("", "-", "1", "%")
+NO_UNIT = ("", "-", "%", "1")
+"""Cells of a row of units that do not show that it is one."""
 
 
 @dataclass(frozen=True)
@@ -64,16 +65,21 @@ def units_in(cells: Sequence[str], width: int) -> list[str] | None:
     if len(filled(cells)) > width or not any(cells):
         return None
     units = [unit for unit in found if unit is not None]
-    if len(units) < len(found) or all(unit in PLAIN_NUMBERS for unit in units):
+    if len(units) < len(found) or all(unit in NO_UNIT for unit in units):
         return None
     return units + [""] * (width - len(units))
 
 
 def unit_in(cell: str) -> str | None:
-    """Return the unit that is all of a cell, with or without brackets; None if it is no unit."""
+    """Return the unit that is all of a cell, with or without brackets; None if it is no unit.
+
+    A number without brackets is data.
+    """
     match = ENCLOSED.fullmatch(cell)
+    if is_number(cell):
+        return None
     unit = cell if match is None else match["round"] or match["square"] or ""
-    known = unit in (*USUAL_UNITS, *PLAIN_NUMBERS) or (match and same_dimension(unit, unit))
+    known = unit in (*USUAL_UNITS, *NO_UNIT) or (match and same_dimension(unit, unit))
     return unit.strip() if known else None
 
 
@@ -121,4 +127,4 @@ def _has_number(cells: Sequence[str], numeric: Sequence[int]) -> bool:
 
 def _names(cells: Sequence[str]) -> bool:
     """Whether a row can hold the names of columns."""
-    return any(cells) and not any(map(is_number, cells))
+    return len(filled(cells)) > 1 and not any(map(is_number, cells))

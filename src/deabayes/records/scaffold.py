@@ -47,7 +47,7 @@ instruments:
   # range: {{value: ..., unit: {response_unit}}}
   # delay: {{value: ..., unit: ms}}
 
-# Only for records without a `name [unit]` header:
+# Only for records without a header of names and units:
 # record_format:
 #   delimiter: ","       # or ";", tab, whitespace
 #   header_lines: 2      # lines to skip, the header too if columns follow; empty ones not counted
@@ -55,8 +55,8 @@ instruments:
 {format_columns}{stated_format}"""
 
 README = """\
-One file per record, named in experiments.csv. Text files have a header of `name [unit]`
-per column, separated by commas, `;` or tabs:
+One file per record, named in experiments.csv. Text files have a header of `name [unit]` or
+`Name (unit)` per column, or a row of units below the names; commas, `;` or tabs between them:
 
     {header}
 
