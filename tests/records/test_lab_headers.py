@@ -39,6 +39,7 @@ def check_values(path: Path, **settings: object) -> tuple[str, ...]:
         ['"Time";"Voltage";"Displacement";"Flag"', '"s";"kV";"mm";""'],
         ["time;voltage;displacement;Flag", "(s);(kV);(mm);(-)"],
         ["time;voltage;displacement;Flag", "[s];[kV];[mm];"],
+        ["time;voltage;displacement;Flag", "sec;kilovolt;millimeter;"],
     ],
 )
 @pytest.mark.parametrize("above", [[], PREAMBLE, ["", "# rig 3", *PREAMBLE, ""]])
@@ -60,6 +61,12 @@ def test_the_lines_of_header_and_units_are_those_of_the_file(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_empty_cells_at_both_ends_of_a_row(tmp_path: Path) -> None:
+    rows = [f";{row.removesuffix('ok')};" for row in ROWS]
+    header = "Mark;Time (s);Voltage (kV);Displacement (mm);Flag;"
+    check_values(written(tmp_path / "a.csv", [header, *rows], "\t"))
+
+
 def test_a_preamble_behind_a_byte_order_mark(tmp_path: Path, encoding: str) -> None:
     lines = [*PREAMBLE, "Time (s);Voltage (kV);Displacement (mm);Flag", *ROWS]
     check_values(written(tmp_path / "a.csv", lines, encoding=encoding))
@@ -217,6 +224,8 @@ def test_no_number_of_header_lines_loses_a_sample(
     known = count < ABOVE + len(ROWS) and (count > ABOVE or count == ABOVE - 1)
     if described and known:
         assert f"header_lines: {ABOVE}" in str(caught.value)
+    if not described and count < len(LINES):
+        assert "state fewer, or remove it, as the header is found" in str(caught.value)
 
 
 @pytest.mark.parametrize("first", ["0;0;0,5;", ";0;0,5;ok", "0;n/a;0,5;ok", "0;0;0,5;ok\n# about"])

@@ -73,14 +73,14 @@ def units_in(cells: Sequence[str], width: int) -> list[str] | None:
 def unit_in(cell: str) -> str | None:
     """Return the unit that is all of a cell, with or without brackets; None if it is no unit.
 
-    A number without brackets is data.
+    A number without brackets is data. A single letter without brackets may be a name, such as t.
     """
     match = ENCLOSED.fullmatch(cell)
     if is_number(cell):
         return None
-    unit = cell if match is None else match["round"] or match["square"] or ""
-    known = unit in (*USUAL_UNITS, *NO_UNIT) or (match and same_dimension(unit, unit))
-    return unit.strip() if known else None
+    unit = (cell if match is None else match["round"] or match["square"] or "").strip()
+    sure = unit in (*USUAL_UNITS, *NO_UNIT)
+    return unit if sure or ((match or len(unit) > 1) and same_dimension(unit, unit)) else None
 
 
 def is_number(cell: str) -> bool:

@@ -469,9 +469,9 @@ def refuse_skipped_data(
 ) -> None:
     """Raise a UserError if the last lines that are skipped look like the first data row."""
     count = len(skipped)
-    while (
-        count and data and (_is_comment(skipped[count - 1]) or is_like(skipped[count - 1], data[0]))
-    ):
+    for cells in reversed(skipped if data else ()):
+        if not (_is_comment(cells) or is_like(cells, data[0])):
+            break
         count -= 1
     lost = [cells for cells in skipped[count:] if not _is_comment(cells)]
     if lost:
