@@ -66,8 +66,8 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "missing column": (
         header("time [s],displacement [mm],load [N]"),
-        [RELAX, "no column is force; the file has 'time', 'displacement', 'load'",
-         "of experiments.csv: time [s]; displacement [mm]; load = force [N]"],
+        [RELAX, "no column is force; the file has 'time [s]', 'displacement [mm]', 'load [N]'",
+         "of experiments.csv: time [s]; displacement [mm]; load [N] = force [N]"],
     ),
     "no column with a unit": (
         specimen(
@@ -80,7 +80,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "misspelt column": (
         header("time [s],displacment [mm],force [N]"),
-        ["no column is displacement; the file has", "displacment = displacement [mm]; force [N]"],
+        ["no column is displacement; the file has", "displacment [mm] = displacement [mm]; force"],
     ),
     "unknown unit": (header("time [s],displacement [mm],force [Nn]"), ["column force", "'Nn'"]),
     "wrong dimension": (
@@ -102,7 +102,7 @@ BREAKS: dict[str, tuple[Break, list[str]]] = {
     ),
     "unknown unit in round brackets": (
         header("time [s],displacement [mm],Force (Nn)"),
-        ["the file has 'time', 'displacement', 'Force (Nn)'", "Force (Nn) = force [?]"],
+        ["the file has 'time [s]', 'displacement [mm]', 'Force (Nn)'", "Force (Nn) = force [?]"],
     ),
     "channel of another experiment": (
         header("time [s],displacement [mm],nominal_stress [kPa]"),

@@ -128,7 +128,7 @@ def from_header(cells: Iterable[object], units: Sequence[str] | None = None) -> 
             name, unit = enclosed["name"] or None, enclosed["unit"]
         if unit is None and units is not None and name and index < len(units):
             unit = units[index] or None
-        columns.append(Column(name, unit, source=text if enclosed else None))
+        columns.append(Column(name, unit, source=text or None))
     return columns
 
 

@@ -19,7 +19,7 @@ from deabayes.records.columns import (
     is_unit,
     with_channel_names,
 )
-from deabayes.records.guesses import likely_columns, source_of, text_of
+from deabayes.records.guesses import has_other_name, likely_columns, source_of, text_of
 from deabayes.units import si_unit, to_si
 
 OTHER_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+([eE][+-]?\d+)?")
@@ -67,10 +67,9 @@ def to_record(
         elif name in (None, "-") or (name not in channels and not is_unit(column.unit)):
             left_out.append(column)
         elif name in values:
-            remedy = f"leave one out by `columns`: {column.source} = -" if column.source else ""
-            found.fault(
-                f"{where}: column {name!r} occurs twice; {remedy or 'rename or remove one'}"
-            )
+            alone = [c.source for c in columns].count(column.source) == 1
+            remedy = f"leave one out by `columns`: {column.source} = -" if alone else "rename one"
+            found.fault(f"{where}: column {name!r} occurs twice; {remedy}")
         else:
             with found.catching():
                 place = f"{where}, column {name}"
@@ -124,7 +123,7 @@ def _notes(
     columns: Sequence[Column], left_out: Sequence[Column], read: Collection[str]
 ) -> list[str]:
     """Say which columns have another name in the file, and which are left out."""
-    other = [c for c in columns if c.name in read and c not in left_out and c.source is not None]
+    other = [c for c in columns if c.name in read and c not in left_out and has_other_name(c)]
     notes = [f"columns {text_of(other)}"] if other else []
     names = ", ".join(n for n in dict.fromkeys(map(source_of, left_out)) if n not in ("", "-"))
     return [*notes, f"left out: {names}"] if names else notes

@@ -72,13 +72,20 @@ def source_of(column: Column) -> str:
 
 def text_of(columns: Iterable[Column]) -> str:
     """Return columns as a cell of experiments.csv: ``Zeit = time [s]; voltage [kV]``."""
-    parts = []
-    for column in columns:
-        name = f"{column.name} - 1" if column.offset else column.name
-        unit = f" [{column.unit}]" if column.unit is not None else ""
-        source = "" if source_of(column) in (column.name, f"{name}{unit}") else source_of(column)
-        parts.append(f"{source} = {name}{unit}" if source else f"{name}{unit}")
-    return "; ".join(parts)
+    return "; ".join(
+        f"{source_of(column)} = {_as_read(column)}" if has_other_name(column) else _as_read(column)
+        for column in columns
+    )
+
+
+def has_other_name(column: Column) -> bool:
+    """Whether a column is called otherwise, or in another unit, than it is read."""
+    return source_of(column) not in (column.name, _as_read(column))
+
+
+def _as_read(column: Column) -> str:
+    name = f"{column.name} - 1" if column.offset else column.name or ""
+    return name if column.unit is None else f"{name} [{column.unit}]"
 
 
 def _as_channel(column: Column, channel: str) -> Column:

@@ -42,8 +42,8 @@ def find_layout(rows: Sequence[Sequence[str]]) -> Layout | None:
     It is certain if rows of numbers end the list, if the row above them holds texts only, and if no
     row further up looks like them.
     """
-    numeric, last = _numeric_columns(rows)
-    if not numeric or len(rows[last]) < 2:
+    numeric, last = numeric_columns(rows)
+    if not numeric:
         return None
     first = last
     while first > 0 and _has_number(rows[first - 1], numeric):
@@ -109,14 +109,15 @@ def filled(cells: Sequence[str]) -> Sequence[str]:
     return cells[: max((i for i, cell in enumerate(cells) if cell), default=-1) + 1]
 
 
-def _numeric_columns(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
-    """Return the columns of numbers, and the index of the row that shows them.
+def numeric_columns(rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
+    """Return the columns of numbers, none in a single column, and the row that shows them.
 
     The very last row may be cut short, so the one before it is preferred.
     """
     for index in range(len(rows) - 2, len(rows)):
         cells = rows[index] if index >= 0 else ()
-        if numeric := [i for i, cell in enumerate(cells) if is_number(cell)]:
+        numeric = [i for i, cell in enumerate(cells) if is_number(cell)]
+        if numeric and len(cells) > 1:
             return numeric, index
     return [], 0
 

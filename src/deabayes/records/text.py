@@ -29,6 +29,7 @@ from deabayes.records.layout import (
     find_layout,
     is_like,
     is_number,
+    numeric_columns,
     units_in,
 )
 
@@ -282,9 +283,9 @@ def read_header(
 def _text_layout(rows: Sequence[str], delimiter: str | None) -> tuple[str, Layout | None]:
     """Return the delimiter and the layout of lines of text, if there is a certain one."""
     for mark in ANY_DELIMITER if delimiter is None else (delimiter,):
-        layout = find_layout([split(line, mark) for line in rows])
-        if layout is not None:
-            return mark, layout
+        cells = [split(line, mark) for line in rows]
+        if numeric_columns(cells)[0]:
+            return mark, find_layout(cells)
     return "", None
 
 
