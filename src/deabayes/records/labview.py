@@ -16,7 +16,8 @@ import numpy as np
 from deabayes.faults import UserError
 from deabayes.records.columns import Column, Table, from_header, renamed
 from deabayes.records.layout import is_number
-from deabayes.records.text import open_text, peek, read_columns
+from deabayes.records.opening import open_text
+from deabayes.records.text import peek, read_columns
 
 FIRST = "LabVIEW Measurement"
 NAMES = "X_Value"
