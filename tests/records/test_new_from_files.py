@@ -213,6 +213,24 @@ def test_records_without_time(
     assert {key: row[key] for key in more} == more
 
 
+@pytest.mark.parametrize(
+    ("stress", "values", "response"),
+    [
+        ("Stress (kPa)", np.full(TIME.size, np.nan), "force"),
+        ("Stress (KPa)", HOLD_MM, "force?"),
+        ("Stress (kPa)", HOLD_MM, "nominal_stress?"),
+    ],
+    ids=["no value", "no known unit", "both"],
+)
+def test_which_response_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stress: str, values: np.ndarray, response: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    head = [f"Time (s);{stress};Position (mm);Load (N)"]
+    path = text_file(head, TIME, values, HOLD_MM, noisy(HOLD_MM))(tmp_path / "a.csv")
+    assert row_of(new("--from", path))["response"] == response
+
+
 def test_several_files_in_one_encoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     head = ["Zeit (s);Weg (µm);Kraft (N)"]
