@@ -13,6 +13,7 @@ from deabayes.cli.arguments import (
     RESULTS,
     TARGET,
     check_folder,
+    check_folder_of,
     find_study,
     keep_inputs,
 )
@@ -33,17 +34,23 @@ def prepare(study: str, config: Path, output: Path, record: str | None) -> None:
 
 @click.command()
 @click.argument("study")
-@click.argument("candidate")
+@click.argument("candidate", required=False)
 @CONFIG
 @RESULTS
+@click.option(
+    "--preview", is_flag=True, help="Best fit of every candidate in seconds, without sampling."
+)
 @click.option("--prepared", type=EXISTING, help="Prepared records; default: prepare them first.")
-@click.option("-o", "--output", type=TARGET, help="Default: STUDY/CANDIDATE/posterior.nc.")
+@click.option(
+    "-o", "--output", type=TARGET, help="Default: STUDY/CANDIDATE/posterior.nc, or STUDY/preview."
+)
 @click.option("--summary", type=TARGET, help="Default: summary.csv beside it.")
 def fit(
     study: str,
-    candidate: str,
+    candidate: str | None,
     config: Path,
     results: Path,
+    preview: bool,
     prepared: Path | None,
     output: Path | None,
     summary: Path | None,
@@ -52,7 +59,19 @@ def fit(
 
     All ensembles are run and judged together; the last line says whether they converged.
     Interrupt it at any time: the same command goes on where it stopped.
+
+    With --preview and no CANDIDATE: the best fit of every candidate, with intervals from the
+    curvature of the posterior and figures of data and fit. Look at them before you wait.
     """
+    if preview:
+        if candidate is not None or summary is not None:
+            raise click.UsageError(
+                "--preview fits every candidate into one folder; leave out CANDIDATE and --summary"
+            )
+        click.echo(preview_by_name(study, config, results, prepared, output))
+        return
+    if candidate is None:
+        raise click.UsageError("Missing argument 'CANDIDATE'; or add --preview to fit every one.")
     click.echo(fit_by_name(study, candidate, config, results, prepared, output, summary))
 
 
@@ -87,7 +106,7 @@ def fit_by_name(
     use them.
     """
     from deabayes.api import open_posterior
-    from deabayes.pipeline import fit_candidate, prepare_study
+    from deabayes.pipeline import fit_candidate
 
     found = find_study(study, config)
     _known(found, candidate)
@@ -98,14 +117,39 @@ def fit_by_name(
     if prepared is not None:
         checked(replace(found, candidates=(candidate,), validate=()))
     else:
-        checked(found)
-        prepared = results / found.name / "prepared"
-        _keep_settings(found, results / found.name / "study.yaml")
-        prepare_study(found, prepared)
+        prepared = _prepared(found, results)
     fit_candidate(found, candidate, prepared, output, summary, progress=True)
     posterior = open_posterior(output)
     verdict = "converged" if posterior.converged else "NOT converged"
     return "\n".join([*posterior.leaning, f"{output}: {verdict}; parameters in {summary}"])
+
+
+def preview_by_name(
+    study: str, config: Path, results: Path, prepared: Path | None, output: Path | None
+) -> str:
+    """Preview every candidate of a study; return a short table.
+
+    Without `prepared`, the study is checked and its records are prepared first.
+    """
+    from deabayes.pipeline.preview import FOLDER, in_words, preview_study
+
+    found = find_study(study, config)
+    output = output or results / found.name / FOLDER
+    check_folder_of("previews", output, "doubts", replaced=True)
+    keep_inputs(output, prepared)
+    previews = preview_study(found, prepared or _prepared(found, results), output)
+    return "\n".join(in_words(found, previews, output))
+
+
+def _prepared(study: Study, results: Path) -> Path:
+    """Check a study, prepare its records, and return their folder."""
+    from deabayes.pipeline import prepare_study
+
+    checked(study)
+    prepared = results / study.name / "prepared"
+    _keep_settings(study, results / study.name / "study.yaml")
+    prepare_study(study, prepared)
+    return prepared
 
 
 def _folders_of(study: Study) -> list[Path]:

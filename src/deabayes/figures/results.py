@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from deabayes.experiment import Experiment, FloatArray
     from deabayes.noise.base import NoiseModel
 SETTINGS = "population.yaml"
+PREVIEW = "preview"
+"""Folder of a study's preview, from which no other figure is drawn."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,8 @@ class StudyResults:
         """Every file that a figure may have been drawn from."""
         patterns = ("study.yaml", "prepared/*.nc", "*/posterior.nc", "*/*.csv", "*.csv",
                     "*/predictions/*.nc", "analyses/index.json", "analyses/*/*")  # fmt: skip
-        return tuple(sorted(p for pattern in patterns for p in self.folder.glob(pattern)))
+        found = (p for pattern in patterns for p in self.folder.glob(pattern))
+        return tuple(sorted(p for p in found if p.parent.name != PREVIEW))
 
 
 @dataclass(frozen=True)

@@ -85,11 +85,16 @@ def applied() -> Iterator[None]:
 
 def watermark_unconverged(figure: Figure) -> None:
     """Write NOT CONVERGED across the figure, because its numbers cannot be trusted."""
+    watermark(figure, "NOT CONVERGED")
+
+
+def watermark(figure: Figure, words: str) -> None:
+    """Write words across the figure that say why its numbers are not results."""
     width, height = figure.get_size_inches()
     figure.text(
         0.5,
         0.5,
-        "NOT CONVERGED",
+        words,
         fontsize=min(5.2 * width, 22 * height),
         color=VERMILLION,
         alpha=0.28,
