@@ -1,3 +1,4 @@
+# The workflow of deabayes.
 from snakemake.utils import min_version
 
 min_version("9.27")
