@@ -21,10 +21,11 @@ if "studies" not in config:
     configfile: "config.yaml"
 
 
-include: "workflow/rules/running.smk"
 include: "workflow/rules/common.smk"
+include: "workflow/rules/running.smk"
 include: "workflow/rules/inputs.smk"
 include: "workflow/rules/prepare.smk"
+include: "workflow/rules/preview.smk"
 include: "workflow/rules/identify.smk"
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/predict.smk"
@@ -32,10 +33,12 @@ include: "workflow/rules/analyse.smk"
 include: "workflow/rules/population.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/unfinished.smk"
+include: "workflow/rules/faults.smk"
 
 
 localrules:
     all,
+    faults,
     population_settings,
 
 
@@ -43,3 +46,5 @@ rule all:
     default_target: True
     input:
         "<results>/report/index.html",
+        expand("<results>/{study}/preview", study=STUDIES),
+        expand("<results>/{study}/faults", study=FAULTS),

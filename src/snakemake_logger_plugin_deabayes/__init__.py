@@ -101,20 +101,18 @@ def fault_of_config_files(arguments: Sequence[str]) -> str:
     from deabayes.faults import UserError
     from deabayes.records.schema import read_yaml
 
-    for number, file in enumerate(given.configfile):
+    for file in given.configfile:
         try:
             read_yaml(Path(file))
         except (UserError, OSError) as error:
-            return f"{error}{_targets_first(given.configfile) if number else ''}"
+            if file == given.configfile[0] or Path(file).suffix in (".yaml", ".yml", ".json"):
+                return str(error)
+            return (
+                f"{file}: is taken for a configuration file, as is all that follows --configfile; "
+                f"write a target before it: snakemake --cores 2 {file} "
+                f"--configfile {given.configfile[0]}"
+            )
     return ""
-
-
-def _targets_first(files: Sequence[str]) -> str:
-    """Say where a target belongs that was taken for a configuration file."""
-    return (
-        "\n--configfile takes all that follows for configuration files; write a target before it: "
-        f"snakemake --cores 2 {files[-1]} --configfile {files[0]}"
-    )
 
 
 if "snakemake" in Path(sys.argv[0]).parts[-2:] and (_fault := fault_of_config_files(sys.argv[1:])):

@@ -1,18 +1,15 @@
 """The studies that can run, checked by name before the first job."""
 
-import os
+import contextlib
+import io
 import re
 import sys
 from pathlib import Path
 
+from deabayes.checks.config import check_config, load_config, only_asked
 from deabayes.faults import Faults, UserError
-from deabayes.population.checks import check_population
-from deabayes.population.settings import load_populations
-from deabayes.checks.prior_sources import Sources
 from deabayes.pipeline.sources import digest_of
-from deabayes.records.download import missing_data
-from deabayes.studies import load_studies
-from deabayes.checks.study import check_names
+from snakemake.cli import parse_args
 
 CONFIG_FILES = ", ".join(config_files())
 
@@ -26,64 +23,46 @@ shell.prefix(
 )
 
 
-def read_studies():
-    """The studies with records at hand, a line on each folder left out, the names of its studies."""
-    at_hand, left_out = {}, {}
-    for study in load_studies(settings_given(), CONFIG_FILES):
-        missing = missing_data(study.specimen, study.data_root)
-        if missing:
-            left_out.setdefault(missing, []).append(study.name)
-        else:
-            at_hand[study.name] = study
-    lines = [f"{few(names)} left out: {why}" for why, names in left_out.items()]
-    return at_hand, lines, [name for names in left_out.values() for name in names]
+def targets_asked():
+    """The targets of the command line, as Snakemake reads it; empty for the default target."""
+    with contextlib.redirect_stderr(io.StringIO()):
+        try:
+            return list(parse_args(sys.argv[1:])[1].targets)
+        except SystemExit:  # called by a program with arguments of its own
+            return []
 
 
-def read_populations():
-    """The populations whose studies can all be run, and a line on each that is left out."""
-    at_hand, left_out = {}, []
-    for population in load_populations(settings_given(), CONFIG_FILES):
-        missing = [name for name in population.studies if name not in STUDIES]
-        if missing:
-            why = f"no records of {', '.join(missing)}"
-            left_out.append(f"population {population.name} left out: {why}")
-        else:
-            at_hand[population.name] = population
-    return at_hand, left_out
-
-
-def few(names):
-    """One name, or the first and how many more."""
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} like it"
-
-
-def check(studies, populations, names_left_out):
-    """Raise for every name in the configuration that nothing has, before the first job."""
-    faults = [fault for study in studies.values() for fault in check_names(study)]
-    for population in () if faults else populations.values():
-        faults += check_population(population, studies)
-    if not faults:
-        results = Path(workflow.pathvars.items["results"])
-        sources = Sources(studies, populations, results, names_left_out)
-        faults = [
-            fault for study in studies.values() for fault in sources.faults(study)
-        ]
-    if faults:
-        raise Faults(list(dict.fromkeys(faults)))
-
-
-try:
-    STUDIES, LEFT_OUT, NAMES_LEFT_OUT = read_studies()
-    POPULATIONS, left_out_too = read_populations()
-    LEFT_OUT += left_out_too
+def read_config():
+    """The studies to run, with those asked for checked by name; ends if none of these can run."""
+    found = load_config(settings_given(), CONFIG_FILES)
     # Jobs read the Snakefile again; what was checked once need not be.
     if workflow.is_main_process:
-        check(STUDIES, POPULATIONS, NAMES_LEFT_OUT)
+        of_studies = only_asked(found, TARGETS, RESULTS)
+        check_config(found, RESULTS)
+        if found.faults and (of_studies or not found.studies):
+            raise Faults(found.faults_once())
+    return found
+
+
+RESULTS = Path(workflow.pathvars.items["results"])
+TARGETS = targets_asked() if workflow.is_main_process else []
+try:
+    FOUND = read_config()
 except (UserError, OSError) as error:
     end(error)
+STUDIES, POPULATIONS, FAULTS = FOUND.studies, FOUND.populations, FOUND.faults
+LEFT_OUT = [*FOUND.left_out, *FOUND.left_out_by_faults()]
 
-if workflow.is_main_process:
-    for line in LEFT_OUT:
+
+def say_what_is_left_out():
+    """Faults, and what is not run because of them or because of missing data."""
+    lines = FOUND.faults_once()
+    if FAULTS:
+        lines.append(
+            f"{', '.join(FAULTS)} left out because of these faults: correct them. The rest is run; "
+            "then the run ends with status 1"
+        )
+    for line in [*lines, *FOUND.left_out] if workflow.is_main_process else ():
         print(line, file=sys.stderr)
 
 

@@ -20,6 +20,7 @@ rule prepare:
         record="<results>/{study}/prepared/{record}.nc",
     log:
         "<results>/{study}/logs/prepare/{record}.log",
+    priority: 80
     threads: 1
     params:
         settings=settings_of_record,

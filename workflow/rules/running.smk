@@ -13,7 +13,7 @@ def forget_records():
         names = {
             Path(file).stem for file in prepared_files(study, read_tables(study)[1])
         }
-        folder = Path(workflow.pathvars.items["results"], study, "prepared")
+        folder = RESULTS / study / "prepared"
         for path in folder.glob("*.*"):
             if path.stem not in names:
                 path.unlink()

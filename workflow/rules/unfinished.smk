@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-RESULTS = Path(workflow.pathvars.items["results"])
 UNFINISHED = RESULTS / "logs" / "unfinished.json"
 
 

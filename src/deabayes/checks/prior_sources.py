@@ -78,12 +78,14 @@ class Sources:
     studies, populations : those of the config by name, without faults of their own.
     results : folder of their results.
     left_out : other studies of the config, whose records are not on this machine.
+    faulty : studies of the config that have faults of their own.
     """
 
     studies: Mapping[str, Study]
     populations: Mapping[str, Population]
     results: Path = Path("results")
     left_out: Collection[str] = field(default_factory=tuple)
+    faulty: Collection[str] = field(default_factory=tuple)
 
     def faults(self, study: Study) -> list[str]:
         """Faults of the source that a study names in `prior_from`.
@@ -163,6 +165,8 @@ class Sources:
             return f"{candidate!r} is no population{nearest(candidate, self.populations)}"
         if name in self.left_out:
             return f"study {name!r} is left out, as its records are not on this machine"
+        if name in self.faulty:
+            return f"study {name!r} has a fault of its own; correct that one first"
         if name not in self.studies:
             return f"{name!r} is no study{nearest(name, self.studies)}"
         known = self.studies[name].candidates
