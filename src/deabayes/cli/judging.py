@@ -159,6 +159,37 @@ def finish(state: Path, output: Path, tables: Path | None) -> None:
 
 
 @click.command()
+@click.option(
+    "--config",
+    "--configfile",
+    "config",
+    type=TARGET,
+    default=Path("config.yaml"),
+    show_default=True,
+    help="The file whose studies are run.",
+)
+@click.option("--results", type=TARGET, help="Default: as the config says, or results.")
+def status(config: Path, results: Path | None) -> None:
+    """Say what a run is doing, what is done and what is left, by study and candidate.
+
+    Call it in the folder in which `snakemake` runs.
+    """
+    from deabayes.checks.config import check_config, load_config
+    from deabayes.pipeline import status as stages
+    from deabayes.records.schema import read_yaml
+
+    content = read_yaml(config)
+    found = load_config(content, str(config))
+    results = results or Path((content.get("pathvars") or {}).get("results", "results"))
+    check_config(found, results)
+    run = stages.Run.last(Path())
+    for line in [run.in_words(), *stages.status(found.studies, results, run)]:
+        click.echo(line)
+    for line in [*found.faults_once(), *found.left_out]:
+        click.echo(line)
+
+
+@click.command()
 @click.argument("population")
 @CONFIG
 @RESULTS

@@ -33,6 +33,7 @@ for command in (
     records.check,
     fitting.prepare,
     fitting.fit,
+    judging.status,
     judging.score,
     judging.nested,
     judging.compare,
