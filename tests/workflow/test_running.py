@@ -11,8 +11,9 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
-from snakemake_logger_plugin_deabayes import WIDEST, ShortLines, fault_of_config_files
 from tests.workflow.snakemake_runs import ROOT, TINY, snakemake, write_stub
+
+from snakemake_logger_plugin_deabayes import WIDEST, ShortLines, fault_of_config_files
 
 BAD = """\
   bad: {specimen: {root}/data/tubular, candidates: [voigt_kelvon_1], calibrate: [creep_2000V]}

@@ -44,7 +44,9 @@ def fault_of_target(target):
         return None
     study = place.relative_to(RESULTS) if place.is_relative_to(RESULTS) else place
     if str(study) in STUDIES:
-        return f"{target}: is a study; name a result of it: {RESULTS / study / 'figures'}"
+        return (
+            f"{target}: is a study; name a result of it: {RESULTS / study / 'figures'}"
+        )
     hint = nearest(target, known_targets())
     if "known:" in hint:
         hint = f"; name a result, such as {RESULTS / next(iter(STUDIES)) / 'figures'}"

@@ -148,33 +148,37 @@ def check_config(found: CheckedConfig, results: Path) -> None:
     ----------
     results : folder of the results, which `prior_from` names.
     """
-    for name, study in list(found.studies.items()):
+    at_fault = {}
+    for name, study in found.studies.items():
         report = Report()
         with report.catching():
             report.include(check_names(study))
-        _drop(found, name, report.faults)
-    _drop_populations(found)
+        if report.faults:
+            at_fault[name] = report.faults
+    _drop(found, at_fault)
     for name, population in list(found.populations.items()):
         if faults := check_population(population, found.studies):
             del found.populations[name]
             found.faults[f"{FOLDER}/{name}"] = faults
-    while any([_drop(found, *each) for each in _prior_faults(found, results)]):
-        _drop_populations(found)
+    while at_fault := _prior_faults(found, results):
+        _drop(found, at_fault)
 
 
-def _drop(found: CheckedConfig, name: str, faults: list[str]) -> bool:
-    if faults:
+def _drop(found: CheckedConfig, at_fault: Mapping[str, list[str]]) -> None:
+    """Move studies to `faults`, and leave out the populations that they are in."""
+    for name in at_fault:
         del found.studies[name]
-        found.faults[name] = faults
-    return bool(faults)
+    found.faults |= at_fault
+    _drop_populations(found)
 
 
-def _prior_faults(found: CheckedConfig, results: Path) -> list[tuple[str, list[str]]]:
-    """List the faults of every study's `prior_from`."""
+def _prior_faults(found: CheckedConfig, results: Path) -> dict[str, list[str]]:
+    """Return the faults in `prior_from`, by study."""
     sources = Sources(
         found.studies, found.populations, results, found.without_data, tuple(found.faults)
     )
-    return [(name, sources.faults(study)) for name, study in found.studies.items()]
+    faults = {name: sources.faults(study) for name, study in found.studies.items()}
+    return {name: of_study for name, of_study in faults.items() if of_study}
 
 
 def only_asked(found: CheckedConfig, targets: Collection[str], results: Path) -> bool:

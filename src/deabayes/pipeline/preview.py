@@ -136,9 +136,7 @@ def _summary(candidate: str, target: LogPosterior, found: Laplace) -> pd.DataFra
     from deabayes.posteriors.file import quantities
 
     stated = target.system.stated()
-    named = {
-        p.name: (p.symbol, p.unit, kind_of(p.name, stated)) for p in target.prior.parameters
-    }
+    named = {p.name: (p.symbol, p.unit, kind_of(p.name, stated)) for p in target.prior.parameters}
     peak = target.prior.to_parameters(found.peak[None])
     derived = target.system.derived(target.draws(peak))
     named |= {name: (each.symbol, each.unit, "derived") for name, each in derived.items()}
@@ -256,13 +254,12 @@ def in_words(study: Study, previews: Sequence[Preview], output: Path) -> list[st
     lines = [f"PREVIEW of study {study.name}: best fits, not sampled. Figures in {output}"]
     for each in previews:
         lines += ["", f"{each.candidate}: estimate (5 % to 95 %)"]
-        shown_kinds = each.parameters["kind"].isin(["material", "specimen"])
-        for row in each.parameters[shown_kinds].itertuples():
-            shown = display_unit(row.unit, row.estimate, row.parameter)
-            value, low, high = (x / shown.factor for x in (row.estimate, row.q05, row.q95))
-            lines.append(
-                f"  {row.parameter:24} {value:10.4g} ({low:.4g} to {high:.4g}) {shown.label}".rstrip()
-            )
+        shown = each.parameters[each.parameters["kind"].isin(["material", "specimen"])]
+        for row in shown.itertuples():
+            unit = display_unit(row.unit, row.estimate, row.parameter)
+            best, low, high = (x / unit.factor for x in (row.estimate, row.q05, row.q95))
+            line = f"  {row.parameter:24} {best:10.4g} ({low:.4g} to {high:.4g}) {unit.label}"
+            lines.append(line.rstrip())
         said = [f"{r.experiment} {r.e_rms_percent:.2g} %" for r in each.records.itertuples()]
         lines.append(f"  error (e_rms): {', '.join(said)}")
         lines += [f"  Note: {doubt}." for doubt in each.doubts]

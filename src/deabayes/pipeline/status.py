@@ -62,7 +62,7 @@ class Run:
             job, log = JOB_ID.search(block), LOG.search(block)
             if job and log:
                 jobs[log[1]] = ended.get(job[1], RUNNING if going_on else BEGUN)
-        return cls(going_on, ([""] + STEPS.findall(text))[-1], jobs)
+        return cls(going_on, ["", *STEPS.findall(text)][-1], jobs)
 
     def state(self, made: Path, log: Path) -> str:
         """State of a job, by what it makes and its log."""
