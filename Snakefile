@@ -34,6 +34,7 @@ include: "workflow/rules/population.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/unfinished.smk"
 include: "workflow/rules/faults.smk"
+include: "workflow/rules/targets.smk"
 
 
 localrules:

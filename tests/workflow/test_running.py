@@ -89,7 +89,7 @@ def test_a_target_of_one_study_leaves_the_others(place: Path) -> None:
                 "results/tiny/comparisons.csv: nothing makes such a file; did you mean "
                 "'results/tiny/comparison.csv'?",
                 "tiny: is a study; name a result of it: results/tiny/figures",
-                "fit: is a rule for many files; name one of them: results/{study}/{candidate}/",
+                "fit: is a rule; name one of the files that it makes: results/{study}/{candidate}/",
                 "rubbish: nothing makes such a file; name a result, such as results/tiny/figures",
             ),
         ),

@@ -1,9 +1,5 @@
-"""Studies with faults are left out, and the run ends with status 1; a wrong target ends it."""
-
-from deabayes.faults import nearest
-
-
-# Fails, so that the run does; its output is never made.
+# A study with faults is left out.
+# This job fails, so that the run does; its output is never made.
 rule faults:
     output:
         "<results>/{study}/faults",
@@ -15,44 +11,3 @@ rule faults:
         faults=lambda wildcards: "\n".join(FAULTS[wildcards.study]),
     shell:
         "printf '%s\n' {params.faults:q} > {log:q}; exit 1"
-
-
-def outputs_of(made_by):
-    """Outputs of a rule, with wildcards as they are written in it."""
-    return [re.sub(r"\{(\w+),[^}]*\}", r"{\1}", str(each)) for each in made_by.output]
-
-
-def known_targets():
-    """Results of studies and candidates that can be asked for."""
-    for pattern in (each for made_by in workflow.rules for each in outputs_of(made_by)):
-        for name, study in STUDIES.items():
-            if set(re.findall(r"\{(\w+)\}", pattern)) <= {"study", "candidate"}:
-                yield from expand(pattern, study=name, candidate=study.candidates)
-
-
-def fault_of_target(target):
-    """Say that nothing makes a target, and what may be meant; None if something does."""
-    if workflow.is_rule(target):
-        asked_for = workflow.get_rule(target)
-        if not asked_for.has_wildcards():
-            return None
-        return f"{target}: is a rule for many files; name one of them: {outputs_of(asked_for)[-1]}"
-    place = Path(target)
-    if place.exists() and not place.is_dir():
-        return None
-    if any(each.is_producer(str(place)) for each in workflow.rules):
-        return None
-    study = place.relative_to(RESULTS) if place.is_relative_to(RESULTS) else place
-    if str(study) in STUDIES:
-        return (
-            f"{target}: is a study; name a result of it: {RESULTS / study / 'figures'}"
-        )
-    hint = nearest(target, known_targets())
-    if "known:" in hint:
-        hint = f"; name a result, such as {RESULTS / next(iter(STUDIES)) / 'figures'}"
-    return f"{target}: nothing makes such a file{hint}"
-
-
-if wrong := list(filter(None, map(fault_of_target, TARGETS))):
-    end("\n".join(wrong))
-say_what_is_left_out()

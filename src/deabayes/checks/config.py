@@ -148,20 +148,27 @@ def check_config(found: CheckedConfig, results: Path) -> None:
     ----------
     results : folder of the results, which `prior_from` names.
     """
-    at_fault = {}
-    for name, study in found.studies.items():
-        report = Report()
-        with report.catching():
-            report.include(check_names(study))
-        if report.faults:
-            at_fault[name] = report.faults
-    _drop(found, at_fault)
+    faults = {name: _faults_of_names(study) for name, study in found.studies.items()}
+    _drop(found, {name: of_study for name, of_study in faults.items() if of_study})
     for name, population in list(found.populations.items()):
         if faults := check_population(population, found.studies):
             del found.populations[name]
             found.faults[f"{FOLDER}/{name}"] = faults
     while at_fault := _prior_faults(found, results):
         _drop(found, at_fault)
+
+
+def _faults_of_names(study: Study) -> list[str]:
+    """Return what `check_names` finds, and files that may not be read."""
+    report = Report()
+    try:
+        with report.catching():
+            report.include(check_names(study))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        report.fault(f"{error.strerror}; it must be there for you to read", str(error.filename))
+    return report.faults
 
 
 def _drop(found: CheckedConfig, at_fault: Mapping[str, list[str]]) -> None:
