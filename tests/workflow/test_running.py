@@ -71,6 +71,9 @@ def test_faults_remain_an_error_when_all_else_is_done(
     again = snakemake(place, "--cores", "1")
     assert again.returncode == 1
     assert "begins" not in again.stderr and "Failed: faults bad" in again.stderr
+    plan = snakemake(place, "--cores", "1", "--dry-run")
+    assert plan.returncode == 1
+    assert "rule faults" in plan.stdout and "This was a dry-run" in plan.stdout
 
 
 def test_a_target_of_one_study_leaves_the_others(place: Path) -> None:

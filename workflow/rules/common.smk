@@ -1,7 +1,9 @@
 """The studies that can run, checked by name before the first job."""
 
+import atexit
 import contextlib
 import io
+import os
 import re
 import sys
 from pathlib import Path
@@ -62,8 +64,17 @@ def say_what_is_left_out():
             f"{', '.join(FAULTS)} left out because of these faults: correct them. The rest is run; "
             "then the run ends with status 1"
         )
-    for line in [*lines, *FOUND.left_out] if workflow.is_main_process else ():
+    if FAULTS and workflow.output_settings.dryrun:
+        atexit.register(end_with_status_1)  # no job is run that could fail
+    for line in [*lines, *FOUND.left_out]:
         print(line, file=sys.stderr)
+
+
+def end_with_status_1():
+    """End this process, of which Snakemake would say that all is well."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(1)
 
 
 def any_of(names):

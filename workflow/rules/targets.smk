@@ -42,4 +42,5 @@ def fault_of_target(target):
 
 if wrong := list(filter(None, map(fault_of_target, TARGETS))):
     end("\n".join(wrong))
-say_what_is_left_out()
+if workflow.is_main_process:
+    say_what_is_left_out()
