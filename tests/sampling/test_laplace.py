@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deabayes.sampling.laplace import laplace
-from deabayes.sampling.problem import Coordinates, EveryDrawFailed, Problem
+from deabayes.sampling.laplace import _Normal, laplace
+from deabayes.sampling.problem import Coordinates, EveryDrawFailed, Problem, Target
 
 SIZE = 4000
 
@@ -58,8 +58,20 @@ def test_a_model_that_fails_beside_the_peak_is_told() -> None:
         return np.where(inside, 0.0, np.where(z[:, 0] < 1.0, -((z[:, 0] - 1.0) ** 2), -np.inf))
 
     edge = found(log_likelihood)
-    assert edge.not_curved == 2
+    assert edge.not_curved == 1, "the other direction is the prior's"
     assert np.isfinite(edge.draws).all()
+
+
+def test_a_normal_density_whose_draws_all_fail_has_none() -> None:
+    """As beside a peak that is much narrower than its curvature says."""
+
+    def fails_beside_zero(z):
+        return np.where(np.abs(z).max(axis=1) < 1e-12, 0.0, np.nan)
+
+    target = Target(fails_beside_zero)
+    normal = _Normal(target, Coordinates(), np.zeros(2), np.eye(2), 0)
+    draws, effective = normal.sample(np.random.default_rng(1), SIZE)
+    assert draws.shape == (0, 2) and effective == 0.0
 
 
 def test_a_bent_ridge_is_called_not_normal_unless_coordinates_straighten_it() -> None:

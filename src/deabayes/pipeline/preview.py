@@ -33,6 +33,8 @@ DRAWS = 1000
 """Draws from the normal density, from which the intervals are computed."""
 ROUGH = 0.05
 """The intervals are called rough if the effective share of the draws is smaller."""
+MOST_NAMED = 5
+"""Most records that are named on the screen."""
 FOLDER, INDEX = "preview", "index.json"
 MARK = "preview: best fit, not sampled"
 """What every row of a preview's tables says of itself."""
@@ -141,7 +143,9 @@ def _summary(candidate: str, target: LogPosterior, found: Laplace) -> pd.DataFra
     derived = target.system.derived(target.draws(peak))
     named |= {name: (each.symbol, each.unit, "derived") for name, each in derived.items()}
     best = quantities(target, peak)
-    draws = quantities(target, target.prior.to_parameters(found.draws))
+    draws = {name: values[:0] for name, values in best.items()}
+    if len(found.draws):
+        draws = quantities(target, target.prior.to_parameters(found.draws))
     rows = []
     for name, (symbol, unit, kind) in named.items():
         finite = draws[name][np.isfinite(draws[name])]
@@ -174,7 +178,9 @@ def doubts(found: Laplace) -> Iterator[str]:
             f"{found.peak.size} directions the best fit is no clear peak, and the intervals "
             "are a guess there"
         )
-    if found.effective < ROUGH:
+    if not len(found.draws):
+        yield "the model fails everywhere near the best fit, so there are no intervals"
+    elif found.effective < ROUGH:
         yield "the posterior is not normal near the best fit, so the intervals are rough"
 
 
@@ -260,7 +266,8 @@ def in_words(study: Study, previews: Sequence[Preview], output: Path) -> list[st
             best, low, high = (x / unit.factor for x in (row.estimate, row.q05, row.q95))
             line = f"  {row.parameter:24} {best:10.4g} ({low:.4g} to {high:.4g}) {unit.label}"
             lines.append(line.rstrip())
-        said = [f"{r.experiment} {r.e_rms_percent:.2g} %" for r in each.records.itertuples()]
-        lines.append(f"  error (e_rms): {', '.join(said)}")
+        worst = each.records.nlargest(MOST_NAMED, "e_rms_percent")
+        said = [f"{r.experiment} {r.e_rms_percent:.2g} %" for r in worst.itertuples()]
+        lines.append(f"  largest errors (e_rms): {', '.join(said)}")
         lines += [f"  Note: {doubt}." for doubt in each.doubts]
     return lines

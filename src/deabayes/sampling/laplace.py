@@ -105,13 +105,11 @@ class _Normal:
         for step in (FIRST_STEP, SECOND_STEP):
             factor = fisher_factors(target, u, factor, coordinates, step)
         density = cls(target, coordinates, u[0], factor[0], 0)
-        curvature = _curvature(density, STEP)
-        if not np.isfinite(curvature).all():
-            return cls(target, coordinates, u[0], factor[0], len(curvature))
+        curvature, failed = _curvature(density, STEP)
         eigenvalues, vectors = np.linalg.eigh(curvature)
         flat = eigenvalues <= 0.0
         root = factor[0] @ (vectors / np.sqrt(np.where(flat, 1.0, eigenvalues)))
-        return cls(target, coordinates, u[0], root, int(flat.sum()))
+        return cls(target, coordinates, u[0], root, failed + int(flat.sum()))
 
     def log_posterior(self, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return z (W, d) at the peak plus root times steps, and the log density of u there.
@@ -128,16 +126,19 @@ class _Normal:
         """Return draws of z, and their effective share (see `Laplace`)."""
         steps = rng.standard_normal((size, self.peak.size))
         z, value = self.log_posterior(steps)
+        if not np.isfinite(value).any():
+            return z[:0], 0.0
         log_weights = value + 0.5 * np.einsum("wd,wd->w", steps, steps)
         weights = np.exp(log_weights - log_weights.max())
         effective = float(weights.sum() ** 2 / (weights @ weights) / size)
         return z[np.isfinite(value)], effective
 
 
-def _curvature(density: _Normal, step: float) -> FloatArray:
+def _curvature(density: _Normal, step: float) -> tuple[FloatArray, int]:
     """Minus the second derivatives (d, d) of a log density at its peak, along its root's columns.
 
-    They are NaN or infinite where the model fails beside the peak.
+    Also returns the number of directions in which the model fails beside the peak. There, the
+    curvature is 1, as the Fisher information says.
     """
     d = density.peak.size
     rows, columns = np.tril_indices(d)
@@ -148,4 +149,8 @@ def _curvature(density: _Normal, step: float) -> FloatArray:
     with np.errstate(invalid="ignore"):
         second = (values[1] + values[2] - values[0] - values[3]) / (4.0 * step**2)
     matrix[rows, columns] = matrix[columns, rows] = second
-    return matrix
+    failed = ~np.isfinite(np.diagonal(matrix))
+    matrix[~np.isfinite(matrix)] = 0.0
+    matrix[failed] = matrix[:, failed] = 0.0
+    matrix[failed, failed] = 1.0
+    return matrix, int(failed.sum())
