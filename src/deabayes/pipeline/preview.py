@@ -264,7 +264,8 @@ def in_words(study: Study, previews: Sequence[Preview], output: Path) -> list[st
         for row in shown.itertuples():
             unit = display_unit(row.unit, row.estimate, row.parameter)
             best, low, high = (x / unit.factor for x in (row.estimate, row.q05, row.q95))
-            line = f"  {row.parameter:24} {best:10.4g} ({low:.4g} to {high:.4g}) {unit.label}"
+            interval = f"({low:.4g} to {high:.4g})" if np.isfinite(low) else "(not known)"
+            line = f"  {row.parameter:24} {best:10.4g} {interval} {unit.label}"
             lines.append(line.rstrip())
         worst = each.records.nlargest(MOST_NAMED, "e_rms_percent")
         said = [f"{r.experiment} {r.e_rms_percent:.2g} %" for r in worst.itertuples()]
