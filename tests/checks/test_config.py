@@ -112,5 +112,6 @@ def test_public_data_that_are_not_here_leave_a_study_out(
     found = checked()
     assert "tables" not in found.studies and "tables" not in found.faults
     assert found.left_out[0] == f"tables left out: {why}"
+    assert checked("results/sound/figures").left_out == []
     with pytest.raises(Faults, match=f"results/tables/figures: .*{why}"):
         only_asked(loaded(), ["results/tables/figures"], RESULTS)

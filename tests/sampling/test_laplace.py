@@ -91,6 +91,26 @@ def test_a_bent_ridge_is_called_not_normal_unless_coordinates_straighten_it() ->
     assert bent.effective < 0.1 < 0.2 < straight.effective
 
 
+def test_the_density_is_that_of_the_straight_coordinates() -> None:
+    """exp(z) is normal: its density has the factor exp(z), which z must have too."""
+
+    class Logarithm:
+        def straighten(self, u):
+            jacobian = u[:, 0].copy()
+            u[:, 0] = np.exp(u[:, 0])
+            return jacobian
+
+        def bend(self, u):
+            u[:, 0] = np.log(u[:, 0])
+
+    def log_likelihood(z):
+        return -0.5 * ((np.exp(z[:, 0]) - 1.0) / 0.4) ** 2 + z[:, 0] + 0.5 * z[:, 0] ** 2
+
+    normal = found(log_likelihood, coordinates=Coordinates((Logarithm(),)))
+    assert normal.effective > 0.8
+    assert np.exp(normal.draws[:, 0]).std() == pytest.approx(0.4, rel=0.04)
+
+
 def test_no_start_with_a_likelihood_is_an_error() -> None:
     with pytest.raises(EveryDrawFailed):
         found(lambda z: np.full(len(z), np.nan))
