@@ -148,8 +148,8 @@ def check_config(found: CheckedConfig, results: Path) -> None:
     ----------
     results : folder of the results, which `prior_from` names.
     """
-    faults = {name: _faults_of_names(study) for name, study in found.studies.items()}
-    _drop(found, {name: of_study for name, of_study in faults.items() if of_study})
+    by_study = {name: _faults_of_names(study) for name, study in found.studies.items()}
+    _drop(found, {name: faults for name, faults in by_study.items() if faults})
     for name, population in list(found.populations.items()):
         if faults := check_population(population, found.studies):
             del found.populations[name]
