@@ -33,7 +33,7 @@ def draw(predictions: Iterable[xr.Dataset], name: str) -> list[Figure]:
     with style.applied():
         figures = panels.record_sheets(side_by_side(predictions), 44, _panel, entries)
         for figure in figures:
-            style.header(figure, f"{name}  ·  preview: best fit, not sampled")
+            style.finish(figure, f"{name}  ·  preview: best fit, not sampled")
             style.watermark(figure, "PREVIEW")
     return figures
 

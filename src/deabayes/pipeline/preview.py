@@ -234,7 +234,7 @@ def _draw(
     errors: Sequence[float],
     folder: Path,
 ) -> None:
-    """Write the figure of data and fit, `{candidate}[_{sheet}].svg` and `.png`."""
+    """Write the figure of data and fit, `{candidate}[_{sheet}]`.svg, .png and .pdf."""
     from deabayes.figures import preview, style
     from deabayes.prediction.bands import to_dataset
 
@@ -250,7 +250,8 @@ def _draw(
     for number, figure in enumerate(sheets, start=1):
         stem = f"{fitted.candidate}_{number}" if len(sheets) > 1 else fitted.candidate
         with style.applied():
-            style.write(figure, folder / f"{stem}.svg", folder / f"{stem}.png")
+            names = [study.name, fitted.candidate]
+            style.write(figure, folder / stem, ", ".join(["Preview", *names]), names)
 
 
 def in_words(study: Study, previews: Sequence[Preview], output: Path) -> list[str]:
