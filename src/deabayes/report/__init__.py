@@ -1,7 +1,8 @@
 """Build the report: one self-contained page about studies, made only from results files.
 
 `tables` makes the rows of all tables, `notices` the warnings, and `words` all other sentences.
-`contents` gives them to `template.html`, together with the figures, which `images` shrinks.
+`cards` chooses from them what the first screen shows. `images` shrinks the printed figures, and
+`interactive` makes the ones to zoom into. `contents` gives all of it to the templates in `page`.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def build(
     """
     from deabayes.figures.results import PopulationResults, StudyResults, results_of
     from deabayes.files import write_text_atomically
-    from deabayes.report.contents import render
+    from deabayes.report.contents import Place, render, shown
     from deabayes.report.images import embed_all
     from deabayes.report.tables import write_csv
 
@@ -62,8 +63,10 @@ def build(
     _check_names(populations)
     figures = {one.folder: _figures(one.folder) for one in results}  # may raise: before writing
     write_csv(studies, Path(tables_folder), populations)
-    images = embed_all([sheet for sheets in figures.values() for sheet in sheets])
-    page = render(studies, figures, left_out, images, populations, Path(tables_folder), failed)
+    sheets = [sheet for one in results for sheet in shown(figures[one.folder], one)]
+    images = embed_all(sheets, Path(output))
+    place = Place(Path(output), Path(tables_folder))
+    page = render(studies, figures, left_out, images, place, populations, failed)
     write_text_atomically(page, Path(output))
     return Path(output)
 

@@ -26,6 +26,8 @@ GATES = (
 )  # fmt: skip
 """Sampling settings that more steps help to reach, each with the value reached so far."""
 MOST_NAMED = 6
+REJECTING = "The fitted records reject the model"
+TOO_NARROW = "Bands too narrow for held-out records"
 
 
 @dataclass(frozen=True)
@@ -329,7 +331,7 @@ PREDICTION_CHECKS = (
 """Checks that apply to predictions of a new specimen too."""
 CHECKS = (
     Check("A bound of a prior limits a parameter", leaning),
-    Check("The fitted records reject the model", rejecting_records),
+    Check(REJECTING, rejecting_records),
     *PREDICTION_CHECKS,
     Check("Correlated noise replaces physics that the model lacks", noise_replaces_physics),
     Check("A correlation length of the noise is limited by its prior", noise_at_its_bound),
@@ -338,6 +340,6 @@ CHECKS = (
     Check("Moved by prior and data", moved_by_both, serious=False),
     Check("Moved by the prior", moved_by_prior, serious=False),
     Check("Noise taken from other records", noise_of_other_records),
-    Check("Bands too narrow for held-out records", narrow_bands),
+    Check(TOO_NARROW, narrow_bands),
     FIT_WARNINGS,
 )

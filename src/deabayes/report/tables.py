@@ -19,6 +19,7 @@ from deabayes.figures.results import (
 )
 from deabayes.population.coordinate import OF_LOGARITHM
 from deabayes.posteriors.sensitivity import in_words
+from deabayes.prediction.errors import NARROW_COVERAGE, REJECTED
 from deabayes.quantities import (
     ROLES,
     display_unit,
@@ -57,6 +58,8 @@ DIGITS = 4
 """Significant digits of a number without interval, as many as the papers print."""
 LONGEST = 80
 """Most rows of a table on the page; longer tables are only in the report's tables folder."""
+HAVE_IT = "you have it: move it to `calibrate`"
+"""What is said of a record that is held out and would be a telling further experiment."""
 KINDS = {
     "material": "Material",
     "specimen": "Specimen (measured, with uncertainty)",
@@ -71,6 +74,7 @@ def write_csv(
     """Write the tables of studies and populations as CSV, in full precision and SI units.
 
     `{study}_{errors,summary,comparison,further_experiments}.csv` hold all candidates of a study.
+    `{study}_{candidate}_predictions.csv` holds the points of its figures, with seven digits.
     `{study}_{table}.csv` holds a table of its analyses.
     `population_{name}_{summary,shrinkage}.csv` hold the tables of a population.
     """
@@ -86,12 +90,14 @@ def write_csv(
             "comparison": None if study.comparison is None else study.comparison.reset_index(),
             "further_experiments": study.further_experiments,
         }
+        tables |= {f"{n}_predictions": predictions(c) for n, c in candidates.items()}
         for analysis in study.analyses:
             tables |= analysis.tables
         for kind, table in tables.items():
             if table is not None:
                 table = table.assign(provenance=study.provenance)
-                table.to_csv(folder / f"{study.name}_{kind}.csv", index=False)
+                digits = "%.7g" if kind.endswith("_predictions") else None
+                table.to_csv(folder / f"{study.name}_{kind}.csv", index=False, float_format=digits)
     for population in populations:
         for kind, table in (
             ("summary", population.summary.reset_index()),
@@ -101,8 +107,24 @@ def write_csv(
             table.to_csv(folder / f"population_{population.name}_{kind}.csv", index=False)
 
 
-def _flat(table: pd.DataFrame | None) -> pd.DataFrame | None:
-    return None if table is None else table.reset_index()
+def predictions(results: CandidateResults) -> pd.DataFrame | None:
+    """Every point of every record with its prediction and bands, in SI; None without records."""
+    rows = [
+        pd.DataFrame({
+            "experiment": name,
+            "role": p.attrs["role"],
+            "coordinate": p["coordinate"].values,
+            **{each: p[each].values for each in ("excitation", "observed", "median", "mean")},
+            **{
+                f"{band}_{100 * level:.0f}_{bound}": p[band].sel(level=level, bound=bound).values
+                for band in ("parameter", "discrepancy", "predictive")
+                for level in p["level"].values
+                for bound in p["bound"].values
+            },
+        })
+        for name, p in results.predictions.items()
+    ]  # fmt: skip
+    return pd.concat(rows, ignore_index=True) if rows else None
 
 
 def _stacked(tables: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame | None:
@@ -174,15 +196,17 @@ def parameters(results: CandidateResults) -> dict[str, Rows]:
         return {}
     groups = {
         title: [
-            _parameter(results, n, table.loc[n]) for n in results.names(kind) if n in table.index
+            parameter(results, n) for n in results.names(kind) if n in table.index
         ]
         for kind, title in KINDS.items()
     }
     return {title: rows for title, rows in groups.items() if rows}
 
 
-def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str, Any]:
-    label = results.label(name)
+def parameter(results: CandidateResults, name: str) -> dict[str, Any]:
+    """Row of a quantity of summary.csv; its prior is in the same unit as its value."""
+    assert results.summary is not None
+    row, label = results.summary.loc[name], results.label(name)
     unit = display_unit(label["unit"], row["median"], name)
     contraction = float(row["contraction"])
     return {
@@ -197,8 +221,21 @@ def _parameter(results: CandidateResults, name: str, row: pd.Series) -> dict[str
         "r_hat": f"{row['r_hat']:.3f}",
         "ess": f"{row['ess_bulk']:.0f} / {row['ess_tail']:.0f}",
         "converged": bool(row["converged"]),
-        "prior": label["prior"],
+        "prior": _prior(results, name, unit.factor),
+        "prior_law": law(label["prior"]),
     }
+
+
+def _prior(results: CandidateResults, name: str, factor: float) -> str:
+    """Median [5 %, 95 %] of the prior; a dash if the posterior file has no draws of it."""
+    draws = results.prior[name].values if name in results.prior else np.empty(0)
+    finite = draws[np.isfinite(draws)] / factor
+    return interval(*np.quantile(finite, [0.5, 0.05, 0.95])) if finite.size else "–"
+
+
+def law(described: str) -> str:
+    """Name of a prior without its settings: ``log-normal`` of ``log-normal, median 35e3, ...``."""
+    return re.split(r",? (?:a likelihood|misfit|multivariate|median|mean|lower|sd)\b", described)[0]
 
 
 def _sensitivities(row: pd.Series) -> str:
@@ -225,7 +262,7 @@ def errors(results: CandidateResults) -> dict[str, Rows]:
 
 
 def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
-    flag = row["extrapolation"]
+    flag, p = row["extrapolation"], float(row.get("pit_p", np.nan))
     attributes = results.predictions[row["experiment"]].attrs
     crps = display_unit(attributes["response_unit"], row["crps"], attributes["response_name"])
     return {
@@ -238,17 +275,22 @@ def _error(results: CandidateResults, row: pd.Series) -> dict[str, Any]:
         "crps": ""
         if np.isnan(row["crps"])
         else f"{significant(row['crps'] / crps.factor)} {crps.label}".strip(),
-        "pit": _uniform(float(row.get("pit_p", np.nan))),
+        "pit": _as_predicted(p, row["coverage_90"]),
         "extrapolation": flag if isinstance(flag, str) else "",
+        "flagged": isinstance(flag, str) or row["coverage_90"] < NARROW_COVERAGE or p < REJECTED,
     }
 
 
-def _uniform(p: float) -> str:
-    """Verdict on the p-value of uniform PIT, with the 5 % limit of the figure `pit`."""
+def _as_predicted(p: float, coverage: float) -> str:
+    """Verdict on the p-value of uniform PIT, with the 5 % limit of the figure `pit`.
+
+    Points are not as predicted either if the 90 % band misses the record.
+    """
     if np.isnan(p):
         return ""
     shown = f"p = {fixed(p, 3)}" if p >= 0.0005 else "p < 0.001"
-    return f"{'as predicted' if p >= UNIFORM else 'not as predicted'}, {shown}"
+    good = p >= UNIFORM and not coverage < NARROW_COVERAGE
+    return f"{'as predicted' if good else 'not as predicted'}, {shown}"
 
 
 def _percent(share: float) -> str:
@@ -294,7 +336,7 @@ def further_experiments(study: StudyResults) -> Rows:
     return [
         {
             "experiment": row["experiment"],
-            "what": row["what"] + (", held-out record" if row["held_out"] else ""),
+            "what": row["what"],
             "probability": _with_error(row["probability_right"], row["probability_right_error"], 2),
             "candidate": _with_error(
                 row["information_candidate_nats"], row["information_candidate_error_nats"], 2
@@ -302,6 +344,7 @@ def further_experiments(study: StudyResults) -> Rows:
             "parameters": [
                 f"{name} {_with_error(row[f'information_{name}_nats'])}" for name in names
             ],
+            "held_out": bool(row["held_out"]),
             "cautions": _cautions(row),
         }
         for _, row in table.iterrows()
@@ -309,8 +352,9 @@ def further_experiments(study: StudyResults) -> Rows:
 
 
 def _cautions(row: pd.Series) -> list[str]:
-    cautions = [row["extrapolation"]] if isinstance(row["extrapolation"], str) else []
-    if row["failed_share"] > 0.0:
+    cautions = [HAVE_IT] if row["held_out"] else []
+    cautions += [row["extrapolation"]] if isinstance(row["extrapolation"], str) else []
+    if row["failed_share"] > 0.0 and not row["held_out"]:
         percent = f"{100 * row['failed_share']:.3g} %"
         cautions.append(
             f"{percent} of the draws have no response ({row['failure']}): the specimen may not "

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 
 from deabayes.comparison.verdicts import NOT_RANKED
 from deabayes.figures.noise_share import sizes
 from deabayes.figures.results import StudyResults
-from deabayes.prediction.errors import rejected
+from deabayes.prediction.errors import MOST_NAMED, missed, rejected
 from deabayes.quantities import significant
 
 SURE, MAY_FAIL = 0.9, 0.01
@@ -161,17 +164,89 @@ GLOSSARY_OF_POPULATIONS = {
 
 
 def verdict(study: StudyResults) -> str:
-    """State which candidate to use, and whether its calibration records reject it."""
-    errors = study.recommended.errors
-    rejecting = [] if errors is None else list(rejected(errors)["experiment"])
+    """State which candidate to use, and which checks of the records it fails."""
     choice = " ".join(filter(None, (_choice(study), _cost_of_smaller(study))))
-    if not rejecting:
-        return choice
-    return (
-        f"{choice} But the records to which it was fitted reject it "
-        f"({', '.join(rejecting)}). All these models lack something, and parameters may be off by "
-        "more than their intervals say."
+    failing = [check.text for check in checks(study) if check.failed]
+    return " ".join([choice, *(f"But {text[0].lower()}{text[1:]}." for text in failing)])
+
+
+class Outcome(NamedTuple):
+    """A check of the recommended candidate: its outcome in words, and whether it failed."""
+
+    text: str
+    failed: bool
+
+
+def checks(study: StudyResults) -> list[Outcome]:
+    """Outcomes of the two checks that a model must pass: on fitted and on held-out records.
+
+    No other words of the report may call a model good if one of them failed.
+    """
+    errors = study.recommended.errors
+    if errors is None:
+        return []
+    by_role = {role: errors[errors["role"] == role] for role in ("calibrate", "validate")}
+    fitted, held_out = by_role["calibrate"], by_role["validate"]
+    return [*_check_fitted(fitted, rejected(errors)), _check_held_out(held_out, missed(errors))]
+
+
+def _check_fitted(fitted: pd.DataFrame, bad: pd.DataFrame) -> list[Outcome]:
+    if fitted.empty:
+        return []
+    if bad.empty:
+        return [Outcome(f"No fitted record ({len(fitted)}) rejects the model", False)]
+    who = "The fitted record rejects" if len(fitted) == 1 else f"{_some(bad, fitted)} fitted records reject"
+    return [
+        Outcome(
+            f"{who} the model ({_named(bad)}): it lacks something, and parameters may be off by more "
+            "than their intervals say",
+            True,
+        )
+    ]
+
+
+def _check_held_out(held_out: pd.DataFrame, bad: pd.DataFrame) -> Outcome:
+    if held_out.empty:
+        return Outcome("No record was held out, so predictions are not tested", False)
+    if bad.empty:
+        least = f"{100 * held_out['coverage_90'].min():.0f} %"
+        return Outcome(
+            f"The 90 % band holds at least {least} of each held-out record ({len(held_out)})", False
+        )
+    return Outcome(
+        f"The 90 % band is too narrow for {_some(bad, held_out)} held-out records ({_named(bad)})",
+        True,
     )
+
+
+def _some(bad: pd.DataFrame, every: pd.DataFrame) -> str:
+    return f"{len(bad)} of {len(every)}"
+
+
+def _named(rows: pd.DataFrame) -> str:
+    names = list(rows["experiment"])
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
+
+
+def headline(study: StudyResults) -> tuple[str, list[str]]:
+    """Return what to use in a few words, and how sure that is, clause by clause."""
+    best, count = study.recommended.name, len(study.candidates)
+    if not any(candidate.converged for candidate in study.candidates):
+        return "No candidate converged", ["sample longer; use none of these numbers"]
+    if study.comparison is None and count > 1:
+        return f"{best}, not compared", [f"{count} candidates were fitted and not compared"]
+    if study.comparison is None or count < 2:
+        return best, ["the only candidate"]
+    text = str(study.comparison["verdict"].get(best, "not compared"))
+    clauses = text.removeprefix("chosen: ").split("; ")
+    if text.startswith("nothing to compare"):
+        return f"{best}, not recommended", ["the only candidate that converged"]
+    if text.startswith("not resolved"):
+        return "Order not resolved", clauses
+    if any(check.failed for check in checks(study)):
+        return f"{best}, best of {count}", clauses
+    return f"Use {best}", clauses
 
 
 def _choice(study: StudyResults) -> str:
@@ -191,6 +266,8 @@ def _choice(study: StudyResults) -> str:
         )
     if text.startswith("not resolved"):
         return f"The records do not decide the model order; {best.name} is shown ({text})."
+    if any(check.failed for check in checks(study)):
+        return f"Of {count} candidates, {best.name} is best: {text.removeprefix('chosen: ')}."
     return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
 
 
@@ -258,34 +335,66 @@ def may_hide(study: StudyResults) -> str:
 
 
 def further_sentence(study: StudyResults) -> str:
-    """Propose the best further experiment; empty unless there are several candidates."""
+    """Propose the best further experiment; empty unless there are several candidates.
+
+    A held-out record is not proposed, because it was already measured. If it would tell the
+    candidates apart, the sentence says to fit it.
+    """
     table = study.further_experiments
     names = [] if table is None else str(table["candidates"].iloc[0]).split(", ")
     if table is None or len(names) < 2:
         return ""
+    held_out = table["held_out"].astype(bool)
+    return " ".join(filter(None, (_to_fit(table[held_out], names), _to_do(table[~held_out], names))))
+
+
+def _among(names: Sequence[str]) -> str:
+    """Name the candidates to tell apart: ``a from b and c``."""
     others = names[1] if len(names) == 2 else f"{', '.join(names[1:-1])} and {names[-1]}"
-    question = f"tell {names[0]} from {others}"
-    several = f"None of the {len(table)} experiments considered would"
-    none = several if len(table) > 1 else "The only experiment considered would not"
+    return f"{names[0]} from {others}"
+
+
+def _informative(table: pd.DataFrame) -> pd.Series:
     nats = table["information_candidate_nats"]
-    informative = nats > 2.0 * table["information_candidate_error_nats"]
-    safe = table["failed_share"] <= MAY_FAIL
+    return nats > 2.0 * table["information_candidate_error_nats"]
+
+
+def _to_fit(held_out: pd.DataFrame, names: Sequence[str]) -> str:
+    """Name the held-out record that would tell the candidates apart; empty if none would."""
+    telling = held_out[_informative(held_out)]
+    if telling.empty:
+        return ""
+    best = _preferred(telling)
+    return (
+        f"To tell {_among(names)}, the most telling record that is held out is "
+        f"{best['experiment']}. You have it: move it to `calibrate`. It would decide rightly with "
+        f"probability {best['probability_right']:.2f} ({1.0 / len(names):.2f} is guessing), but no "
+        "longer test predictions."
+    )
+
+
+def _to_do(table: pd.DataFrame, names: Sequence[str]) -> str:
+    """Propose an experiment that was not done yet, or say that none of them would decide."""
+    if table.empty:
+        return ""
+    question = f"tell {_among(names)}"
+    several = f"None of the {len(table)} further experiments considered would"
+    none = several if len(table) > 1 else "The only further experiment considered would not"
+    informative, safe = _informative(table), table["failed_share"] <= MAY_FAIL
     if not (informative & safe).any():
         risky = informative & ~safe
         but = ", except some that the specimen may not survive" if risky.any() else ""
         return f"{none} be expected to {question}{but}."
     best = _preferred(table[informative & safe])
     name = f"{best['experiment']} ({best['what']})"
-    name = f"the held-out record {name}" if best["held_out"] else name
     probability = f"{best['probability_right']:.2f}"
     flag = best["extrapolation"]
-    caution = f" It is an extrapolation ({flag})." if isinstance(flag, str) else ""
+    caution = f" It is an extrapolation ({flag})." if isinstance(flag, str) and flag else ""
     if best["probability_right"] < SURE:
         return (
             f"{none} surely {question}. The best is {name}: it would decide rightly with "
             f"probability {probability} ({1.0 / len(names):.2f} is guessing).{caution}"
         )
-    name = name.replace("the held-out", "The held-out", 1)
     return (
         f"{name} would be expected to {question}. It would decide rightly with probability "
         f"{probability}.{caution}"
@@ -295,12 +404,10 @@ def further_sentence(study: StudyResults) -> str:
 def _preferred(table: pd.DataFrame) -> pd.Series:
     """Choose among the experiments that are as informative as the best one, within errors.
 
-    A held-out record comes first, because it is already measured, then an experiment inside the
-    calibrated range.
+    One inside the calibrated range comes first.
     """
     nats, error = table["information_candidate_nats"], table["information_candidate_error_nats"]
     margin = np.maximum(2.0 * np.hypot(error, error.iloc[0]), ROUNDING)
     equal = table[nats >= nats.iloc[0] - margin]
     outside = equal["extrapolation"].map(lambda flag: isinstance(flag, str) and bool(flag))
-    order = equal.assign(new=~equal["held_out"].astype(bool), outside=outside)
-    return equal.loc[order.sort_values(["new", "outside"], kind="stable").index[0]]
+    return equal.loc[outside.sort_values(kind="stable").index[0]]

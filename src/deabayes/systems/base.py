@@ -124,6 +124,9 @@ class System(ABC):
     optional_quantities: ClassVar[Mapping[str, str]] = {}
     meanings: ClassVar[Mapping[str, str]] = {}
     """Channel or quantity -> explanation where the name is not enough; `deabayes new` prints it."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Patterns (`tau_*`) of the quantities that a reader wants first; the report begins with the
+    five that match first."""
 
     candidate: str
     order: int

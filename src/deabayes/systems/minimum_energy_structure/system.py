@@ -92,6 +92,8 @@ class MinimumEnergyStructure(System):
     required_quantities: ClassVar[Mapping[str, str]] = REQUIRED
     optional_quantities: ClassVar[Mapping[str, str]] = OPTIONAL
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
+    headline = ("mu_0", "relative_permittivity", "natural_frequency", "tau_*", "snap_voltage",
+                "blocking_force_*", "free_displacement_*")  # fmt: skip
 
     def __init__(
         self,

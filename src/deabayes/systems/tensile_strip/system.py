@@ -77,6 +77,7 @@ class TensileStrip(System):
     required_quantities: ClassVar[Mapping[str, str]] = {}
     optional_quantities: ClassVar[Mapping[str, str]] = {"gauge_length": "m", "cross_section": "m^2"}
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
+    headline = ("shear_modulus_total", "shear_modulus_long_term", "relaxation_time_*")
 
     def __init__(
         self, candidate: str, specimen: Specimen, tolerance: float = DEFAULT_TOLERANCE

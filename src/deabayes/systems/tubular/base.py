@@ -118,6 +118,8 @@ class TubularBase(System):
         "sensor_delay": "s",
     }
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
+    headline = ("E_0", "strain_per_kV2_total", "resonance_frequency", "electrical_time_constant",
+                "tau_*", "compliance_total")  # fmt: skip
 
     circuit: bool
     """Whether the candidate has R_S, R_L and C."""
