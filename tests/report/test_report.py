@@ -21,43 +21,27 @@ from deabayes.report.contents import figure_folders
 from deabayes.report.images import QUALITIES, shrink
 from deabayes.report.tables import parameters
 
-UNCONVERGED = Fake(
-    name="fake_tube",
-    provenance="simulated",
-    converged=False,
-    candidates=(1,),
-    protocols=("creep", "sine", "sine"),
-    extrapolation="voltage 0 to 3500 V lies outside the calibrated 0 to 2500 V",
-    correlated_noise=8e3,
-    warnings=("3 gaps in the sampling",),
-)
-LEFT_OUT = "silicones: the records are not here; set DEABAYES_DATA <folder>"
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    folder = tmp_path_factory.mktemp("results")
-    protocols = ("relaxation", "load_unload")
-    studies = [
-        write_study(folder, Fake(candidates=(1, 2), protocols=protocols)),
-        write_study(folder, UNCONVERGED),
-    ]
-    output = folder / "report" / "index.html"
-    few = {name: figures.REGISTRY[name] for name in ("data_and_bands", "errors")}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "REGISTRY", few)
-        assert build(studies, output, folder / "report" / "tables", [LEFT_OUT]) == output
-    return output.read_text(encoding="utf-8"), folder / "report" / "tables"
-
 
 def test_page_refers_to_nothing_outside_itself(built: tuple[str, Path]) -> None:
     page = built[0]
-    sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
+    sources = re.findall(r'src="([^"]{0,40})', page)
     assert sources
-    assert all(s.startswith(("data:image/png;base64,", "#")) for s in sources)
-    for outside in ("@import", "url(", "<script"):
+    assert all(s.startswith("data:image/webp;base64,") for s in sources)
+    for outside in ("@import", "url(", "<link", "<script src"):
         assert outside not in page
     assert len(page) < 15e6
+
+
+def test_page_links_to_files_beside_it(built: tuple[str, Path]) -> None:
+    page, tables = built
+    targets = set(re.findall(r'href="([^"#]+)"', page))
+    assert all((tables.parent / target).is_file() for target in targets)
+    assert {
+        "../fake_strip/figures/kv_gm_2_data_and_bands.svg",
+        "tables/fake_strip_kv_gm_1_predictions.csv",
+        "tables/fake_strip_kv_gm_2_predictions.csv",
+        "tables/fake_tube_summary.csv",
+    } <= targets
 
 
 def test_page_names_the_folders_of_its_figures_and_tables(built: tuple[str, Path]) -> None:
@@ -98,19 +82,21 @@ def test_anchors_of_the_contents_exist(built: tuple[str, Path]) -> None:
     assert "<dt>R-hat</dt>" in built[0] and "<dt>Shrinkage</dt>" not in built[0]
 
 
-def test_warnings_come_before_results(built: tuple[str, Path]) -> None:
+def test_verdicts_come_first_then_what_not_to_trust(built: tuple[str, Path]) -> None:
     text = re.sub(r'src="[^"]*"', "", built[0])
-    place = text.index("Read this first")
-    assert place < text.index("Left out") < text.index("Contents") < text.index("What was fitted")
-    for words in (
-        "mu_alpha: R-hat 1.310 is not below 1.01",
-        "Extrapolation",
-        "Correlated noise replaces physics that the model lacks",
-        "Set by the prior",
-    ):
-        assert place < text.index(words) < text.index("Contents")
+    parts = ("Use kv_gm_2", "No candidate converged", "Left out", "Of 2 candidates, use kv_gm_2",
+             "mu_alpha: R-hat 1.310 is not below 1.01", "Words used</h2>")  # fmt: skip
+    places = [text.index(part) for part in parts]
+    assert places == sorted(places)
+    strip = text[text.index('<section id="fake_strip"') : text.index('<section id="fake_tube"')]
+    headings = ("What not to trust", "Parameters", "Errors", "Predictions of kv_gm_2", "Records")
+    places = [strip.index(f">{heading}</h3>") for heading in headings]
+    assert places == sorted(places)
+    tube = text[text.index('<section id="fake_tube"') :]
+    for part, words in ((strip, "Set by the prior, not by the data"), (tube, "Extrapolation"),
+                        (tube, "Correlated noise replaces"), (tube, "3 gaps in the")):  # fmt: skip
+        assert part.index(">What not to trust<") < part.index(words) < part.index(">Parameters<")
     assert "set DEABAYES_DATA &lt;folder&gt;" in text
-    assert "3 gaps in the sampling" in text[: text.index("Contents")]
 
 
 def test_simulated_and_unconverged_are_tagged_at_tables(built: tuple[str, Path]) -> None:
@@ -122,8 +108,8 @@ def test_simulated_and_unconverged_are_tagged_at_tables(built: tuple[str, Path])
 
 
 def test_other_candidates_are_folded_away(built: tuple[str, Path]) -> None:
-    assert "<details><summary>kv_gm_1" in built[0]
-    assert "<details><summary>kv_gm_2" not in built[0]
+    assert '<details class="figure"><summary>kv_gm_1' in built[0]
+    assert '<details class="figure"><summary>kv_gm_2' not in built[0]
 
 
 def test_tables_hold_all_candidates_at_full_precision(built: tuple[str, Path]) -> None:
@@ -156,6 +142,9 @@ def test_parameter_rows_have_display_units_and_say_what_decided_them(
     assert rows["mu_alpha"]["unit"] == "kPa"
     assert rows["mu_alpha"]["value"].startswith(("34.9", "35.0"))
     assert rows["mu_alpha"]["symbol"] == "μ<sub>α</sub>"
+    assert (
+        rows["mu_alpha"]["prior"].startswith("4") and rows["mu_alpha"]["prior_law"] == "log-normal"
+    )
     shown = {name: (row["sensitivities"], row["decided_by"]) for name, row in rows.items()}
     assert shown["mu_alpha"] == ("0.234 / 0.412", "moved by prior and data")
     assert shown["tau_beta_1"] == ("0.120 / 0.010", "moved by the prior")
@@ -243,10 +232,11 @@ def test_embedded_figures_keep_the_colours_of_areas(
     original.save(path := tmp_path / "figure.png")
     data, size = shrink(path, width, colours)
     assert size == original.size and len(data) < 20_000
-    (small := tmp_path / "small.png").write_bytes(data)
+    (small := tmp_path / "small.webp").write_bytes(data)
     with Image.open(small) as opened:
         found = np.asarray(opened.convert("RGB")).astype(int)
-        assert len(opened.getcolors()) <= colours
+        assert len(opened.convert("RGB").getcolors()) <= colours
+    assert tuple(found[5, 5]) == (255, 255, 255)
     factor = found.shape[1] / original.size[0]
     for k in range(12):
         x, y = 65 + 110 * k, 40

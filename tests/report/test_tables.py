@@ -40,7 +40,8 @@ def test_errors_are_in_percent_and_the_score_has_the_responses_unit():
     assert row == {
         "experiment": "a", "protocol": "load unload", "e_rms": "1.23 [1.00, 1.50]",
         "e_m": "4.32 [4.00, 5.00]", "coverage_50": "50 %", "coverage_90": "30 %",
-        "crps": "20.0 µm", "pit": "as predicted, p = 0.050", "extrapolation": "",
+        "crps": "20.0 µm", "pit": "not as predicted, p = 0.050", "extrapolation": "",
+        "flagged": True,
     }  # fmt: skip
     held_out = found["held out"]
     assert [row["experiment"] for row in held_out] == ["b", "c"]
@@ -98,6 +99,23 @@ def test_metadata_of_a_record_have_their_units():
     )
 
 
+@pytest.mark.parametrize(
+    ("described", "name"),
+    [
+        ("log-uniform, lower 0.1333, upper 1593, ascending (tau)", "log-uniform"),
+        (
+            "half of mu_1 alpha_1: log-normal, median 50e3, sigma 2",
+            "half of mu_1 alpha_1: log-normal",
+        ),
+        ("posterior of another study, a likelihood learned from", "posterior of another study"),
+        ("half-normal, sd 3", "half-normal"),
+        ("", ""),
+    ],
+)
+def test_the_name_of_a_prior_has_no_settings(described, name):
+    assert tables.law(described) == name
+
+
 def test_further_experiments_name_their_cautions():
     row = {
         "experiment": "5 kV", "what": "step 5 kV", "held_out": False, "candidates": "one, two",
@@ -112,3 +130,6 @@ def test_further_experiments_name_their_cautions():
     assert found["cautions"] == [
         "100 % of the draws have no response (one: 9 × pull-in): the specimen may not survive it"
     ]
+    held_out = pd.DataFrame([row | {"held_out": True}])
+    (found,) = tables.further_experiments(SimpleNamespace(further_experiments=held_out))
+    assert found["cautions"] == ["you have it: move it to `calibrate`"]

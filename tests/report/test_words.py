@@ -48,12 +48,74 @@ def test_the_verdict_names_the_candidate_to_use(made, expected):
     assert words.verdict(made) == expected
 
 
-def test_the_verdict_names_fitted_records_that_reject_the_candidate():
-    made = study("")
-    made.recommended.errors = pd.DataFrame(
-        {"experiment": ["a", "b"], "role": "calibrate", "coverage_90": 0.9, "pit_p": [0.5, 1e-9]}
+ROLES = ("calibrate", "calibrate", "validate")
+
+
+def errors(coverage, p_values):
+    return pd.DataFrame(
+        {"experiment": ["a", "b", "c"], "role": ROLES, "coverage_90": coverage, "pit_p": p_values}
     )
-    assert "the records to which it was fitted reject it (b)" in words.verdict(made)
+
+
+PASSED = errors([0.9, 0.8, 0.75], [0.5, 0.2, 1e-9])
+REJECTED = errors([0.9, 0.9, 0.9], [0.5, 1e-9, 0.5])
+MISSED = errors([0.9, 0.9, 0.69], [0.5, 0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("table", "title", "verdict", "failed"),
+    [
+        (PASSED, "Use kv_gm_2", "use kv_gm_2", []),
+        (
+            REJECTED,
+            "kv_gm_2, best of 2",
+            "But 1 of 2 fitted records reject the model (b)",
+            ["1 of 2 fitted records reject the model (b)"],
+        ),
+        (
+            MISSED,
+            "kv_gm_2, best of 2",
+            "But the 90 % band is too narrow for 1 of 1 held-out records (c).",
+            ["The 90 % band is too narrow for 1 of 1 held-out records (c)"],
+        ),
+    ],
+)
+def test_a_candidate_is_to_be_used_only_if_its_records_pass(table, title, verdict, failed):
+    made = study("not chosen", "chosen: the smallest; odds 20 to 1")
+    made.recommended.errors = table
+    assert words.headline(made) == (title, ["the smallest", "odds 20 to 1"])
+    assert verdict in words.verdict(made)
+    assert ("use kv_gm_2" in words.verdict(made)) == (not failed)
+    found = [check.text for check in words.checks(made) if check.failed]
+    assert [text.partition(":")[0] for text in found] == failed
+
+
+def test_checks_that_were_passed_say_how_far_they_go():
+    made = study("")
+    made.recommended.errors = PASSED
+    assert words.checks(made) == [
+        ("No fitted record (2) rejects the model", False),
+        ("The 90 % band holds at least 75 % of each held-out record (1)", False),
+    ]
+    made.recommended.errors = PASSED[:1]
+    assert words.checks(made)[1].text == "No record was held out, so predictions are not tested"
+    made.recommended.errors = REJECTED[1:2]
+    assert words.checks(made)[0].text.startswith("The fitted record rejects the model (b)")
+
+
+@pytest.mark.parametrize(
+    ("made", "title", "how_sure"),
+    [
+        (study("", converged=False), "No candidate converged", "sample longer; use none of these"),
+        (study("", "", compared=False), "kv_gm_2, not compared", "2 candidates were fitted and"),
+        (study(""), "kv_gm_1", "the only candidate"),
+        (study("", "nothing to compare: x"), "kv_gm_2, not recommended", "the only candidate that"),
+        (study("", "not resolved by these data against a"), "Order not resolved", "not resolved"),
+    ],
+)
+def test_headlines_of_undecided_studies(made, title, how_sure):
+    found, clauses = words.headline(made)
+    assert found == title and clauses[0].startswith(how_sure)
 
 
 def entry(name, nats, right, failed=0.0, held_out=False, extrapolation=NAN):
@@ -83,27 +145,40 @@ def test_an_experiment_that_may_destroy_the_specimen_is_not_proposed():
     text = proposal(entry("5 kV", 0.69, 1.0, failed=0.4), entry("2 kV", 0.5, 0.91))
     assert text.startswith("2 kV")
     text = proposal(entry("5 kV", 0.69, 1.0, failed=0.4), entry("2 kV", 0.01, 0.52))
-    assert text.startswith("None of the 2 experiments") and "may not survive" in text
+    assert text.startswith("None of the 2 further experiments") and "may not survive" in text
 
 
-def test_of_equal_experiments_the_measured_one_is_proposed_then_one_in_range():
+def test_of_equal_experiments_one_in_range_is_proposed():
     far = entry("5 kV", 0.692, 1.0, extrapolation="voltage is higher")
-    near, measured = entry("3 kV", 0.690, 1.0), entry("sine", 0.680, 0.99, held_out=True)
+    near = entry("3 kV", 0.690, 1.0)
     assert proposal(far, near).startswith("3 kV")
-    assert proposal(far, near, measured).startswith("The held-out record sine")
     assert proposal(far, near | {"information_candidate_nats": 0.6}).startswith("5 kV")
 
 
+def test_a_held_out_record_is_to_be_fitted_and_not_proposed():
+    have = (
+        "To tell kv_gm_1 from kv_gm_2, the most telling record that is held out is sine. You have "
+        "it: move it to `calibrate`. It would decide rightly with probability 0.99 (0.50 is "
+        "guessing), but no longer test predictions."
+    )
+    held_out = entry("sine", 0.692, 0.99, held_out=True)
+    assert proposal(held_out) == have
+    text = proposal(held_out, entry("3 kV", 0.6, 0.93))
+    assert text.startswith(f"{have} 3 kV (step 3 kV) would be expected")
+    text = proposal(entry("sine", 0.019, 0.55, held_out=True), entry("3 kV", 0.6, 0.93))
+    assert text.startswith("3 kV") and "sine" not in text
+
+
 def test_an_uncertain_or_uninformative_experiment_is_not_promised():
-    text = proposal(entry("sine", 0.2, 0.75, held_out=True))
+    text = proposal(entry("sine", 0.2, 0.75))
     assert text == (
-        "The only experiment considered would not surely tell kv_gm_1 from kv_gm_2. The best is "
-        "the held-out record sine (step sine): it would decide rightly with probability 0.75 (0.50 "
-        "is guessing)."
+        "The only further experiment considered would not surely tell kv_gm_1 from kv_gm_2. The "
+        "best is sine (step sine): it would decide rightly with probability 0.75 (0.50 is "
+        "guessing)."
     )
     text = proposal(entry("sine", 0.019, 0.55))
     assert text == (
-        "The only experiment considered would not be expected to tell kv_gm_1 from kv_gm_2."
+        "The only further experiment considered would not be expected to tell kv_gm_1 from kv_gm_2."
     )
 
 

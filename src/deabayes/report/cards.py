@@ -17,6 +17,7 @@ from deabayes.report.notices import REJECTING, TOO_NARROW, Notice
 from deabayes.systems import system_class
 
 QUANTITIES = 5
+KINDS = ("material", "derived", "specimen")
 NAMED = 4
 
 
@@ -59,7 +60,7 @@ def key_quantities(results: CandidateResults) -> list[str]:
         patterns = system_class(results.study.system).headline
     except UserError:  # a system of the user's own, whose file is not loaded here
         patterns = ()
-    known = [n for n in results.names("material", "derived", "specimen") if n in results.summary.index]
+    known = [name for name in results.names(*KINDS) if name in results.summary.index]
     first = [name for pattern in patterns for name in known if fnmatchcase(name, pattern)]
     others = [n for n in results.names("material", "specimen") if n in known]
     return list(dict.fromkeys([*first, *others]))[:QUANTITIES]
@@ -86,21 +87,22 @@ def errors(results: CandidateResults) -> list[dict[str, Any]]:
     return rows
 
 
-def _mean_and(percent: pd.Series, worst: str) -> str:
-    """Mean in per cent, with the worst record: ``1.3 % (worst 2.4 %)``; a dash if not known."""
+def _mean_and(percent: pd.Series, worst: str) -> tuple[str, str]:
+    """Mean in per cent, a dash if not known, and the worst record unless it is the same."""
     known = percent.dropna()
     if known.empty:
-        return "–"
+        return "–", ""
     mean, other = (
         f"{value:.0f} %" if worst == "min" else f"{significant(value, 2)} %"
         for value in (float(known.mean()), float(known.agg(worst)))
     )
-    return mean if mean == other else f"{mean} (worst {other})"
+    return mean, "" if mean == other else f"worst {other}"
 
 
 def subjects(notice: Notice) -> str:
     """Records or parameters that a notice is about, as far as its sentences begin with them."""
-    named = [text.partition(": ")[0] for text in notice.details if ": " in text]
-    found = list(dict.fromkeys(part for text in named for part in text.split(", ") if " " not in part))
+    beginnings = [text.partition(": ")[0] for text in notice.details if ": " in text]
+    parts = [part for beginning in beginnings for part in beginning.split(", ")]
+    found = [part for part in dict.fromkeys(parts) if " " not in part]
     more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
     return ", ".join(found[:NAMED]) + more

@@ -195,9 +195,7 @@ def parameters(results: CandidateResults) -> dict[str, Rows]:
     if table is None:
         return {}
     groups = {
-        title: [
-            parameter(results, n) for n in results.names(kind) if n in table.index
-        ]
+        title: [parameter(results, n) for n in results.names(kind) if n in table.index]
         for kind, title in KINDS.items()
     }
     return {title: rows for title, rows in groups.items() if rows}

@@ -195,14 +195,13 @@ def _check_fitted(fitted: pd.DataFrame, bad: pd.DataFrame) -> list[Outcome]:
         return []
     if bad.empty:
         return [Outcome(f"No fitted record ({len(fitted)}) rejects the model", False)]
-    who = "The fitted record rejects" if len(fitted) == 1 else f"{_some(bad, fitted)} fitted records reject"
-    return [
-        Outcome(
-            f"{who} the model ({_named(bad)}): it lacks something, and parameters may be off by more "
-            "than their intervals say",
-            True,
-        )
-    ]
+    one = len(fitted) == 1
+    who = "The fitted record rejects" if one else f"{_some(bad, fitted)} fitted records reject"
+    text = (
+        f"{who} the model ({_named(bad)}): it lacks something, and parameters may be off by more "
+        "than their intervals say"
+    )
+    return [Outcome(text, True)]
 
 
 def _check_held_out(held_out: pd.DataFrame, bad: pd.DataFrame) -> Outcome:
@@ -345,7 +344,9 @@ def further_sentence(study: StudyResults) -> str:
     if table is None or len(names) < 2:
         return ""
     held_out = table["held_out"].astype(bool)
-    return " ".join(filter(None, (_to_fit(table[held_out], names), _to_do(table[~held_out], names))))
+    return " ".join(
+        filter(None, (_to_fit(table[held_out], names), _to_do(table[~held_out], names)))
+    )
 
 
 def _among(names: Sequence[str]) -> str:

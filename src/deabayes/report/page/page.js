@@ -28,8 +28,10 @@ function sort(table, column, head) {
 
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];
+  // `innerText` would lay out the page for every table.
+  const labels = heads.map(head => [...head.childNodes].map(node => node.textContent).join(" ").replace(/\s+/g, " "));
   for (const row of table.querySelectorAll("tbody tr:not(.kind)")) {
-    [...row.cells].forEach((cell, k) => { cell.dataset.label = heads[k].innerText.replace(/\s+/g, " "); });
+    [...row.cells].forEach((cell, k) => { cell.dataset.label = labels[k]; });
   }
   heads.forEach((head, k) => {
     head.tabIndex = 0;

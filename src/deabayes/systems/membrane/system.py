@@ -91,7 +91,13 @@ class Membrane(System):
         "breakdown_stretch": "1",
     }
     meanings: ClassVar[Mapping[str, str]] = MEANINGS
-    headline = ("shear_modulus_total", "mu_alpha", "relaxation_time_*", "pull_in_voltage", "zeta_alpha")
+    headline = (
+        "shear_modulus_total",
+        "mu_alpha",
+        "relaxation_time_*",
+        "pull_in_voltage",
+        "zeta_alpha",
+    )
 
     def __init__(
         self,
