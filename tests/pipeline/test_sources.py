@@ -47,7 +47,9 @@ def test_what_is_above_a_fit_does_not_count() -> None:
 
 
 def test_data_files_of_a_package_count() -> None:
-    assert {"report/template.html", "report/style.css"} <= names("report")
+    assert {"report/page/index.html", "report/page/style.css", "report/page/page.js"} <= names(
+        "report"
+    )
 
 
 def test_a_module_that_is_not_there_is_an_error() -> None:
