@@ -242,3 +242,13 @@ def test_embedded_figures_keep_the_colours_of_areas(
         x, y = 65 + 110 * k, 40
         shown, meant = found[round(factor * y), round(factor * x)], original.getpixel((x, y))
         assert np.abs(shown - np.array(meant)).max() <= 6, (k, shown, meant)
+
+
+def test_a_dot_keeps_its_colour_among_many_others(tmp_path: Path) -> None:
+    canvas = np.full((600, 2161, 3), 255, dtype=np.uint8)
+    canvas[:400] = np.random.default_rng(1).integers(0, 256, (400, 2161, 3))
+    canvas[500:512, 40:52] = (0xD5, 0x5E, 0x00)
+    Image.fromarray(canvas).save(path := tmp_path / "figure.png")
+    (small := tmp_path / "small.webp").write_bytes(shrink(path, 1000, 64)[0])
+    with Image.open(small) as opened:
+        assert opened.convert("RGB").getpixel((21, 234)) == (0xD5, 0x5E, 0x00)

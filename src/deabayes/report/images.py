@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-import numpy as np
+from PIL import ImageColor
 
 from deabayes.figures import SavedFigure
+from deabayes.figures.style import BANDS, SERIES
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
@@ -30,6 +31,10 @@ SAMPLED = 3
 """Step in pixels, in both directions, of the samples from which rarer colours are found."""
 WHITE = 250
 """Channels from this value on become 255: the nearest colour of the palette may miss white."""
+STYLE = [
+    ImageColor.getrgb(colour) for colour in (*SERIES, *(colour for colour, _ in BANDS.values()))
+]
+"""Colours of the figures, which thin lines must keep."""
 LARGEST = 11_500_000
 """Largest size of all sheets in bytes; mail servers often refuse more than 20 MB encoded."""
 TRIED, FAR_TOO_LARGE = 8, 1.4
@@ -119,16 +124,16 @@ def shrink(path: Path, width: int, colours: int) -> tuple[bytes, tuple[int, int]
 
 
 def _palette(picture: Picture, colours: int) -> Picture:
-    """Palette of the most frequent colours (half of the palette) and medians of all colours."""
+    """Palette of the style's colours, the most frequent ones (half), and medians of all colours."""
     from PIL import Image as Pictures
 
     counted = picture.getcolors(picture.width * picture.height) or []
-    frequent = sorted(counted, reverse=True)[: colours // 2]
-    left = colours - len(frequent)
+    frequent = [colour for _, colour in sorted(counted, reverse=True)[: colours // 2]]
+    exact = list(dict.fromkeys(frequent + STYLE))
+    left = colours - len(exact)
     size = (-(-picture.width // SAMPLED), -(-picture.height // SAMPLED))
     sampled = picture.resize(size, Pictures.Resampling.NEAREST)
     medians = sampled.quantize(left, Pictures.Quantize.MEDIANCUT).getpalette() or []
     palette = Pictures.new("P", (1, 1))
-    areas = np.array([colour for _, colour in frequent]).ravel().tolist()
-    palette.putpalette(areas + medians[: 3 * left])
+    palette.putpalette([channel for colour in exact for channel in colour] + medians[: 3 * left])
     return palette

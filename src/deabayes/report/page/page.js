@@ -35,6 +35,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
   }
   heads.forEach((head, k) => {
     head.tabIndex = 0;
+    head.title = "Sort by this column";
     head.onclick = () => sort(table, k, head);
     head.onkeydown = event => { if (event.key === "Enter") sort(table, k, head); };
   });
@@ -65,7 +66,7 @@ for (const link of document.querySelectorAll("a.sheet")) {
   link.onclick = event => {
     if (event.ctrlKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();
-    zoom.className = "";
+    zoom.className = innerWidth < 800 ? "large" : "";
     zoom.querySelector("img").src = link.querySelector("img").src;
     zoom.showModal();
   };
