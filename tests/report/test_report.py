@@ -244,11 +244,14 @@ def test_embedded_figures_keep_the_colours_of_areas(
         assert np.abs(shown - np.array(meant)).max() <= 6, (k, shown, meant)
 
 
-def test_a_dot_keeps_its_colour_among_many_others(tmp_path: Path) -> None:
-    canvas = np.full((600, 2161, 3), 255, dtype=np.uint8)
-    canvas[:400] = np.random.default_rng(1).integers(0, 256, (400, 2161, 3))
-    canvas[500:512, 40:52] = (0xD5, 0x5E, 0x00)
-    Image.fromarray(canvas).save(path := tmp_path / "figure.png")
+def test_a_dot_keeps_its_colour_among_its_blends(tmp_path: Path) -> None:
+    """Blurred edges of text and lines have all colours between white and full ones."""
+    rng, colours = np.random.default_rng(1), np.array([[0xD5, 0x5E, 0], [0, 0x72, 0xB2], [0, 0, 0]])
+    full, share = colours[rng.integers(0, 3, (50, 270))], rng.uniform(0.0, 0.9, (50, 270, 1))
+    canvas = np.full((600, 2160, 3), 255.0)
+    canvas[:400] = (255 + share * (full - 255.0)).repeat(8, axis=0).repeat(8, axis=1)
+    canvas[500:512, 40:52] = colours[0]
+    Image.fromarray(canvas.astype(np.uint8)).save(path := tmp_path / "figure.png")
     (small := tmp_path / "small.webp").write_bytes(shrink(path, 1000, 64)[0])
     with Image.open(small) as opened:
-        assert opened.convert("RGB").getpixel((21, 234)) == (0xD5, 0x5E, 0x00)
+        assert opened.convert("RGB").getpixel((21, 234)) == tuple(colours[0])
