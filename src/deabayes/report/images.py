@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from PIL import ImageColor
@@ -127,7 +127,7 @@ def _palette(picture: Picture, colours: int) -> Picture:
     """Palette of the style's colours, the most frequent ones (half), and medians of all colours."""
     from PIL import Image as Pictures
 
-    counted = picture.getcolors(picture.width * picture.height) or []
+    counted: list[Any] = picture.getcolors(picture.width * picture.height) or []
     frequent = [colour for _, colour in sorted(counted, reverse=True)[: colours // 2]]
     exact = list(dict.fromkeys(frequent + STYLE))
     left = colours - len(exact)
