@@ -95,8 +95,11 @@ def test_checks_that_were_passed_say_how_far_they_go():
     made.recommended.errors = PASSED
     assert words.checks(made) == [
         ("No fitted record (2) rejects the model", False),
-        ("The 90 % band holds at least 75 % of each held-out record (1)", False),
+        ("The 90 % band holds 75 % of the points of held-out records (1)", False),
     ]
+    made.recommended.errors = PASSED.assign(role="validate")
+    (held_out,) = words.checks(made)
+    assert held_out.text == "The 90 % band holds 75 to 90 % of the points of held-out records (3)"
     made.recommended.errors = PASSED[:1]
     assert words.checks(made)[1].text == "No record was held out, so predictions are not tested"
     made.recommended.errors = REJECTED[1:2]

@@ -208,10 +208,10 @@ def _check_held_out(held_out: pd.DataFrame, bad: pd.DataFrame) -> Outcome:
     if held_out.empty:
         return Outcome("No record was held out, so predictions are not tested", False)
     if bad.empty:
-        least = f"{100 * held_out['coverage_90'].min():.0f} %"
-        return Outcome(
-            f"The 90 % band holds at least {least} of each held-out record ({len(held_out)})", False
-        )
+        low, high = (f"{100 * held_out['coverage_90'].agg(end):.0f}" for end in ("min", "max"))
+        share = f"{low} %" if low == high else f"{low} to {high} %"
+        text = f"The 90 % band holds {share} of the points of held-out records ({len(held_out)})"
+        return Outcome(text, False)
     return Outcome(
         f"The 90 % band is too narrow for {_some(bad, held_out)} held-out records ({_named(bad)})",
         True,
