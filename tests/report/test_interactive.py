@@ -44,6 +44,14 @@ def test_curves_are_the_predictions_in_display_units(results: CandidateResults) 
     assert axes == ["log", "linear", "linear"]
 
 
+def test_a_sine_of_few_points_is_shown_whole(
+    results: CandidateResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(interactive, "MOST_POINTS", 2000)
+    points = {r["name"]: r["points"] for r in interactive.curves(results)}
+    assert points["sine_stretch_2_1"] == [1500, 1500]
+
+
 def test_a_record_without_a_response_shows_its_readings(results: CandidateResults) -> None:
     name, prediction = next(iter(results.predictions.items()))
     prediction["median"].values[:] = np.nan

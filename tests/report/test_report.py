@@ -18,7 +18,7 @@ from deabayes.figures import style
 from deabayes.figures.results import PopulationResults, StudyResults
 from deabayes.report import build
 from deabayes.report.contents import figure_folders
-from deabayes.report.images import QUALITIES, shrink
+from deabayes.report.images import QUALITIES, embed, shrink
 from deabayes.report.tables import parameters
 
 
@@ -48,6 +48,23 @@ def test_page_names_the_folders_of_its_figures_and_tables(built: tuple[str, Path
     page, tables = built
     assert f"tables lie in <code>{tables}/</code>" in page
     assert f"in <code>{tables.parents[1]}/&lt;study&gt;/figures/</code>." in page
+
+
+def test_a_sheet_links_to_its_files_from_the_page(tmp_path: Path) -> None:
+    folder = tmp_path / "a b" / "figures"
+    folder.mkdir(parents=True)
+    for ending in ("svg", "pdf"):
+        (folder / f"errors.{ending}").touch()
+    picture().save(folder / "errors.png")
+    files = (folder / "errors.svg", folder / "errors.png")
+    saved = figures.SavedFigure("errors", "", 1, "Errors", "", *files)
+    links = embed(saved, tmp_path / "report" / "index.html", 800, 32).links
+    assert links == tuple(
+        (ending.upper(), f"../a%20b/figures/errors.{ending}") for ending in ("svg", "pdf", "png")
+    )
+    (folder / "errors.pdf").unlink()
+    links = embed(saved, tmp_path / "index.html", 800, 32).links
+    assert [kind for kind, _ in links] == ["SVG", "PNG"]
 
 
 def test_folders_of_figures_once_each() -> None:
@@ -120,6 +137,13 @@ def test_tables_hold_all_candidates_at_full_precision(built: tuple[str, Path]) -
     assert {"e_rms_percent", "extrapolation"} <= set(errors.columns)
     assert set(errors["provenance"]) == {"simulated"}
     assert (built[1] / "fake_strip_comparison.csv").is_file()
+    points = pd.read_csv(built[1] / "fake_strip_kv_gm_1_predictions.csv").set_index("experiment")
+    predictions = StudyResults(built[1].parents[1] / "fake_strip").candidates[0].predictions
+    assert set(points.index) == set(predictions)
+    for name, prediction in predictions.items():
+        upper = prediction["predictive"].sel(level=0.9, bound="upper").values
+        np.testing.assert_allclose(points.loc[name, "predictive_90_upper"], upper, rtol=1e-6)
+        np.testing.assert_allclose(points.loc[name, "observed"], prediction["observed"], rtol=1e-6)
 
 
 def test_parameter_rows_have_display_units_and_say_what_decided_them(
