@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 from tests.report.test_tables import NAN, candidate
+from tests.shared.cards import posterior
 
+from deabayes.export.source import system_and_draws
 from deabayes.report import cards
 from deabayes.report.notices import TOO_NARROW, Notice
 
@@ -41,6 +44,24 @@ def test_the_system_says_which_quantities_come_first(system: str, expected: list
     assert cards.key_quantities(made) == expected
     made.summary = None
     assert cards.key_quantities(made) == []
+
+
+@pytest.mark.parametrize(
+    ("system", "candidate"),
+    [
+        ("membrane", "kv_gm_2"),
+        ("tensile_strip", "kv_gm_2"),
+        ("minimum_energy_structure", "ogden_2_units_2"),
+        ("tubular", "voigt_kelvin_2"),
+    ],
+)
+def test_the_names_that_a_system_puts_first_exist(system: str, candidate: str) -> None:
+    built, draws = system_and_draws(posterior(system, candidate, size=20))
+    names = {*draws, *built.derived(draws)}
+    found = [any(fnmatchcase(name, pattern) for name in names) for pattern in built.headline]
+    only_of_variants = {"resonance_frequency", "electrical_time_constant"}
+    assert found == [pattern not in only_of_variants for pattern in built.headline]
+    assert len(found) > 2
 
 
 def test_errors_are_the_mean_and_the_worst_record() -> None:

@@ -100,6 +100,8 @@ def test_checks_that_were_passed_say_how_far_they_go():
     made.recommended.errors = PASSED.assign(role="validate")
     (held_out,) = words.checks(made)
     assert held_out.text == "The 90 % band holds 75 to 90 % of the points of held-out records (3)"
+    made.recommended.errors = PASSED.assign(coverage_90=[0.9, 0.9, NAN])
+    assert words.checks(made)[1] == ("1 of 1 held-out records have no band (c)", True)
     made.recommended.errors = PASSED[:1]
     assert words.checks(made)[1].text == "No record was held out, so predictions are not tested"
     made.recommended.errors = REJECTED[1:2]

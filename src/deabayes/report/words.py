@@ -187,7 +187,7 @@ def checks(study: StudyResults) -> list[Outcome]:
         return []
     by_role = {role: errors[errors["role"] == role] for role in ("calibrate", "validate")}
     fitted, held_out = by_role["calibrate"], by_role["validate"]
-    return [*_check_fitted(fitted, rejected(errors)), _check_held_out(held_out, missed(errors))]
+    return _check_fitted(fitted, rejected(errors)) + _check_held_out(held_out, missed(errors))
 
 
 def _check_fitted(fitted: pd.DataFrame, bad: pd.DataFrame) -> list[Outcome]:
@@ -204,18 +204,24 @@ def _check_fitted(fitted: pd.DataFrame, bad: pd.DataFrame) -> list[Outcome]:
     return [Outcome(text, True)]
 
 
-def _check_held_out(held_out: pd.DataFrame, bad: pd.DataFrame) -> Outcome:
+def _check_held_out(held_out: pd.DataFrame, bad: pd.DataFrame) -> list[Outcome]:
     if held_out.empty:
-        return Outcome("No record was held out, so predictions are not tested", False)
-    if bad.empty:
-        low, high = (f"{100 * held_out['coverage_90'].agg(end):.0f}" for end in ("min", "max"))
+        return [Outcome("No record was held out, so predictions are not tested", False)]
+    outcomes = []
+    known = held_out["coverage_90"].dropna()
+    if len(known) < len(held_out):
+        unknown = held_out.drop(known.index)
+        text = f"{_some(unknown, held_out)} held-out records have no band ({_named(unknown)})"
+        outcomes.append(Outcome(text, True))
+    if not bad.empty:
+        text = f"The 90 % band is too narrow for {_some(bad, held_out)} held-out records"
+        outcomes.append(Outcome(f"{text} ({_named(bad)})", True))
+    elif len(known):
+        low, high = (f"{100 * known.agg(end):.0f}" for end in ("min", "max"))
         share = f"{low} %" if low == high else f"{low} to {high} %"
-        text = f"The 90 % band holds {share} of the points of held-out records ({len(held_out)})"
-        return Outcome(text, False)
-    return Outcome(
-        f"The 90 % band is too narrow for {_some(bad, held_out)} held-out records ({_named(bad)})",
-        True,
-    )
+        text = f"The 90 % band holds {share} of the points of held-out records ({len(known)})"
+        outcomes.append(Outcome(text, False))
+    return outcomes
 
 
 def _some(bad: pd.DataFrame, every: pd.DataFrame) -> str:
