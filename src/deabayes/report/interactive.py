@@ -20,6 +20,7 @@ from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 
 if TYPE_CHECKING:
+    from bokeh.models import ColumnDataSource
     from bokeh.plotting import figure as BokehFigure
 
 MOST_POINTS = 400
@@ -56,29 +57,29 @@ def curves(results: CandidateResults) -> list[dict[str, Any]]:
 def _curves(record: Record) -> dict[str, Any]:
     x = record.against_coordinate()
     kept = np.unique(np.linspace(0, x.values.size - 1, MOST_POINTS).round().astype(int))
-    observed = record.response("observed")[kept]
-    named = {"observed": observed}
+    named = {"observed": record.response("observed")[kept]}
+    about = named["observed"].mean()
     if record.responds:
-        named["median"] = record.response("median")[kept]
+        about = named["median"] = record.response("median")[kept]
         for name in style.BANDS:
             lower, upper = record.band(name)[:, kept]
             named |= {f"{name}_lower": lower, f"{name}_upper": upper}
-    spread = max(
-        (float(np.nanmax(np.abs(v - named["median"]))) for v in named.values()) if record.responds
-        else (float(np.ptp(observed)),)
-    )  # fmt: skip
-    step = (spread or 1.0) / RESOLUTION
+    deviation = max(float(np.nanmax(np.abs(values - about))) for values in named.values())
+    step = _rounded(deviation / RESOLUTION) or 1.0
     return {
         "name": record.name,
         "role": record.role,
         "axes": _axes(x.logarithmic, record.spans_decades),
         "labels": [x.label, record.label, f"residual{record.unit.suffix}"],
-        "thinned": int(x.values.size / kept.size > 1.0),
         "points": [int(kept.size), int(record.prediction.sizes["coordinate"])],
-        "step": float(f"{step:.{DIGITS}g}"),
-        "x": [float(f"{value:.{DIGITS}g}") for value in x.values[kept]],
-        "curves": {name: _increments(v, float(f"{step:.{DIGITS}g}")) for name, v in named.items()},
+        "step": step,
+        "x": [_rounded(value) for value in x.values[kept]],
+        "curves": {name: _increments(values, step) for name, values in named.items()},
     }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
 
 
 def _axes(x_log: bool, y_log: bool) -> str:
@@ -110,26 +111,14 @@ def templates(kinds: Iterable[str]) -> dict[str, Any]:
 
 def _layout(x_axis: str, y_axis: str) -> Any:
     from bokeh.layouts import gridplot
-    from bokeh.models import ColumnDataSource, CrosshairTool, HoverTool, Span
+    from bokeh.models import ColumnDataSource, CrosshairTool, Span
 
     empty: dict[str, list[float]] = {name: [] for name in (*COLUMNS, *COLUMNS_OF_RESIDUALS)}
     source = ColumnDataSource(empty, name="curves")
     response = _panel(300, x_axis, y_axis)
     residuals = _panel(190, x_axis, "linear", x_range=response.x_range)
-    for plot, ending in ((response, ""), (residuals, "_residual")):
-        for name, (colour, _) in style.BANDS.items():
-            ends = {"y1": f"{name}_lower{ending}", "y2": f"{name}_upper{ending}"}
-            plot.varea("x", source=source, fill_color=colour, **ends)
-        for bound in ("lower", "upper"):
-            edge = f"predictive_{bound}{ending}"
-            plot.line("x", edge, source=source, color=style.GREY, line_width=0.7)
-        median = "zero" if ending else "median"
-        plot.line("x", median, source=source, color=style.BLUE, line_width=1.6)
-        points = plot.scatter(
-            "x", "residual" if ending else "observed", source=source, color=style.BLACK, size=3.5
-        )
-        tips = [(name, f"@{name}{{0.0000a}}") for name in ("x", "observed", "median", "residual")]
-        plot.add_tools(HoverTool(renderers=[points], tooltips=tips))
+    _draw(response, source, "observed", "median")
+    _draw(residuals, source, "residual", "zero", "_residual")
     line = Span(dimension="height", line_color=style.GREY, line_width=0.7)
     for plot in (response, residuals):
         plot.add_tools(CrosshairTool(overlay=line, dimensions="height"))
@@ -141,6 +130,24 @@ def _layout(x_axis: str, y_axis: str) -> Any:
         toolbar_location="above",
         toolbar_options={"logo": None},
     )
+
+
+def _draw(
+    plot: BokehFigure, source: ColumnDataSource, points: str, line: str, ending: str = ""
+) -> None:
+    """Draw bands, a line and points from columns; the bands' names end in `ending`."""
+    from bokeh.models import HoverTool
+
+    for name, (colour, _) in style.BANDS.items():
+        ends = {"y1": f"{name}_lower{ending}", "y2": f"{name}_upper{ending}"}
+        plot.varea("x", source=source, fill_color=colour, **ends)
+    for bound in ("lower", "upper"):
+        edge = f"predictive_{bound}{ending}"
+        plot.line("x", edge, source=source, color=style.GREY, line_width=0.7)
+    plot.line("x", line, source=source, color=style.BLUE, line_width=1.6)
+    drawn = plot.scatter("x", points, source=source, color=style.BLACK, size=3.5)
+    tips = [(name, f"@{name}{{0.0000a}}") for name in ("x", "observed", "median", "residual")]
+    plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips))
 
 
 def _panel(height: int, x_axis: str, y_axis: str, **ranges: Any) -> BokehFigure:
