@@ -123,6 +123,7 @@ def _layout(x_axis: str, y_axis: str) -> Any:
     for plot in (response, residuals):
         plot.add_tools(CrosshairTool(overlay=line, dimensions="height"))
     response.xaxis.visible = False
+    residuals.yaxis.formatter.power_limit_low = -6  # 0.0005 and not 5.000e-4
     residuals.xaxis.name, response.yaxis.name, residuals.yaxis.name = "label0", "label1", "label2"
     return gridplot(
         [[response], [residuals]],
