@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -56,8 +57,9 @@ def test_a_sheet_links_to_its_files_from_the_page(tmp_path: Path) -> None:
     for ending in ("svg", "pdf"):
         (folder / f"errors.{ending}").touch()
     picture().save(folder / "errors.png")
-    files = (folder / "errors.svg", folder / "errors.png")
-    saved = figures.SavedFigure("errors", "", 1, "Errors", "", *files)
+    saved = SimpleNamespace(
+        title="Errors", candidate="", svg=folder / "errors.svg", png=folder / "errors.png"
+    )
     links = embed(saved, tmp_path / "report" / "index.html", 800, 32).links
     assert links == tuple(
         (ending.upper(), f"../a%20b/figures/errors.{ending}") for ending in ("svg", "pdf", "png")

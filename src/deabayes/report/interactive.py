@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 400
 """Points of a record in a figure; a longer record is shown as in the printed figures, thinned."""
+IN_CYCLES = ("sine", "load_unload")
 RESOLUTION = 4000
 """Steps into which the largest deviation from the median is divided."""
 DIGITS = 6
@@ -36,12 +37,12 @@ AXES = {"linear": ("linear", "linear"), "log": ("log", "linear"), "loglog": ("lo
 
 
 class _Whole(Record):
-    """A record that is shown whole if it has few points, also if it is a long sine."""
+    """A record of which all cycles are shown if it has few points."""
 
     @property
     def shown(self) -> slice:
         few = self.prediction.sizes["coordinate"] <= MOST_POINTS
-        return slice(None) if few else super().shown
+        return slice(None) if few and self.protocol in IN_CYCLES else super().shown
 
 
 def curves(results: CandidateResults) -> list[dict[str, Any]]:
@@ -51,7 +52,7 @@ def curves(results: CandidateResults) -> list[dict[str, Any]]:
     each is the list of its first value and its increments, because these compress well.
     """
     records = side_by_side(results.predictions.values())
-    return [_curves(_Whole(r.prediction, r.log_time, r.beside)) for r in records]
+    return [_curves(_Whole(**vars(record))) for record in records]
 
 
 def _curves(record: Record) -> dict[str, Any]:
