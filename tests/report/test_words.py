@@ -19,7 +19,12 @@ def study(*verdicts, converged=True, compared=True):
     sizes = range(3, 3 + len(names))
     columns = {"verdict": verdicts, "n_parameters": sizes}
     table = pd.DataFrame(columns, index=names) if compared else None
-    return SimpleNamespace(candidates=candidates, recommended=candidates[-1], comparison=table)
+    return SimpleNamespace(
+        candidates=candidates,
+        recommended=candidates[-1],
+        comparison=table,
+        further_experiments=None,
+    )
 
 
 @pytest.mark.parametrize(
@@ -115,12 +120,32 @@ def test_checks_that_were_passed_say_how_far_they_go():
         (study("", "", compared=False), "kv_gm_2, not compared", "2 candidates were fitted and"),
         (study(""), "kv_gm_1", "the only candidate"),
         (study("", "nothing to compare: x"), "kv_gm_2, not recommended", "the only candidate that"),
-        (study("", "not resolved by these data against a"), "Order not resolved", "not resolved"),
+        (
+            study("", "not resolved by these data against a"),
+            "Order not resolved, kv_gm_2 meanwhile",
+            "not resolved",
+        ),
     ],
 )
 def test_headlines_of_undecided_studies(made, title, how_sure):
     found, clauses = words.headline(made)
     assert found == title and clauses[0].startswith(how_sure)
+
+
+def test_the_headline_says_what_the_smaller_order_costs_and_what_would_settle_it():
+    made = study("not resolved", "not resolved by these data against kv_gm_1")
+    columns = {"role": ["calibrate"], "coverage_90": 0.9, "pit_p": 0.5, "experiment": "a"}
+    for candidate, size in zip(made.candidates, (8.0, 2.0), strict=True):
+        rms = {"e_rms_percent": size, "e_rms_q05": 0.5 * size, "e_rms_q95": 2 * size}
+        candidate.errors = pd.DataFrame(columns | rms)
+    made.further_experiments = pd.DataFrame([entry("long", 0.5, 0.95)])
+    _, (_, cost, settles) = words.headline(made)
+    assert cost.endswith(
+        "e_rms is 8.0 % [4.0, 16] instead of 2.0 % [1.0, 4.0] on the fitted records"
+    )
+    assert settles.startswith("long (step long) would be expected to tell kv_gm_1 from kv_gm_2")
+    made.comparison["verdict"] = ["not chosen", "chosen: x"]
+    assert words.headline(made)[1] == ["x", cost]
 
 
 def entry(name, nats, right, failed=0.0, held_out=False, extrapolation=NAN):

@@ -235,7 +235,11 @@ def _named(rows: pd.DataFrame) -> str:
 
 
 def headline(study: StudyResults) -> tuple[str, list[str]]:
-    """Return what to use in a few words, and how sure that is, clause by clause."""
+    """Return what to use in a few words, and how sure that is, clause by clause.
+
+    The clauses also say what the smaller order costs and, if the order is not resolved, which
+    experiment would settle it.
+    """
     best, count = study.recommended.name, len(study.candidates)
     if not any(candidate.converged for candidate in study.candidates):
         return "No candidate converged", ["sample longer; use none of these numbers"]
@@ -245,10 +249,12 @@ def headline(study: StudyResults) -> tuple[str, list[str]]:
         return best, ["the only candidate"]
     text = str(study.comparison["verdict"].get(best, "not compared"))
     clauses = text.removeprefix("chosen: ").split("; ")
+    clauses += filter(None, [_cost_of_smaller(study).rstrip(".")])
     if text.startswith("nothing to compare"):
         return f"{best}, not recommended", ["the only candidate that converged"]
     if text.startswith("not resolved"):
-        return "Order not resolved", clauses
+        settles = further_sentence(study).rstrip(".")
+        return f"Order not resolved, {best} meanwhile", [*clauses, *filter(None, [settles])]
     if any(check.failed for check in checks(study)):
         return f"{best}, best of {count}", clauses
     return f"Use {best}", clauses
