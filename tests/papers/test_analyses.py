@@ -20,7 +20,7 @@ from deabayes import figures, papers
 from deabayes.faults import UserError
 from deabayes.figures.results import StudyResults
 from deabayes.papers.base import Analysis
-from deabayes.report.contents import render
+from deabayes.report.contents import Place, render
 from deabayes.report.tables import readable, write_csv
 from deabayes.systems import REGISTRY as SYSTEMS
 
@@ -126,7 +126,7 @@ def test_a_system_without_analyses_passes(monkeypatch, tmp_path):
     assert papers.run_all(context(), study / "analyses") == []
     assert json.loads((study / "analyses" / "index.json").read_text()) == []
     assert StudyResults(study).analyses == ()
-    page = render([StudyResults(study)], {study: []}, [], {})
+    page = render([StudyResults(study)], {study: []}, [], {}, Place(tmp_path, tmp_path))
     assert "What the paper reports" not in page
 
 
@@ -136,7 +136,7 @@ def test_an_analysis_with_nothing_to_show_has_no_heading(registered, tmp_path):
     index = study / "analyses" / "index.json"
     (entry,) = json.loads(index.read_text())
     index.write_text(json.dumps([{**entry, "tables": [], "curves": []}]))
-    page = render([StudyResults(study)], {study: []}, [], {})
+    page = render([StudyResults(study)], {study: []}, [], {}, Place(tmp_path, tmp_path))
     assert "Mean modulus" not in page and "Of the draws." not in page
 
 
@@ -144,7 +144,7 @@ def test_the_report_shows_tables_and_keeps_them_whole(registered, tmp_path):
     study = write_study(tmp_path, Fake(candidates=(1, 2), protocols=("relaxation",)))
     papers.run_all(context(), study / "analyses")
     results = StudyResults(study)
-    page = render([results], {results.folder: []}, [], {})
+    page = render([results], {results.folder: []}, [], {}, Place(tmp_path, tmp_path))
     text = page[page.index("What the paper reports") :]
     assert (
         text.index("Mean modulus") < text.index("<th>candidate</th>") < text.index("Of the draws")
