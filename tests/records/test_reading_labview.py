@@ -88,3 +88,9 @@ def test_what_a_head_may_lack(tmp_path: Path, old: str, new: str, said: str) -> 
 def test_a_head_without_rows(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no data rows after its head"):
         read_record(written(tmp_path / "a.lvm", HEAD))
+
+
+def test_a_table_below_the_same_first_line(tmp_path: Path) -> None:
+    lines = [f"{t};{u}\n" for t, u in zip(TIME, VOLTAGE_KV, strict=True)]
+    text = "LabVIEW Measurement\nOperator;X\n\nTime (s);Voltage (kV)\n" + "".join(lines)
+    check(read_record(written(tmp_path / "a.csv", text)))

@@ -23,12 +23,19 @@ FIRST = "LabVIEW Measurement"
 NAMES = "X_Value"
 """First cell of the row of names, which is the last row of the head."""
 SEPARATOR, END_OF_HEAD = "Separator", b"***End_of_Header***"
+LONGEST_HEAD = 2**16
+"""Bytes in which a head ends."""
 
 
 def is_labview(path: Path) -> bool:
-    """Whether a file begins as a LabVIEW measurement file does."""
+    """Whether a file begins with the head of a LabVIEW measurement file.
+
+    Other files may have the same first line, and then a table.
+    """
     with path.open("rb") as file:
-        return file.read(len(FIRST) + 3).decode("utf-8-sig", errors="replace").startswith(FIRST)
+        head = file.read(LONGEST_HEAD)
+    begins = head[: len(FIRST) + 3].decode("utf-8-sig", errors="replace").startswith(FIRST)
+    return begins and END_OF_HEAD in head
 
 
 def read_labview(
