@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from deabayes.figures import bands, panels, style
+from deabayes.figures import bands, panels
 from deabayes.figures.record import Record, side_by_side
 from deabayes.figures.results import CandidateResults
 
@@ -31,15 +31,7 @@ def draw(results: CandidateResults, role: str = "", observed: str = "observed") 
         x = record.horizontal()
         bands.draw(ax, record, x)
         panels.draw_observed(ax, x.values, record.response("observed"))
-        if record.responds:
-            ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
-        else:
-            panels.say(ax, panels.NO_RESPONSE)
-        ax.set_ylabel(record.label)
-        if record.spans_decades:
-            ax.set_yscale("log")
-        panels.set_horizontal(ax, x)
-        panels.title(ax, record, role=role)
+        panels.draw_median(ax, record, x, role)
 
     records = side_by_side(results.predictions.values())
     return panels.record_sheets(records, 44, panel, bands.handles(observed))

@@ -183,6 +183,22 @@ def draw_observed(ax: Axes, x: FloatArray, y: FloatArray, size: float = 2.0) -> 
     )
 
 
+def draw_median(ax: Axes, record: Record, x: Axis, role: str = "") -> None:
+    """Draw the median response, if there is one, and label the panel.
+
+    A non-empty `role` replaces the record's own role in the title.
+    """
+    if record.responds:
+        ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
+    else:
+        say(ax, NO_RESPONSE)
+    ax.set_ylabel(record.label)
+    if record.spans_decades:
+        ax.set_yscale("log")
+    set_horizontal(ax, x)
+    title(ax, record, role=role)
+
+
 def colour(index: int) -> str:
     """Colour of the index-th candidate of a study."""
     return style.SERIES[index % len(style.SERIES)]

@@ -44,11 +44,5 @@ def _panel(ax: Axes, record: Record) -> None:
     if record.responds:
         low, high = record.band("predictive")
         ax.fill_between(x.values, low, high, color=style.LIGHT_GREY, linewidth=0.4)
-        ax.plot(x.values, record.response("median"), color=style.BLUE, linewidth=1.1, zorder=4)
-    else:
-        panels.say(ax, panels.NO_RESPONSE)
-    ax.set_ylabel(record.label)
-    if record.spans_decades:
-        ax.set_yscale("log")
-    panels.set_horizontal(ax, x)
-    panels.title(ax, record, role=f"{record.role}, e_rms {record.prediction.attrs[E_RMS]:.2g} %")
+    error = record.prediction.attrs[E_RMS]
+    panels.draw_median(ax, record, x, f"{record.role}, e_rms {error:.2g} %")
