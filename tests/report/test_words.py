@@ -148,6 +148,19 @@ def test_the_headline_says_what_the_smaller_order_costs_and_what_would_settle_it
     assert words.headline(made)[1] == ["x", cost]
 
 
+@pytest.mark.parametrize(
+    ("theirs", "mine", "said"), [(1.0, 0.6, "0.80 %"), (1.3, 0.6, ""), (1, 1, "")]
+)
+def test_an_order_that_explains_little_comes_with_a_caution(theirs, mine, said):
+    made = study("not chosen", "chosen: x")
+    for candidate, size in zip(made.candidates, (theirs, mine), strict=True):
+        rms = {"e_rms_percent": [size, size, 9.0], "e_rms_q05": 0.1, "e_rms_q95": 9.0}
+        candidate.errors = PASSED.assign(**rms)
+    text = f"Beyond kv_gm_1 it explains {said} of the range of the fitted records: a smooth error"
+    assert (text in words.verdict(made)) == bool(said)
+    assert ("Beyond" in words.verdict(made)) == bool(said)
+
+
 def entry(name, nats, right, failed=0.0, held_out=False, extrapolation=NAN):
     return {
         "experiment": name, "what": f"step {name}", "held_out": held_out,

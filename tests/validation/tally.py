@@ -11,6 +11,7 @@ import pandas as pd
 
 from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide
+from deabayes.report.words import SMALL_GAIN
 from tests.validation import rows
 from tests.validation.order_signal import SHOWN
 
@@ -82,6 +83,7 @@ def verdict(row: Mapping[str, object]) -> dict[str, object]:
         "chosen": decision.chosen,
         "unresolved": " ".join(decision.unresolved),
         "surplus": _is_surplus(row, scores, decision),
+        "cautioned": _is_cautioned(row, scores, decision),
         **{f"best_{criterion}": pick for criterion, pick in single_picks(scores).items()},
     }
 
@@ -90,6 +92,23 @@ def _is_surplus(row: Mapping[str, object], scores: Sequence[Score], decision: De
     """Whether a candidate with more units than the truth was chosen without a flag."""
     order = next((s.order for s in scores if s.candidate == decision.chosen), 0)
     return order > int(str(row["truth"])) and not decision.unresolved
+
+
+def _is_cautioned(row: Mapping[str, object], scores: Sequence[Score], decision: Decision) -> bool:
+    """Whether the report says that a smooth error may look like the chosen order's last unit.
+
+    The root mean square error of a fit, a share of the range, is here that of its noise model.
+    """
+    ranked = sorted(s.order for s in scores if s.converged)
+    order = next((s.order for s in scores if s.candidate == decision.chosen), 0)
+    if order not in ranked[1:]:
+        return False
+    theirs, mine = (_mean_square(row, o) for o in (ranked[ranked.index(order) - 1], order))
+    return 0.0 < 100.0 * np.sqrt(max(theirs - mine, 0.0)) < SMALL_GAIN
+
+
+def _mean_square(row: Mapping[str, object], order: int) -> float:
+    return float(sum(float(str(row[f"{part}:{order}"])) ** 2 for part in ("correlated", "white")))
 
 
 def write(folder: Path) -> list[str]:
@@ -128,6 +147,8 @@ def _tallied(keys: tuple[str, str, str], group: pd.DataFrame) -> rows.Row:
         "surplus unit": int(group["surplus"].sum()),
         "last unit is shown": len(shown),
         **counts,
+        "wrong without caution": int((~shown["cautioned"] & (shown["outcome"] == "wrong")).sum()),
+        "right with caution": int((shown["cautioned"] & (shown["outcome"] == "right")).sum()),
         "share right": share(counts["right"], len(judged)),
         **{
             f"right by {criterion} alone": share(

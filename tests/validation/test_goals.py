@@ -68,7 +68,8 @@ def test_a_set_that_passes_its_gates_and_is_off_is_named(tmp_path):
 )
 def test_orders_and_surplus_units(tmp_path, world, right, wrong, surplus, expected):
     rows = {"family": ["m"], "world": world, "true units": 2, "specimens": 100}
-    rows |= {"surplus unit": surplus, "last unit is shown": 40, "wrong": wrong}
+    rows |= {"surplus unit": surplus, "last unit is shown": 40}
+    rows |= {"wrong": 9, "wrong without caution": wrong}
     pd.DataFrame({**rows, "share right": right}).to_csv(
         tmp_path / "order_selection.csv", index=False
     )

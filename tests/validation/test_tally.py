@@ -49,8 +49,8 @@ def test_single_picks_pass_over_what_did_not_converge():
     assert set(single_picks(scores).values()) == {"m_2"}
 
 
-def stored(truth, *scores, signal="99.00"):
-    """A row as `order_selection` stores it."""
+def stored(truth, *scores, signal="99.00", noise=(0.0, 0.05, 0.0, 0.0)):
+    """A row as `order_selection` stores it; `noise` is correlated noise by order."""
     row = {"family": "m", "world": "closed", "truth": str(truth), "signal": signal, "ends": ""}
     for each in scores:
         row |= {
@@ -58,6 +58,8 @@ def stored(truth, *scores, signal="99.00"):
             f"log_evidence:{each.order}": f"{each.log_evidence}",
             f"mcse:{each.order}": f"{each.log_evidence_mcse}",
             f"bic:{each.order}": f"{each.bic}",
+            f"correlated:{each.order}": f"{noise[each.order]}",
+            f"white:{each.order}": "0.003",
             f"terms:{each.order}": " ".join(map(str, each.loo.terms)) if each.loo else "",
         }
     return row
@@ -96,3 +98,14 @@ def test_tally_counts_where_the_last_unit_is_shown():
     assert (row["share right"], first["share right"]) == ("0.67", "0.00")
     for criterion in ("evidence", "bic", "elpd"):
         assert row[f"right by {criterion} alone"] == "1.00"
+
+
+@pytest.mark.parametrize(
+    ("noise", "cautioned"), [((0, 0.011, 0.004, 0), False), ((0, 0.010, 0.004, 0), True)]
+)
+def test_a_unit_that_explains_little_is_cautioned(noise, cautioned):
+    rows = [stored(truth, *CLEAR, noise=noise) for truth in (2, 3)]
+    right, wrong = tally(rows)
+    assert (right["right"], right["right with caution"]) == (1, cautioned)
+    assert (wrong["wrong"], wrong["wrong without caution"]) == (1, not cautioned)
+    assert not verdict(stored(1, score(1, 50.0, [3.0] * 20), *CLEAR[1:], noise=noise))["cautioned"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ SURE, MAY_FAIL = 0.9, 0.01
 without a response above which an experiment is not proposed."""
 ROUNDING = 0.005
 """Difference in nats that is ignored."""
+SMALL_GAIN = 1.0
+"""Share of the range [%] that an order explains, below which a smooth error may look the same."""
 
 LEAD = (
     "Records are fitted with candidate models. Every number has its uncertainty. Models are tested "
@@ -165,7 +168,7 @@ GLOSSARY_OF_POPULATIONS = {
 
 def verdict(study: StudyResults) -> str:
     """State which candidate to use, and which checks of the records it fails."""
-    choice = " ".join(filter(None, (_choice(study), _cost_of_smaller(study))))
+    choice = " ".join(filter(None, (_choice(study), _cost_of_smaller(study), _small_gain(study))))
     failing = [check.text for check in checks(study) if check.failed]
     return " ".join([choice, *(f"But {text[0].lower()}{text[1:]}." for text in failing)])
 
@@ -249,7 +252,7 @@ def headline(study: StudyResults) -> tuple[str, list[str]]:
         return best, ["the only candidate"]
     text = str(study.comparison["verdict"].get(best, "not compared"))
     clauses = text.removeprefix("chosen: ").split("; ")
-    clauses += filter(None, [_cost_of_smaller(study).rstrip(".")])
+    clauses += filter(None, [f(study).rstrip(".") for f in (_cost_of_smaller, _small_gain)])
     if text.startswith("nothing to compare"):
         return f"{best}, not recommended", ["the only candidate that converged"]
     if text.startswith("not resolved"):
@@ -282,30 +285,56 @@ def _choice(study: StudyResults) -> str:
     return f"Of {count} candidates, use {best.name}: {text.removeprefix('chosen: ')}."
 
 
-def _cost_of_smaller(study: StudyResults) -> str:
-    """Compare the errors of the shown candidate with those of the next smaller one.
+def _next_smaller(study: StudyResults) -> tuple[str, pd.DataFrame, pd.DataFrame] | None:
+    """Name of the next smaller candidate, its errors, and those of the shown candidate.
 
-    Empty if no smaller candidate was ranked.
+    None if no smaller candidate was ranked, or if errors are not known.
     """
     table = study.comparison
     if table is None or study.recommended.name not in table.index:
-        return ""
+        return None
     unranked = table["verdict"].astype(str).str.startswith(NOT_RANKED)
     ranked = table[~unranked].sort_values("n_parameters")
     names = list(ranked.index)
     if study.recommended.name not in names[1:]:
-        return ""
+        return None
     smaller = names[names.index(study.recommended.name) - 1]
     results = {candidate.name: candidate.errors for candidate in study.candidates}
     mine, theirs = results.get(study.recommended.name), results.get(smaller)
-    if mine is None or theirs is None:
+    return None if mine is None or theirs is None else (smaller, theirs, mine)
+
+
+def _cost_of_smaller(study: StudyResults) -> str:
+    """Compare the errors of the shown candidate with those of the next smaller one."""
+    compared = _next_smaller(study)
+    if compared is None:
         return ""
+    smaller, theirs, mine = compared
     parts = [
         f"{_mean_error(theirs, role)} instead of {_mean_error(mine, role)} on {words} records"
         for role, words in (("calibrate", "the fitted"), ("validate", "the held-out"))
         if (mine["role"] == role).any() and (theirs["role"] == role).any()
     ]
     return f"With {smaller}, e_rms is {', and '.join(parts)}." if parts else ""
+
+
+def _small_gain(study: StudyResults) -> str:
+    """Warn if what the shown candidate explains beyond the next smaller one is little.
+
+    The gain is sqrt(e_smaller^2 - e_shown^2), of root mean square errors of the fitted records.
+    """
+    compared = _next_smaller(study)
+    if compared is None:
+        return ""
+    smaller, *both = compared
+    theirs, mine = (errors[errors["role"] == "calibrate"]["e_rms_percent"] for errors in both)
+    gain = math.sqrt(max(float((theirs**2).mean() - (mine**2).mean()), 0.0))
+    if not 0.0 < gain < SMALL_GAIN:
+        return ""
+    return (
+        f"Beyond {smaller} it explains {significant(gain, 2)} % of the range of the fitted "
+        "records: a smooth error as small, in model or sensor, would look the same."
+    )
 
 
 def _mean_error(errors: pd.DataFrame, role: str) -> str:
