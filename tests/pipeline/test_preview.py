@@ -97,6 +97,7 @@ def test_errors_are_those_of_the_best_fit(folder: Path) -> None:
 
 def test_the_screen_has_estimates_with_units_and_errors(said: str) -> None:
     assert said.startswith("PREVIEW of study creep: best fits, not sampled.")
+    assert "sampled ones may be several times wider" in said.splitlines()[1]
     assert "voigt_kelvin_2: estimate (5 % to 95 %)" in said
     assert "largest errors (e_rms): creep_" in said
     assert any(line.strip().startswith("thickness") and "µm" in line for line in said.splitlines())

@@ -258,7 +258,10 @@ def in_words(study: Study, previews: Sequence[Preview], output: Path) -> list[st
     """Short table of a preview for the screen: parameters, errors, and what not to trust."""
     from deabayes.quantities import display_unit
 
-    lines = [f"PREVIEW of study {study.name}: best fits, not sampled. Figures in {output}"]
+    lines = [
+        f"PREVIEW of study {study.name}: best fits, not sampled. Figures in {output}",
+        "Intervals are from the curvature there; sampled ones may be several times wider.",
+    ]
     for each in previews:
         lines += ["", f"{each.candidate}: estimate (5 % to 95 %)"]
         shown = each.parameters[each.parameters["kind"].isin(["material", "specimen"])]
