@@ -57,7 +57,8 @@ def _in_motion(structure: Structure) -> dict[str, Derived]:
     stiff = structure.stiffness(rest) + lever**2 * stiffness.sum(axis=1)
     found = {
         "natural_frequency": Derived(
-            "f_0", "Hz", "of small oscillations about rest, without damping, the units stiff",
+            "f_0", "Hz",
+            "natural frequency of small oscillations about rest, without damping, the units stiff",
             np.sqrt(positive(stiff) / structure.mass(rest)) / (2.0 * np.pi),
         )
     }  # fmt: skip
