@@ -20,10 +20,10 @@ from deabayes.sampling.warm_up import FOR_EVIDENCE, warm_up
 REACH, BEYOND = 6.0, 3.0
 """The likelihood's maximum is searched within `REACH` prior standard deviations, or within `BEYOND`
 of the draws where these lie further out."""
-CLIMBS, MOST_ITERATIONS, MOST_QUIET = 32, 200, 20
-"""Number of climbs to the likelihood's maximum, and most iterations of a climb. A climb also ends
-after `MOST_QUIET` iterations in turn that gain almost nothing: without the prior's density, ridges
-are long and flat."""
+DRAWS, CLIMBS, MOST_ITERATIONS, MOST_QUIET = 128, 8, 200, 20
+"""Draws whose likelihood is computed, climbs to its maximum from the best of them, and most
+iterations of a climb. A climb also ends after `MOST_QUIET` iterations in turn that gain almost
+nothing: without the prior's density, ridges are long and flat."""
 POPULATIONS, PARTICLES, LARGEST_ERROR = 4, 256, 0.5
 """For the warm-up without an experiment: number of populations, particles per population, and
 largest standard error at which the log evidence is used."""
@@ -162,7 +162,7 @@ def _warmed_up_evidence(
 
 
 def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArray) -> float:
-    """Find the highest log-likelihood by climbing from some draws z (S, d).
+    """Find the highest log-likelihood by climbing from the best of some draws z (S, d).
 
     The prior's bounds limit the climb, but its density does not count.
 
@@ -170,7 +170,8 @@ def maximum_log_likelihood(split: Callable[[FloatArray], Split], draws: FloatArr
     ----------
     split : z (W, d) -> the log-likelihood by points.
     """
-    starts = draws[np.linspace(0, len(draws) - 1, min(CLIMBS, len(draws))).astype(int)]
+    some = draws[np.linspace(0, len(draws) - 1, min(DRAWS, len(draws))).astype(int)]
+    starts = some[np.argsort(-split(some).total)[:CLIMBS]]
     reach = np.maximum(REACH, np.abs(starts).max(axis=0) + BEYOND)
 
     def within(z: FloatArray) -> Split:
