@@ -32,9 +32,9 @@ PERCENT_QUANTITIES = ("strain",)
 ROLES = {"calibrate": "calibration", "validate": "held out"}
 GREEK_NAMES = (
     "alpha beta gamma delta epsilon varepsilon zeta eta theta kappa lambda mu nu xi rho sigma tau "
-    "phi varphi chi psi omega Delta Sigma Omega"
+    "phi varphi chi psi omega Delta Sigma Phi Omega"
 ).split()
-GREEK = dict(zip(GREEK_NAMES, "αβγδεεζηθκλμνξρστφφχψωΔΣΩ", strict=True))
+GREEK = dict(zip(GREEK_NAMES, "αβγδεεζηθκλμνξρστφφχψωΔΣΦΩ", strict=True))
 SIGNS = {"infty": "∞", "cdot": "·", "times": "×", "sum": "Σ", "ell": "ℓ", "prime": "′", "dot": ""}
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
