@@ -10,12 +10,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.text import Text
 from tests.shared.fake_records import Fake
 from tests.shared.fake_results import write_study
 
 from deabayes import figures
+from deabayes.faults import UserError
 from deabayes.figures import residuals, style
 from deabayes.figures.record import Record
 from deabayes.figures.results import CandidateResults, StudyResults
@@ -125,3 +127,12 @@ def test_one_figure_that_fails_does_not_lose_the_others(
         "errors.png", "kv_gm_2_coverage.png"
     }  # fmt: skip
     assert figures.saved_figures(study, out) is None
+
+
+def test_a_folder_that_a_run_removes_is_said(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "figures"
+    monkeypatch.setattr(figures, "_drawn", lambda *_: out.rmdir() or [Figure()])
+    with pytest.raises(UserError, match=r"figures: was removed while .* wait for its end"):
+        figures.save_all(study, out)

@@ -186,6 +186,11 @@ def _save_each(wanted: Sequence[tuple[str, Results]], out: Path, named: bool) ->
         except UserError:
             raise
         except Exception as error:
+            if isinstance(error, FileNotFoundError) and Path(error.filename).parent == out:
+                raise UserError(
+                    f"{out}: was removed while figures were drawn, as a run of Snakemake does "
+                    "before its own; wait for its end (`deabayes status`) and try again"
+                ) from None
             failures[f"{name} of {results.name}"] = error
     if failures:
         raise ExceptionGroup(f"figures that failed: {', '.join(failures)}", [*failures.values()])
