@@ -185,7 +185,9 @@ def compared(folder: Path) -> Iterator[Figure]:
         wrong, right = int(row["wrong without caution"]), float(row["share right"])
         met = right >= (OPEN if with_error else CLOSED) and not (with_error and wrong)
         of = f"order, {row['family']}, {row['world']}, {row['true units']} true units"
-        measured = f"{right:.2f} right, {wrong} wrong of {row['last unit is shown']} shown"
+        measured = (
+            f"{right:.2f} right, {wrong} wrong without caution, {row['last unit is shown']} shown"
+        )
         yield of, measured, "yes" if met else "NO"
     surplus, specimens = int(table["surplus unit"].sum()), int(table["specimens"].sum())
     met = "yes" if surplus <= SURPLUS * specimens else "NO"
