@@ -35,12 +35,12 @@ FILM: dict[str, Settings] = {
 
 NOISE: dict[str, Settings] = {
     "quasi_static.sigma_white": {"distribution": "lognormal", "median": "0.2 mN", "sigma": 0.3},
-    "quasi_static.sigma_ou": {"distribution": "lognormal", "median": "1 mN", "sigma": 0.3},
+    "quasi_static.sigma_ou": {"distribution": "lognormal", "median": 0.006, "sigma": 0.3},
     "quasi_static.tau_ou": {"distribution": "loguniform", "lower": "1 mm", "upper": "10 mm"},
 }
 MOVING_NOISE: dict[str, Settings] = {
     "sine.sigma_white": {"distribution": "lognormal", "median": "5 um", "sigma": 0.3},
-    "sine.sigma_ou": {"distribution": "lognormal", "median": "30 um", "sigma": 0.3},
+    "sine.sigma_ou": {"distribution": "lognormal", "median": 0.003, "sigma": 0.3},
     "sine.tau_ou": {"distribution": "loguniform", "lower": "20 ms", "upper": "1 s"},
 }
 """Noise of known instruments, and of a model with an error of one per cent."""
@@ -64,7 +64,6 @@ def at_rest() -> World:
         lambda _: FILM | NOISE,
         (pull(0.0), pull(5.0)),
         (pull(3.0, "validate"),),
-        noise_scale="absolute",
         smooth_in=fifths,
     )
 
@@ -86,7 +85,6 @@ def in_motion() -> World:
         motion_priors,
         (sine(5.0, 1.0), sine(5.0, 5.0), sine(5.0, 10.0)),
         (sine(4.0, 3.0, "validate"),),
-        noise_scale="absolute",
     )
 
 
