@@ -110,8 +110,17 @@ def replicate(model: Model, task: rows.Task) -> rows.Row:
     target = world.target(model.order, variant.data)
     data, fit_stream, pick_stream = specimen(model, world, target, int(task["replicate"]))
     # The noise priors are those of the median specimen: otherwise ranks need not be uniform.
-    fit = given(world.target(model.order, variant.fit), data.records)
+    fit = in_own_ranges(given(world.target(model.order, variant.fit), data.records))
     return compared(sample(fit, fit_stream), data, np.random.default_rng(pick_stream))
+
+
+def in_own_ranges(target: LogPosterior) -> LogPosterior:
+    """The target whose correlated noise is a share of each record's own range, as in a study."""
+    records = (
+        r if r.correlated_scale == 1.0 else replace(r, correlated_scale=r.experiment.response_range)
+        for r in target.records
+    )
+    return replace(target, records=tuple(records))
 
 
 def specimen(

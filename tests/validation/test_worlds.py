@@ -10,6 +10,7 @@ import pytest
 from deabayes.posteriors.problem import problem_of
 from tests.validation.cases import case
 from tests.validation.membrane_worlds import doubling_grid, membrane
+from tests.validation.recovery import in_own_ranges
 from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular
 from tests.validation.worlds import given, log_time, noise_of, responded, simulate, smooth_error
@@ -85,6 +86,19 @@ def test_given_records_change_the_likelihood_but_not_the_prior():
     z = np.random.default_rng(5).standard_normal((5, target.dimension))
     assert conditioned.prior is target.prior
     assert not np.allclose(conditioned(z), target(z))
+
+
+def test_a_fit_has_correlated_noise_in_shares_of_each_records_own_range():
+    world = membrane()
+    target = world.target(1)
+    data = simulate(world, target, np.random.default_rng(4))
+    fit = in_own_ranges(given(target, data.records))
+    for record, experiment in zip(fit.records, data.records, strict=True):
+        true = noise_of(target, data.truth, experiment)["sigma_ou"]
+        fitted = fit.noise_draws(data.truth, record)["sigma_ou"]
+        assert fitted == pytest.approx(true, rel=0.05)
+    pairs = zip(fit.records, target.records, strict=True)
+    assert not any(a.correlated_scale == pytest.approx(b.correlated_scale) for a, b in pairs)
 
 
 def test_discrepancy_is_smooth_and_of_the_stated_size():
