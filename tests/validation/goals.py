@@ -182,12 +182,11 @@ def compared(folder: Path) -> Iterator[Figure]:
         return
     for _, row in table[table["last unit is shown"] > 0].iterrows():
         with_error = "discrepancy" in row["world"]
-        wrong, right = int(row["wrong without caution"]), float(row["share right"])
-        met = right >= (OPEN if with_error else CLOSED) and not (with_error and wrong)
+        wrong, silent = int(row["wrong"]), int(row["wrong without caution"])
+        right, shown = float(row["share right"]), row["last unit is shown"]
+        met = right >= (OPEN if with_error else CLOSED) and not (with_error and silent)
         of = f"order, {row['family']}, {row['world']}, {row['true units']} true units"
-        measured = (
-            f"{right:.2f} right, {wrong} wrong without caution, {row['last unit is shown']} shown"
-        )
+        measured = f"{right:.2f} right, {wrong} wrong of {shown} shown, {silent} without caution"
         yield of, measured, "yes" if met else "NO"
     surplus, specimens = int(table["surplus unit"].sum()), int(table["specimens"].sum())
     met = "yes" if surplus <= SURPLUS * specimens else "NO"
