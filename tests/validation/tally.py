@@ -11,7 +11,7 @@ import pandas as pd
 
 from deabayes.comparison.blocks import BlockLoo
 from deabayes.comparison.decision import Decision, Score, decide
-from deabayes.report.words import SMALL_GAIN
+from deabayes.report.words import SMALL_GAIN, explained
 from tests.validation import rows
 from tests.validation.order_signal import SHOWN
 
@@ -104,7 +104,7 @@ def _is_cautioned(row: Mapping[str, object], scores: Sequence[Score], decision: 
     if order not in ranked[1:]:
         return False
     theirs, mine = (_mean_square(row, o) for o in (ranked[ranked.index(order) - 1], order))
-    return 0.0 < 100.0 * np.sqrt(max(theirs - mine, 0.0)) < SMALL_GAIN
+    return 0.0 < 100.0 * explained(theirs, mine) < SMALL_GAIN
 
 
 def _mean_square(row: Mapping[str, object], order: int) -> float:

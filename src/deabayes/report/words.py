@@ -318,17 +318,19 @@ def _cost_of_smaller(study: StudyResults) -> str:
     return f"With {smaller}, e_rms is {', and '.join(parts)}." if parts else ""
 
 
-def _small_gain(study: StudyResults) -> str:
-    """Warn if what the shown candidate explains beyond the next smaller one is little.
+def explained(theirs: float, mine: float) -> float:
+    """What a candidate explains beyond a smaller one: sqrt(theirs - mine), of mean square errors."""
+    return math.sqrt(max(theirs - mine, 0.0))
 
-    The gain is sqrt(e_smaller^2 - e_shown^2), of root mean square errors of the fitted records.
-    """
+
+def _small_gain(study: StudyResults) -> str:
+    """Warn if what the shown candidate explains beyond the next smaller one is little."""
     compared = _next_smaller(study)
     if compared is None:
         return ""
     smaller, *both = compared
     theirs, mine = (errors[errors["role"] == "calibrate"]["e_rms_percent"] for errors in both)
-    gain = math.sqrt(max(float((theirs**2).mean() - (mine**2).mean()), 0.0))
+    gain = explained(float((theirs**2).mean()), float((mine**2).mean()))
     if not 0.0 < gain < SMALL_GAIN:
         return ""
     return (
