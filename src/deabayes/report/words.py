@@ -319,7 +319,7 @@ def _cost_of_smaller(study: StudyResults) -> str:
 
 
 def explained(theirs: float, mine: float) -> float:
-    """What a candidate explains beyond a smaller one: sqrt(theirs - mine), of mean square errors."""
+    """What one candidate explains beyond another: sqrt(theirs - mine), of mean square errors."""
     return math.sqrt(max(theirs - mine, 0.0))
 
 
