@@ -12,7 +12,7 @@ from deabayes.comparison.verdicts import elpd_difference, ends_difference, odds,
 
 def score(name, parameters, evidence, terms, converged=True, mcse=0.1):
     loo = BlockLoo(np.asarray(terms, float), np.zeros(len(terms))) if converged else None
-    return Score(name, parameters, parameters, converged, evidence, mcse, 0.0, np.nan, loo)
+    return Score(name, parameters, parameters, converged, evidence, mcse, 0.0, loo)
 
 
 def named(scored):

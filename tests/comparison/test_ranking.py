@@ -33,7 +33,8 @@ def ranked(candidate, length=None, records=None, converged=True, responses=None,
     skewed *= (length or 1.0) / np.median(skewed)
     values = {"E_0": np.ones((2, 50)), "step.tau_ou": skewed.reshape(2, 50)}
     posterior = xr.Dataset({name: (("chain", "draw"), values[name]) for name in names})
-    tree = xr.DataTree.from_dict({"posterior": posterior})
+    unconstrained = xr.Dataset({"z": (("chain", "draw", "parameter"), np.zeros((2, 50, 1)))})
+    tree = xr.DataTree.from_dict({"posterior": posterior, "unconstrained_posterior": unconstrained})
     tree.attrs.update(
         candidate=candidate, order=int(candidate[-1]),
         convergence=json.dumps({"converged": converged}),
@@ -43,7 +44,11 @@ def ranked(candidate, length=None, records=None, converged=True, responses=None,
         dimension=2 * int(candidate[-1]) + 1, responses=lambda theta: responses,
     )  # fmt: skip
     given = {"log_evidence": 0.0, "log_evidence_mcse": 0.1, "bic": -1.0}
-    return Ranked(tree, target, given | {"elpd_leave_one_experiment_out": -2.0} | scores)
+    return Ranked(tree, target, given | scores)
+
+
+def block_loo_of(elpd):
+    return BlockLoo(np.full(10, elpd / 10), np.array([0.1] * 9 + [0.6]))
 
 
 def starts(*candidates):
@@ -112,8 +117,11 @@ def test_only_a_block_with_unreliable_weights_is_sampled_without(monkeypatch):
     ],
 )
 def test_a_candidate_far_behind_is_not_sampled(elpd, evidence, sampled):
-    loos = {name: BlockLoo(np.full(10, value / 10), np.zeros(10)) for name, value in elpd.items()}
-    assert ranking._close_calls(evidence, loos) == sampled
+    scores = [
+        ranking._score(ranked(f"{name}_1", log_evidence=evidence[name]), block_loo_of(value))
+        for name, value in elpd.items()
+    ]
+    assert [name[0] for name in ranking.close_calls(scores)] == sampled
 
 
 def test_the_largest_difference_of_curves_over_a_stretch_has_no_unit() -> None:
@@ -145,13 +153,13 @@ def test_a_block_is_named_by_record_and_place():
 
 
 SCORES = {
-    "k_1": {"log_evidence": -20.0, "bic": 30.0},
+    "k_1": {"log_evidence": -70.0, "bic": 30.0},
     "k_2": {"log_evidence": -8.0, "bic": 20.0, "log_evidence_nested": -8.2,
             "log_evidence_nested_error": 0.1},
     "k_3": {"log_evidence": -9.0, "bic": 21.0, "log_evidence_nested": -3.0,
             "log_evidence_nested_error": 0.1},
 }  # fmt: skip
-TERMS = {"k_1": 0.0, "k_2": 1.0, "k_3": 1.6}
+TERMS = {"k_1": -6.0, "k_2": 1.0, "k_3": 1.6}
 
 
 @pytest.fixture
@@ -160,10 +168,15 @@ def table(monkeypatch):
 
     def loo(candidate, edges):
         assert list(edges) == ["a", "b"]
-        return BlockLoo(np.full(10, TERMS[candidate.candidate]), np.array([0.1] * 9 + [0.6]))
+        return block_loo_of(10 * TERMS[candidate.candidate])
+
+    def gains(target, log_evidence, z, seed):
+        assert z.shape == (100, 1)
+        return {"a": log_evidence / 2, "b": log_evidence / 2 + 1.0}
 
     monkeypatch.setattr(ranking, "block_loo", loo)
     monkeypatch.setattr(ranking, "_sampled", lambda candidate, loo, edges, seed: loo)
+    monkeypatch.setattr(ranking, "leave_one_experiment_out", gains)
     records = [record(), record("b", 2.0)]
     flat = np.zeros((3, 200))
     apart = flat.copy()
@@ -185,12 +198,17 @@ def test_a_row_holds_its_own_scores(table):
     assert (two["log_evidence"], two["log_evidence_mcse"]) == (-8.0, 0.1)
     assert (two["log_evidence_nested"], two["log_evidence_nested_error"]) == (-8.2, 0.1)
     assert (two["elpd_block_loo"], two["elpd_block_loo_se"]) == (10.0, 0.0)
-    assert two["elpd_leave_one_experiment_out"] == -2.0
+    assert two["elpd_leave_one_experiment_out"] == -7.0
     assert two["worst_k_hat"] == 0.6
 
 
+def test_experiments_are_left_out_only_where_a_candidate_is_not_far_behind(table):
+    left_out = table["elpd_leave_one_experiment_out"]
+    assert left_out.tolist() == pytest.approx([np.nan, -7.0, -8.0, np.nan], nan_ok=True)
+
+
 def test_differences_are_to_the_chosen_one(table):
-    assert table["elpd_difference"].tolist()[:3] == pytest.approx([-10.0, 0.0, 6.0])
+    assert table["elpd_difference"].tolist()[:3] == pytest.approx([-70.0, 0.0, 6.0])
     assert table["verdict"].str.contains("not resolved").tolist() == [False, True, True, False]
 
 

@@ -108,7 +108,7 @@ def fitted(target: LogPosterior, seed: np.random.SeedSequence) -> tuple[Ranked, 
 
 
 def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
-    """What `deabayes score` computes, without leave-one-experiment-out, which the rule ignores."""
+    """What `deabayes score` computes."""
     target, z = sampled.target, sampled.z
     z = z[:, np.linspace(0, z.shape[1] - 1, min(STORED_DRAWS, z.shape[1])).astype(int)]
     effective = float(sampled.result.convergence.table["ess_bulk"].min()) / len(z)
@@ -120,7 +120,6 @@ def _scores(sampled: Sampled, seed: np.random.SeedSequence) -> dict[str, float]:
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,
         "bic": target.dimension * float(np.log(points)) - 2.0 * maximum,
-        "elpd_leave_one_experiment_out": float("nan"),
     }
 
 

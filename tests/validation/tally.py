@@ -59,7 +59,6 @@ def _score(row: Mapping[str, object], order: int) -> Score:
         log_evidence=float(str(row[f"log_evidence:{order}"])),
         log_evidence_mcse=float(str(row[f"mcse:{order}"])),
         bic=float(str(row[f"bic:{order}"])),
-        leave_one_experiment_out=float("nan"),
         loo=BlockLoo(terms, np.zeros_like(terms), ends=ends) if terms.size else None,
     )
 

@@ -50,8 +50,7 @@ def test_a_replicate_is_decided_by_the_shipped_rule(monkeypatch):
 
 
 def test_a_candidate_that_did_not_converge_has_a_row_without_blocks():
-    nan = float("nan")
-    row = order_selection._score(Score("m_2", 2, 5, False, -3.0, 0.1, 7.0, nan, None))
+    row = order_selection._score(Score("m_2", 2, 5, False, -3.0, 0.1, 7.0, None))
     assert (row["terms:2"], row["k_hat:2"], row["log_evidence:2"]) == ("", "", "-3.000")
 
 

@@ -18,9 +18,7 @@ from tests.validation.tally import (
 
 def score(order, evidence, terms, converged=True):
     loo = BlockLoo(np.asarray(terms, float), np.zeros(len(terms))) if converged else None
-    return Score(
-        f"m_{order}", order, 2 * order, converged, evidence, 0.05, -evidence, float("nan"), loo
-    )
+    return Score(f"m_{order}", order, 2 * order, converged, evidence, 0.05, -evidence, loo)
 
 
 def decision(chosen, *unresolved):

@@ -174,7 +174,16 @@ def test_more_units_win_where_the_data_show_them(results):
     if table["converged"].all():
         assert table.loc["voigt_kelvin_2", "verdict"].startswith("chosen")
         assert table.loc["voigt_kelvin_2", "elpd_difference"] == 0
-        assert table["elpd_leave_one_experiment_out"].notna().all()
+        assert table["elpd_leave_one_experiment_out"].isna().all()  # one is far behind
+
+
+def test_records_are_left_out_of_candidates_that_are_close(results, monkeypatch, tmp_path):
+    monkeypatch.setattr("deabayes.comparison.ranking.FAR_BEHIND", np.inf)
+    posteriors = [results / candidate / "posterior.nc" for candidate in CANDIDATES]
+    pipeline.compare_candidates(posteriors, results / "prepared", tmp_path / "comparison.csv")
+    table = pd.read_csv(tmp_path / "comparison.csv").set_index("candidate")
+    one, two = table["elpd_leave_one_experiment_out"]
+    assert one < two
 
 
 def test_predictions_carry_three_nested_bands(results):

@@ -8,12 +8,10 @@ rule score:
         "<results>/{study}/{candidate}/logs/score.log",
     threads: 1
     params:
-        code=digest_of("comparison.evidence", "comparison.left_out"),
+        code=digest_of("comparison.evidence"),
         prepared=prepared_folder,
-        options=left_out_records,
     shell:
         "logged {log:q} deabayes score {input.posterior:q} --prepared {params.prepared:q} -o {output:q}"
-        " {params.options:q}"
 
 
 # Only for studies with `evidence_check: nested`; takes minutes per candidate.

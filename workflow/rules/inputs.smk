@@ -143,11 +143,6 @@ def checks_of(wildcards):
     return of_candidates("nested.json")(wildcards) if asked else []
 
 
-def left_out_records(wildcards):
-    """Options of `deabayes score`: no record is left out where there is one candidate alone."""
-    return [] if len(STUDIES[wildcards.study].candidates) > 1 else ["--alone"]
-
-
 def further_experiments_of(wildcards):
     """The experiments a study asks for, as YAML on one line."""
     entries = STUDIES[wildcards.study].further_experiments

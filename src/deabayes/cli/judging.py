@@ -25,14 +25,12 @@ from deabayes.cli.arguments import (
 @click.argument("posterior", type=EXISTING)
 @click.option("--prepared", type=EXISTING, required=True)
 @click.option("-o", "--output", type=TARGET, required=True, help="scores.json")
-@click.option("--alone", is_flag=True, help="No candidate to compare with: leave no record out.")
-def score(posterior: Path, prepared: Path, output: Path, alone: bool) -> None:
-    """Evidence, BIC and leave-one-experiment-out score of one posterior."""
+def score(posterior: Path, prepared: Path, output: Path) -> None:
+    """Evidence and BIC of one posterior."""
     from deabayes.pipeline import score_candidate
 
     keep_inputs(output, posterior)
-    for line in score_candidate(posterior, prepared, output, alone):
-        click.echo(line)
+    score_candidate(posterior, prepared, output)
 
 
 @click.command()
@@ -69,7 +67,7 @@ def compare(
     for file in files:
         scores = file.with_name("scores.json")
         if not scores.exists() or scores.stat().st_mtime < file.stat().st_mtime:
-            score_candidate(file, prepared, scores, alone=len(files) == 1)
+            score_candidate(file, prepared, scores)
     compare_candidates(files, prepared, output)
     click.echo(output.read_text())
 

@@ -38,8 +38,8 @@ class Score:
     log_evidence: float
     log_evidence_mcse: float
     bic: float
-    leave_one_experiment_out: float
     loo: BlockLoo | None
+    leave_one_experiment_out: float = float("nan")
     log_evidence_nested: float = float("nan")
     log_evidence_nested_error: float = float("nan")
 

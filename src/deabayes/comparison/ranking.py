@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from deabayes.comparison.blocks import BlockLoo, block_ends, leave_one_block_out
 from deabayes.comparison.decision import Decision, Score, decide
+from deabayes.comparison.evidence import leave_one_experiment_out
 from deabayes.comparison.left_out import leave_blocks_out
 from deabayes.comparison.verdicts import elpd_difference, ends_difference, verdicts
 from deabayes.experiment import FloatArray
@@ -38,7 +39,7 @@ SAMPLED_DRAWS = 128
 """Number of draws for leaving a block out by sampling, if its importance weights are unreliable."""
 FAR_BEHIND = 50.0
 """Nats of log evidence and of elpd. A candidate further behind the best in both is not sampled
-without blocks: that changes a few nats only."""
+without blocks or experiments: that changes a few nats only."""
 CORRELATION_TIMES_PER_BLOCK = 2.0
 
 
@@ -115,15 +116,16 @@ def _sampled(ranked: Ranked, loo: BlockLoo, edges: Edges, seed: np.random.SeedSe
 
 
 def score_all(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> list[Score]:
-    """Score all candidates; only converged ones get a block-LOO."""
+    """Score all candidates by what decides; only converged ones get a block-LOO."""
     converged = [c for c in candidates if c.converged]
     edges = common_blocks(converged) if converged else {}
-    loos = {c.candidate: block_loo(c, edges) for c in converged}
-    close = _close_calls({c.candidate: c.scores["log_evidence"] for c in converged}, loos)
-    for c, stream in zip(candidates, seed.spawn(len(candidates)), strict=True):
-        if c.candidate in close:
-            loos[c.candidate] = _sampled(c, loos[c.candidate], edges, stream)
-    return [_score(c, loos.get(c.candidate)) for c in candidates]
+    scores = [_score(c, block_loo(c, edges) if c.converged else None) for c in candidates]
+    close = close_calls(scores)
+    streams = seed.spawn(len(candidates))
+    return [
+        replace(s, loo=_sampled(c, s.loo, edges, stream)) if s.loo and s.candidate in close else s
+        for s, c, stream in zip(scores, candidates, streams, strict=True)
+    ]
 
 
 def _score(ranked: Ranked, loo: BlockLoo | None) -> Score:
@@ -136,24 +138,38 @@ def _score(ranked: Ranked, loo: BlockLoo | None) -> Score:
         log_evidence=scores["log_evidence"],
         log_evidence_mcse=scores["log_evidence_mcse"],
         bic=scores["bic"],
-        leave_one_experiment_out=scores["elpd_leave_one_experiment_out"],
         loo=loo,
         log_evidence_nested=scores.get("log_evidence_nested", unknown),
         log_evidence_nested_error=scores.get("log_evidence_nested_error", unknown),
     )
 
 
-def _close_calls(log_evidence: Mapping[str, float], loos: Mapping[str, BlockLoo]) -> list[str]:
+def close_calls(scores: Sequence[Score]) -> list[str]:
     """List the candidates that are not far behind the best; empty if there are fewer than two."""
-    elpd = {name: loo.elpd for name, loo in loos.items()}
-    least = [max(scores.values(), default=0.0) - FAR_BEHIND for scores in (log_evidence, elpd)]
-    close = [n for n in loos if not (log_evidence[n] < least[0] and elpd[n] < least[1])]
+    known = [(s.candidate, s.log_evidence, s.loo.elpd) for s in scores if s.loo]
+    evidence = max((own for _, own, _ in known), default=0.0) - FAR_BEHIND
+    elpd = max((left for _, _, left in known), default=0.0) - FAR_BEHIND
+    close = [name for name, own, left in known if not (own < evidence and left < elpd)]
     return close if len(close) > 1 else []
+
+
+def _without_experiments(ranked: Ranked, score: Score, seed: np.random.SeedSequence) -> Score:
+    """Add the score with every experiment left out; NaN stays if there is only one."""
+    z = ranked.tree["unconstrained_posterior"]["z"].values
+    draws = z.reshape(-1, z.shape[2])
+    gains = leave_one_experiment_out(ranked.target, score.log_evidence, draws, seed)
+    return replace(score, leave_one_experiment_out=sum(gains.values())) if gains else score
 
 
 def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> pd.DataFrame:
     """Return the table of comparison.csv."""
-    scores = score_all(candidates, seed)
+    of_blocks, of_experiments = seed.spawn(2)
+    scores = score_all(candidates, of_blocks)
+    close, streams = close_calls(scores), of_experiments.spawn(len(scores))
+    scores = [
+        _without_experiments(c, s, stream) if s.candidate in close else s
+        for s, c, stream in zip(scores, candidates, streams, strict=True)
+    ]
     decision = decide(scores)
     words = verdicts(scores, decision)
     chosen = next((s for s in scores if s.candidate == decision.chosen), None)

@@ -22,7 +22,7 @@ CAPTION = (
     "the expected log predictive density (elpd), the error of the paired difference, if it was "
     "stored. If one block holds most of a difference, its error is large, and the other blocks "
     "decide. Scales of more than 300 nats are logarithmic beyond ±10. Candidates that did not "
-    "converge are named but not ranked."
+    "converge are named but not ranked; no experiment is left out of those far behind."
 )
 OF_EACH = "log_evidence_mcse"
 """Column with the error of a candidate itself; others hold the error of the difference."""
@@ -71,7 +71,8 @@ def _criterion(
     width = 2.0 * _standard_error(table, reference, error)
     for row, name in enumerate(table.index):
         if not converged[name] or not np.isfinite(difference[name]):
-            ax.text(0.5, row, "not ranked", transform=ax.get_yaxis_transform(), ha="center",
+            word = "no score" if converged[name] else "not ranked"
+            ax.text(0.5, row, word, transform=ax.get_yaxis_transform(), ha="center",
                     va="center", fontsize=6, style="italic", color=style.VERMILLION)  # fmt: skip
             continue
         colour = style.VERMILLION if name == reference else style.BLUE

@@ -24,22 +24,9 @@ BRIDGE_DRAWS = 1000
 """Of each ensemble: the evidence is known to some hundredths of a nat then."""
 
 
-def score_candidate(
-    posterior: Path, prepared: Path, output: Path, alone: bool = False
-) -> list[str]:
-    """Evidence, BIC and leave-one-experiment-out score of one candidate: scores.json.
-
-    Parameters
-    ----------
-    alone : the candidate is compared with no other, so that no experiment is left out.
-
-    Returns a sentence on every experiment without a leave-one-out score.
-    """
-    from deabayes.comparison.evidence import (
-        bridge_evidence,
-        leave_one_experiment_out,
-        maximum_log_likelihood,
-    )
+def score_candidate(posterior: Path, prepared: Path, output: Path) -> None:
+    """Evidence and BIC of one candidate: scores.json."""
+    from deabayes.comparison.evidence import bridge_evidence, maximum_log_likelihood
     from deabayes.posteriors.problem import split_log_likelihood
     from deabayes.posteriors.storage import read_tree
 
@@ -55,26 +42,14 @@ def score_candidate(
     flat = z.reshape(-1, z.shape[2])
     maximum = maximum_log_likelihood(lambda z: split_log_likelihood(target, z), flat)
     points = sum(r.experiment.coordinate.size for r in target.records)
-    stream = seed_of(study, candidate, "leave one experiment out")
-    left_out: dict[str, float] = {}
-    if not alone:
-        left_out = leave_one_experiment_out(target, evidence.log_evidence, flat, stream)
     content = {
         "log_evidence": evidence.log_evidence,
         "log_evidence_mcse": evidence.mcse,
         "log_evidence_estimates": evidence.estimates,
         "maximum_log_likelihood": maximum,
         "bic": target.dimension * float(np.log(points)) - 2.0 * maximum,
-        "elpd_leave_one_experiment_out": sum(left_out.values()) if left_out else float("nan"),
-        "left_out": left_out,
     }
     write_text_atomically(json.dumps(content, indent=1), output)
-    return [
-        f"{candidate}: the evidence without {name} is not known to half a nat, so there is no "
-        "leave-one-experiment-out score"
-        for name, value in left_out.items()
-        if not np.isfinite(value)
-    ]
 
 
 def check_evidence(posterior: Path, prepared: Path, output: Path) -> None:
@@ -146,7 +121,7 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
         tree = read_tree(posterior)
         study, target = stored_target(tree, prepared)
         ranked.append(Ranked(tree, target, _scores_of(posterior) | _nested_of(posterior)))
-    table = comparison_table(ranked, seed_of(study, "all candidates", "left-out blocks"))
+    table = comparison_table(ranked, seed_of(study, "all candidates", "left out"))
     write_atomically(lambda path: table.to_csv(path, index=False), output)
 
 
