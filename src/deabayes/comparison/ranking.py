@@ -163,9 +163,8 @@ def _without_experiments(ranked: Ranked, score: Score, seed: np.random.SeedSeque
 
 def comparison_table(candidates: Sequence[Ranked], seed: np.random.SeedSequence) -> pd.DataFrame:
     """Return the table of comparison.csv."""
-    of_blocks, of_experiments = seed.spawn(2)
-    scores = score_all(candidates, of_blocks)
-    close, streams = close_calls(scores), of_experiments.spawn(len(scores))
+    scores = score_all(candidates, seed)
+    close, streams = close_calls(scores), seed.spawn(len(scores))
     scores = [
         _without_experiments(c, s, stream) if s.candidate in close else s
         for s, c, stream in zip(scores, candidates, streams, strict=True)

@@ -121,7 +121,7 @@ def compare_candidates(posteriors: Sequence[Path], prepared: Path, output: Path)
         tree = read_tree(posterior)
         study, target = stored_target(tree, prepared)
         ranked.append(Ranked(tree, target, _scores_of(posterior) | _nested_of(posterior)))
-    table = comparison_table(ranked, seed_of(study, "all candidates", "left out"))
+    table = comparison_table(ranked, seed_of(study, "all candidates", "left-out blocks"))
     write_atomically(lambda path: table.to_csv(path, index=False), output)
 
 
