@@ -86,6 +86,7 @@ validate: $(READY)  ## the long statistical checks, a day or two; tables and fig
 		$(BIN)/python -m tests.validation.recovery membrane 1 --variant $$variant --replicates $(MEMBRANES) --processes $(CORES) || exit 1; \
 	done
 	@$(BIN)/python -m tests.validation.recovery tubular 2 --replicates $(TUBES) --processes $(CORES)
+	@for units in 1 2; do $(BIN)/python -m tests.validation.recovery strip $$units --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
 	@for terms in 1 2; do $(BIN)/python -m tests.validation.recovery rest $$terms --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
 	@for units in 1 2; do $(BIN)/python -m tests.validation.recovery motion $$units --replicates $(STRUCTURES) --processes $(CORES) || exit 1; done
 	@$(BIN)/python -m tests.validation.two_seeds --processes $(CORES)

@@ -20,30 +20,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from deabayes.experiment import Excitation, FloatArray, Specimen
+from deabayes.experiment import FloatArray
 from deabayes.inference.log_posterior import LogPosterior
 from tests.validation import rank_figure, rows
 from tests.validation.ecdf import inside
 from tests.validation.sampled import sample
+from tests.validation.strip_worlds import strip
 from tests.validation.structure_worlds import at_rest
 from tests.validation.tubular_worlds import tubular
-from tests.validation.worlds import World, blank, given
+from tests.validation.worlds import World, given
 
 RANKS = 99
 NARROW = 0.7
 SEED = 20261121
-
-
-def strip() -> World:
-    """A relaxation at stretch 2 after a ramp of 4 s, 120 points to 600 s, with default priors."""
-    time = np.concatenate([np.linspace(0.2, 4.0, 20), 4.0 + np.geomspace(0.1, 596, 100)])
-    excitation = Excitation("stretch", "1", np.array([0.0, 4.0, 600.0]), np.array([1.0, 2.0, 2.0]))
-    return World(
-        "kv_gm",
-        Specimen("validation", "tensile_strip", {"kind": "simulated"}, {}),
-        lambda units: {},
-        (blank("relaxation", "relaxation", ("nominal_stress", "Pa"), time, excitation),),
-    )
 
 
 def creep() -> World:

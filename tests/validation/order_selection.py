@@ -1,7 +1,7 @@
 """Does the shipped rule choose the right model order, and does it say when it cannot?
 
 Specimens are drawn from the priors of `membrane_worlds`, `tubular_worlds`, `structure_worlds`
-(films at rest, by Ogden terms) and `rubber_worlds` (Ogden terms too). Every order from 1 to 3 is
+(films at rest, by Ogden terms) and `strip_worlds` (Ogden terms too). Every order from 1 to 3 is
 fitted and scored for the shipped rule (`comparison.decision`): bridge evidence, BIC, block-LOO.
 Worlds:
 
@@ -42,8 +42,8 @@ from deabayes.posteriors.problem import split_log_likelihood
 from tests.validation import rows
 from tests.validation.membrane_worlds import membrane
 from tests.validation.order_signal import SHOWN, signal
-from tests.validation.rubber_worlds import rubber
 from tests.validation.sampled import Sampled, sample
+from tests.validation.strip_worlds import rubber
 from tests.validation.structure_worlds import at_rest
 from tests.validation.tubular_worlds import tubular
 from tests.validation.worlds import Simulated, World, simulate

@@ -2,10 +2,10 @@
 
 Specimens are drawn from the priors of a world, put through its records, and fitted with the same
 model and priors. Worlds: `membrane` (orders 1 to 3), `tubular` (order 2, with mass and circuit),
-and the minimum-energy structure at `rest` and in `motion` (orders 1 and 2). Stored for every
-parameter: the rank of the truth among the draws, whether the 50 and 90 % intervals contain it,
-the bias in posterior standard deviations, and the posterior's sd. Stored for every specimen: how
-the sampling went. Stored for every held-out record: the share of its points inside the predictive
+the tensile `strip`, and the minimum-energy structure at `rest` and in `motion` (orders 1 and 2).
+Stored for every parameter: the rank of the truth among the draws, whether the 50 and 90 %
+intervals contain it, the bias in posterior standard deviations, and the posterior's sd. Stored for
+every specimen: how the sampling went. Stored for every held-out record: the share of its points inside the predictive
 bands. Specimens whose posterior did not converge are kept and marked.
 
 Variants of the membrane: `ou` is the check. `white` fits the same data as if the noise were
@@ -35,6 +35,7 @@ from deabayes.prediction.noise_origin import NoiseOrigin
 from tests.validation import rows
 from tests.validation.membrane_worlds import membrane
 from tests.validation.sampled import Sampled, sample
+from tests.validation.strip_worlds import strip
 from tests.validation.structure_worlds import at_rest, in_motion
 from tests.validation.tubular_worlds import tubular_full
 from tests.validation.worlds import OU, Simulated, World, given, record_of, simulate
@@ -55,6 +56,7 @@ class Kind(NamedTuple):
 KINDS = {
     "membrane": Kind(membrane, 0, "membrane_recovery_{variant}_kv_gm_{order}.csv"),
     "tubular": Kind(tubular_full, 998, "tubular_recovery_voigt_kelvin_{order}_inertia_circuit.csv"),
+    "strip": Kind(strip, 1500, "strip_recovery_kv_gm_{order}.csv"),
     "rest": Kind(at_rest, 2000, "structure_recovery_ogden_{order}.csv"),
     "motion": Kind(in_motion, 3000, "structure_recovery_ogden_1_units_{order}.csv"),
 }
@@ -95,6 +97,7 @@ class Model(NamedTuple):
         columns: dict[str, dict[str, str | int]] = {
             "membrane": {"variant": self.variant, "order": self.order},
             "tubular": {},
+            "strip": {"order": self.order},
         }
         first = columns.get(self.kind, {"stage": self.kind, "order": self.order})
         return [{**first, "replicate": index} for index in range(replicates)]

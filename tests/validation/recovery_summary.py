@@ -29,6 +29,10 @@ MEMBRANES = (
 OTHERS = {
     "tubular_recovery": ("tubular voigt_kelvin_2_inertia_circuit, joint fit", Model("tubular", 2)),
     **{
+        f"strip_recovery_{order}": (f"tensile strip kv_gm_{order}", Model("strip", order))
+        for order in (1, 2)
+    },
+    **{
         f"structure_recovery_rest_{order}": (
             f"minimum-energy structure ogden_{order}, forces at rest",
             Model("rest", order),
