@@ -5,8 +5,8 @@ model and priors. Worlds: `membrane` (orders 1 to 3), `tubular` (order 2, with m
 the tensile `strip`, and the minimum-energy structure at `rest` and in `motion` (orders 1 and 2).
 Stored for every parameter: the rank of the truth among the draws, whether the 50 and 90 %
 intervals contain it, the bias in posterior standard deviations, and the posterior's sd. Stored for
-every specimen: how the sampling went. Stored for every held-out record: the share of its points inside the predictive
-bands. Specimens whose posterior did not converge are kept and marked.
+every specimen: how the sampling went. Stored for every held-out record: the share of its points
+inside the predictive bands. Specimens whose posterior did not converge are kept and marked.
 
 Variants of the membrane: `ou` is the check. `white` fits the same data as if the noise were
 independent, and must fail the check. `dense` has five times as many points, and `dense_white` is
