@@ -119,12 +119,12 @@ GLOSSARY = {
     ),
     "elpd": (
         "Expected log predictive density: how well a candidate predicts parts of the records "
-        "(blocks) or whole records that were left out. A dash means that there is a single "
-        "record, or that the evidence without some record is not known to half a nat. Larger is "
-        "better. A difference over blocks counts if it exceeds 4 and twice its standard error. It "
-        "also counts if it exceeds 8 and, without the block that gains most, 4 and its standard "
-        "error. The first and the last block of a record do not count: they show how a candidate "
-        "extrapolates."
+        "(blocks) or whole records that were left out. No record is left out if it is the only one"
+        " or if the candidate is more than 50 nats behind. A dash may also mean that the evidence "
+        "without some record is not known to half a nat. Larger is better. A difference over "
+        "blocks counts if it exceeds 4 and twice its standard error. It also counts if it exceeds "
+        "8 and, without the block that gains most, 4 and its standard error. The first and the "
+        "last block of a record do not count: they show how a candidate extrapolates."
     ),
     "Further experiment": (
         "What the data of an experiment are expected to tell, if one of the remaining candidates "
