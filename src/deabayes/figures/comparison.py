@@ -73,7 +73,8 @@ def _criterion(
         if not converged[name] or not np.isfinite(difference[name]):
             word = "no score" if converged[name] else "not ranked"
             ax.text(0.5, row, word, transform=ax.get_yaxis_transform(), ha="center",
-                    va="center", fontsize=6, style="italic", color=style.VERMILLION)  # fmt: skip
+                    va="center", fontsize=6, style="italic", color=style.VERMILLION,
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
             continue
         colour = style.VERMILLION if name == reference else style.BLUE
         ax.errorbar(difference[name], row, xerr=width[name] or None, fmt="o", color=colour,
