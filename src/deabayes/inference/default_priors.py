@@ -20,7 +20,10 @@ STIFF = ("Pa", "Pa s", "N/m", "N s/m")
 WIDE = 2.0
 """Sigma from which a log-normal prior is not shifted, because it already spans three decades."""
 LENGTHS = 4.0
-"""Longest relaxation time in lengths of the longest record; a slower unit acts like a spring."""
+"""Longest relaxation time in lengths of the longest record; a slower unit acts like a spring.
+
+Likewise, a unit with a quarter of the time from a step to the first point has lost 98 % of its
+stress by then, and acts like a spring."""
 DECADES = np.arange(-2, 3)
 """Decades by which a material may be stiffer than in the literature."""
 ALIKE = 0.5
@@ -36,10 +39,11 @@ def adapted_to_records(
 ) -> tuple[Parameter, ...]:
     """Return a system's parameters with default priors adapted to the calibration records.
 
-    Relaxation times are log-uniform from the shortest interval between points to four lengths of
-    the longest record, times `System.time_scale`. Moduli, stiffnesses and viscosities are shifted
-    by the whole decades that make the responses of the median model as large as the records'.
-    Wide priors are not shifted. The priors of a user's own system do not change.
+    Relaxation times are log-uniform from the shortest time that the records resolve (see
+    `_resolved`) to four lengths of the longest record, times `System.time_scale`. Moduli,
+    stiffnesses and viscosities are shifted by the whole decades that make the responses of the
+    median model as large as the records'. Wide priors are not shifted. The priors of a user's own
+    system do not change.
 
     Parameters
     ----------
@@ -63,16 +67,32 @@ def adapted_to_records(
 
 
 def _relaxation_times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
-    steps = [np.diff(np.sort(record.coordinate)) for record in timed]
-    shortest = min(float(step[step > 0.0].min()) for step in steps)
+    shortest = min(_resolved(record) for record in timed)
     longest = max(record.elapsed for record in timed)
     source = (
-        f"from the shortest interval between points, {shortest:.2g} s, to {LENGTHS:g} lengths of "
-        f"the longest record, {longest:.3g} s"
+        f"from the shortest time that the records resolve, {shortest:.2g} s, to {LENGTHS:g} "
+        f"lengths of the longest record, {longest:.3g} s"
     )
     if scale != 1.0:
         source += f", times {scale:.3g}: a unit relaxes with 1/{scale:.3g} of it at rest"
     return LogUniform(scale * shortest, scale * LENGTHS * longest), source
+
+
+def _resolved(record: Experiment) -> float:
+    """Shortest time [s] that a record resolves.
+
+    It is the shortest interval between points. If the first points after all changes of the
+    excitation come late, it is a quarter of the shortest delay, because a faster unit looks like
+    a spring however close together the points are.
+    """
+    times, knots = np.sort(record.coordinate), record.excitation.coordinate
+    interval = float(np.diff(np.unique(times)).min())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = np.diff(record.excitation.values) / np.diff(knots)
+    changes = np.concatenate([knots[:1], knots[1:-1][np.diff(rates) != 0.0]])
+    driven = times[times >= changes[0]]
+    before = changes[np.searchsorted(changes, driven, side="right") - 1]
+    return max(interval, float((driven - before).min()) / LENGTHS) if driven.size else interval
 
 
 def _stiffened(
