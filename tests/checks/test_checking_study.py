@@ -95,6 +95,15 @@ def test_roles_of_the_study_count_for_repeated_records(tmp_path: Path) -> None:
     assert "would count twice" in twice
 
 
+def test_a_prior_of_times_that_no_record_shows_is_a_warning(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path)
+    fast = {"tau_beta": {"distribution": "loguniform", "lower": "1 ms", "upper": "2 s"}}
+    report = check_study(Study("s", folder, ("kv_gm_2",), priors=fast))
+    assert report.faults == []
+    (warning,) = report.warnings
+    assert "kv_gm_2, prior: has time constants from 0.0015 s on" in warning
+
+
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:
     """Where somebody wrote the prior down; default ones follow the records."""
     folder = make_folder(tmp_path)

@@ -11,6 +11,7 @@ import numpy as np
 from deabayes.checks.prepared import prepared_records, unmodelled
 from deabayes.checks.priors import check_priors, unexpected
 from deabayes.comparison import further as planned
+from deabayes.experiment import Experiment
 from deabayes.faults import Faults, MissingQuantity, Report, UserError, nearest
 from deabayes.own_models.checks import candidate_faults
 from deabayes.own_models.loading import said_of_the_model
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 
 SAMPLES = 50
 """Number of samples of a record with which to ask whether a candidate can predict it."""
-UPPER_QUARTILE = 0.6745
-"""The upper quartile of a prior, in its normal coordinate: half of its mass lies near it."""
+LOWER_END, UPPER_QUARTILE = -1.645, 0.6745
+"""The 5 % quantile and the upper quartile of a prior, in its normal coordinate."""
 
 
 def check_study(study: Study, compare: bool = False, read: StudyFolder | None = None) -> Report:
@@ -86,7 +87,7 @@ def check_on_records(study: Study, read: StudyFolder, report: Report, compare: b
         report.warnings += warnings
     if not report.faults:
         for candidate in systems.values():
-            _check_length(study, candidate, records, report)
+            _check_times(study, candidate, records, experiments, report)
     if not report.faults and compare:
         name, candidate = next(iter(systems.items()))
         report.at(name).include(warnings=unexpected(study, candidate, experiments))
@@ -261,16 +262,19 @@ def _check_models(
                 report.warnings += cautions
 
 
-def _check_length(
+def _check_times(
     study: Study,
     system: System,
     records: Sequence[tuple[ExperimentRow, RawRecord]],
+    experiments: Sequence[Experiment],
     report: Report,
 ) -> None:
-    """Warn of records that are all shorter than the longest time constant that a prior states.
+    """Warn of time constants that a prior states and no record can show.
 
-    Default priors follow the records and are not compared.
+    These are constants longer than all records, or shorter than the records resolve. Default
+    priors follow the records and are not compared.
     """
+    from deabayes.inference.default_priors import resolved_time
     from deabayes.prior.joint import Prior
     from deabayes.systems import OWN
 
@@ -281,16 +285,29 @@ def _check_length(
         if row.role == "calibrate" and "time" in raw.columns
     ]
     own = type(system) in OWN.values()
-    constants = [
-        float(parameter.prior.from_normal(np.array(UPPER_QUARTILE)))
+    stated = [
+        parameter.prior
         for parameter in prior.parameters
         if parameter.is_time_constant and (own or parameter.source == "config")
     ]
-    if durations and constants and max(durations) < max(constants):
+    if not durations or not stated:
+        return
+    longest = max(float(each.from_normal(np.array(UPPER_QUARTILE))) for each in stated)
+    if max(durations) < longest:
         report.warn(
             f"lasts {max(durations):.3g} s, less than the longest time constant of the prior "
-            f"({max(constants):.3g} s), which the prior will then set",
+            f"({longest:.3g} s), which the prior will then set",
             f"{system.candidate}, the longest record",
+        )
+    timed = [e for e in experiments if e.role == "calibrate" and e.coordinate_name == "time"]
+    shown = system.time_scale * min((resolved_time(each) for each in timed), default=0.0)
+    shortest = min(float(each.from_normal(np.array(LOWER_END))) for each in stated)
+    if shortest < shown:
+        report.warn(
+            f"has time constants from {shortest:.2g} s on, but the records show none below "
+            f"{shown:.2g} s. A faster unit looks like a spring, or like no unit, and its modulus "
+            f"is not determined. Begin the prior at {shown:.2g} s",
+            f"{system.candidate}, prior",
         )
 
 

@@ -40,7 +40,7 @@ def adapted_to_records(
     """Return a system's parameters with default priors adapted to the calibration records.
 
     Relaxation times are log-uniform from the shortest time that the records resolve (see
-    `_resolved`) to four lengths of the longest record, times `System.time_scale`. Moduli,
+    `resolved_time`) to four lengths of the longest record, times `System.time_scale`. Moduli,
     stiffnesses and viscosities are shifted by the whole decades that make the responses of the
     median model as large as the records'. Wide priors are not shifted. The priors of a user's own
     system do not change.
@@ -67,7 +67,7 @@ def adapted_to_records(
 
 
 def _relaxation_times(timed: Sequence[Experiment], scale: float) -> tuple[Distribution, str]:
-    shortest = min(_resolved(record) for record in timed)
+    shortest = min(resolved_time(record) for record in timed)
     longest = max(record.elapsed for record in timed)
     source = (
         f"from the shortest time that the records resolve, {shortest:.2g} s, to {LENGTHS:g} "
@@ -78,7 +78,7 @@ def _relaxation_times(timed: Sequence[Experiment], scale: float) -> tuple[Distri
     return LogUniform(scale * shortest, scale * LENGTHS * longest), source
 
 
-def _resolved(record: Experiment) -> float:
+def resolved_time(record: Experiment) -> float:
     """Shortest time [s] that a record resolves.
 
     It is the shortest interval between points. If the first points after all changes of the
