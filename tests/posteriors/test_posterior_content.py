@@ -12,7 +12,7 @@ import pytest
 from scipy.special import ndtri
 from tests.validation.tubular_worlds import tubular
 
-from deabayes.posteriors.content import convergence_summary, slower_than_records
+from deabayes.posteriors.content import convergence_summary, times_off_records
 from deabayes.posteriors.file import contraction, contractions
 from deabayes.prior.distributions import LogNormal, LogUniform
 from deabayes.prior.joint import Prior
@@ -72,31 +72,45 @@ def test_the_worst_number_of_all_runs_and_quantities_is_kept():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("slow", "said"), [(0.06, ["tau_2"]), (0.04, [])]
-)  # of a hundred draws, beyond the longest record
+def record(length, name="time", first=0.002):
+    """A record under a constant excitation from time 0; the first point comes late."""
+    times = np.linspace(first, length, 1000)
+    driven = SimpleNamespace(coordinate=np.array([0.0, length]), values=np.ones(2))
+    found = SimpleNamespace(
+        coordinate_name=name, elapsed=length, coordinate=times, excitation=driven
+    )
+    return SimpleNamespace(experiment=found)
+
+
 @pytest.mark.parametrize("inherited", [True, False])
-def test_relaxation_times_beyond_every_record_are_warned_of(slow, said, inherited):
+@pytest.mark.parametrize(
+    ("share", "value", "said"),
+    [
+        (0.06, 40.0, "the longest calibrated record lasts 0.3 s"),
+        (0.04, 40.0, None),
+        (0.06, 1e-4, "no calibrated record shows times below 0.0005 s"),
+        (0.04, 1e-4, None),
+    ],
+)
+def test_relaxation_times_that_no_record_shows_are_warned_of(share, value, said, inherited):
     names = ("tau_1", "tau_2", "k_2")
     parameters = [
         Parameter(name, "", "s", "", LogUniform(0.01, 500.0), "", ordered=group)
         for name, group in zip(names, ("tau", "tau", None), strict=True)
     ]
     theta = np.tile([0.2, 0.29, 9.0], (100, 1))
-    theta[: int(100 * slow), 1] = 40.0
-    records = [
-        SimpleNamespace(experiment=SimpleNamespace(coordinate_unit=unit, elapsed=length))
-        for length, unit in ((0.1, "s"), (0.3, "s"), (1e3, "Hz"))
-    ]
+    theta[: int(100 * share), 1] = value
     blocks = (SimpleNamespace(names=("tau_2",)),) if inherited else ()
     target = SimpleNamespace(
-        prior=SimpleNamespace(parameters=parameters, inherited=blocks), records=records
+        prior=SimpleNamespace(parameters=parameters, inherited=blocks),
+        records=[record(0.1), record(0.3), record(1e3, "frequency")],
+        system=SimpleNamespace(time_scale=1.0),
     )
-    found = slower_than_records(target, theta)
-    assert [line.partition(":")[0] for line in found] == ([] if inherited else said)
-    assert all("lasts 0.3 s" in line for line in found)
-    target.records = records[2:]
-    assert slower_than_records(target, theta) == []
+    found = times_off_records(target, theta)
+    assert len(found) == int(said is not None and not inherited)
+    assert all(line.startswith("tau_2: 5 % of its draws") and said in line for line in found)
+    target.records = target.records[2:]
+    assert times_off_records(target, theta) == []
 
 
 NORMAL = np.random.default_rng(1).standard_normal(20000)

@@ -16,6 +16,7 @@ from deabayes.faults import Faults, MissingQuantity, Report, UserError, nearest
 from deabayes.own_models.checks import candidate_faults
 from deabayes.own_models.loading import said_of_the_model
 from deabayes.own_models.trial import try_models
+from deabayes.quantities import with_unit
 from deabayes.records.columns import ExperimentRow, RawRecord
 from deabayes.records.folder import StudyFolder, read_folder, repeated_records, scan_folder
 from deabayes.records.preparation.defaults import misaddressed
@@ -303,10 +304,11 @@ def _check_times(
     shown = system.time_scale * min((resolved_time(each) for each in timed), default=0.0)
     shortest = min(float(each.from_normal(np.array(LOWER_END))) for each in stated)
     if shortest < shown:
+        begins, least = (with_unit(time, "s", digits=2) for time in (shortest, shown))
         report.warn(
-            f"has time constants from {shortest:.2g} s on, but the records show none below "
-            f"{shown:.2g} s. A faster unit looks like a spring, or like no unit, and its modulus "
-            f"is not determined. Begin the prior at {shown:.2g} s",
+            f"has time constants from {begins} on, but the records show none below {least}. A "
+            "faster unit looks like a spring, or like no unit, and its modulus is not determined. "
+            f"Begin the prior at {least}",
             f"{system.candidate}, prior",
         )
 

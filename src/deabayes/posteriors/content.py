@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from deabayes.experiment import FloatArray, Specimen
+from deabayes.inference.default_priors import resolved_time
 from deabayes.inference.log_posterior import LogPosterior
 from deabayes.posteriors.inheritance import Inheritance
 from deabayes.posteriors.records import CountedRecord
@@ -20,7 +21,7 @@ from deabayes.study import Study
 
 STORED_DRAWS = 2000
 PRIOR_DRAWS = 4000
-SLOW = 0.95
+OUTER = 0.95
 """Quantile of a time constant's draws that should not exceed the longest record."""
 RIM = 0.01
 """Warn if a smaller share of the inherited prior's draws is as unlikely as the posterior's."""
@@ -82,7 +83,7 @@ class PosteriorContent:
             [
                 *(f"{e.name}: {warning}" for e in experiments for warning in e.warnings),
                 *unexpected,
-                *slower_than_records(target, theta),
+                *times_off_records(target, theta),
                 *_notes(target.prior, inherited),
                 *at_the_rim(target.prior, theta),
             ],
@@ -93,26 +94,39 @@ class PosteriorContent:
         )
 
 
-def slower_than_records(target: LogPosterior, theta: FloatArray) -> list[str]:
-    """Warn of relaxation times that, by draws theta (W, d), may exceed every calibrated record.
+def times_off_records(target: LogPosterior, theta: FloatArray) -> list[str]:
+    """Warn of relaxation times that, by draws theta (W, d), no calibrated record may show.
 
-    Stiffness and time constant of such a unit trade along a long ridge: the records show little
-    more than their ratio. Sampling is slow because data are missing, not steps. Inherited
-    parameters are not checked, because longer records of another study may have determined them.
+    Stiffness and time constant of a slow unit trade along a long ridge: the records show little
+    more than their ratio. Sampling is slow because data are missing, not steps. A fast unit shares
+    its modulus with the spring. Inherited parameters are not checked, because other records of
+    another study may have determined them.
     """
-    experiments = [record.experiment for record in target.records]
-    durations = [e.elapsed for e in experiments if e.coordinate_unit == "s"]
+    timed = [r.experiment for r in target.records if r.experiment.coordinate_name == "time"]
+    if not timed:
+        return []
+    longest = max(experiment.elapsed for experiment in timed)
+    shortest = target.system.time_scale * min(resolved_time(experiment) for experiment in timed)
     inherited = {name for block in target.prior.inherited for name in block.names}
     warnings = []
     for parameter, draws in zip(target.prior.parameters, theta.T, strict=True):
-        if not durations or not parameter.is_time_constant or parameter.name in inherited:
+        if not parameter.is_time_constant or parameter.name in inherited:
             continue
-        if (longest := float(np.quantile(draws, SLOW))) > max(durations):
+        low, high = np.quantile(draws, [1.0 - OUTER, OUTER])
+        share = f"{parameter.name}: {100 * (1 - OUTER):.0f} % of its draws are"
+        if high > longest:
             warnings.append(
-                f"{parameter.name}: {100 * (1 - SLOW):.0f} % of its draws are above {longest:.3g} "
-                f"s, but the longest calibrated record lasts {max(durations):.3g} s. Stiffness and "
-                "time constant of so slow a unit cannot be separated. Record longer, or let the "
-                "preparation crop less; more sampling steps do not help"
+                f"{share} above {high:.3g} s, but the longest calibrated record lasts "
+                f"{longest:.3g} s. Stiffness and time constant of so slow a unit cannot be "
+                "separated. Record longer, or let the preparation crop less; more sampling steps "
+                "do not help"
+            )
+        if low < shortest:
+            warnings.append(
+                f"{share} below {low:.3g} s, but no calibrated record shows times below "
+                f"{shortest:.3g} s. So fast a unit looks like a spring, or like no unit. Begin its "
+                f"prior at {shortest:.3g} s: runs can miss a part of such a posterior and still "
+                "agree"
             )
     return warnings
 
