@@ -84,6 +84,15 @@ def test_parameters_left_out_of_the_fit_are_drawn_from_their_prior():
     assert values.std() == pytest.approx(200.0, rel=0.12)
 
 
+def test_priors_of_fitted_groups_and_of_noise_are_no_prior_of_the_rest():
+    times = {"distribution": "loguniform", "lower": "1 ms", "upper": "1 s"}
+    noise = {"distribution": "lognormal", "median": 1e-4, "sigma": 1.0}
+    resistance = {"distribution": "lognormal", "median": "1 kohm", "sigma": 0.1}
+    priors = {"tau": times, "sigma_white": noise, "series_resistance": resistance}
+    further = prior_of_the_rest(replace(STUDY, priors=priors))
+    assert [p.name for p in further.parameters if p.source == "config"] == ["series_resistance"]
+
+
 def test_parameters_left_out_of_the_fit_are_drawn_from_another_posterior():
     rng = np.random.default_rng(1)
     mass = 83.4e-3 + 1e-4 * rng.standard_normal(2000)

@@ -8,7 +8,7 @@ import numpy as np
 
 from deabayes.experiment import FREQUENCY_RESPONSE, Experiment, FloatArray
 from deabayes.faults import Report, UserError
-from deabayes.inference.default_priors import wider_systems
+from deabayes.inference.default_priors import prior_names, wider_systems
 from deabayes.prior.joint import Prior
 from deabayes.prior.overrides import overridden, targets_of
 from deabayes.prior.parameter import Parameter
@@ -49,7 +49,7 @@ def check_priors(
     if noise is None:
         return
     models = [m for s in systems.values() for m in (s, *wider_systems(study, s).values())]
-    known = [parameter.name for model in models for parameter in model.parameters()]
+    known = prior_names(models)
     for system in systems.values():
         parameters = (*system.parameters(), *noise)
         with report.catching():

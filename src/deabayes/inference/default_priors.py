@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -182,8 +182,8 @@ def further_prior(
     }
     if not further:
         return None
-    known = (*fitted, *names_of_all(study, system.specimen))
-    prior = Prior.from_parameters(further.values(), study.priors, known)
+    # The fit has refused names that are in no model.
+    prior = Prior.from_parameters(further.values(), study.priors, study.priors)
     if inherited is not None and set(inherited.names) & set(prior.names):
         prior = prior.inherit(*inherited)
     return prior
@@ -199,10 +199,17 @@ def only_for_predictions(
 
 
 def names_of_all(study: Study, specimen: Specimen) -> tuple[str, ...]:
-    """Names of the parameters of all candidates, and of the models that predict with them."""
-    return tuple(
-        parameter.name
+    """Names that `priors` may have for any candidate, or for any model that predicts with it."""
+    models = [
+        build_system(specimen.system, candidate + ending, specimen)
         for candidate in study.candidates
         for ending in ("", *study.predict_with.values())
-        for parameter in build_system(specimen.system, candidate + ending, specimen).parameters()
-    )
+    ]
+    return prior_names(models)
+
+
+def prior_names(systems: Iterable[System]) -> tuple[str, ...]:
+    """Names of the systems' parameters, of their ordered groups and of their totals."""
+    every = [parameter for system in systems for parameter in system.parameters()]
+    names = (name for p in every for name in (p.name, p.ordered, p.part_of) if name)
+    return tuple(dict.fromkeys(names))
