@@ -75,6 +75,8 @@ def test_check_says_it_once_for_all_records_of_a_protocol(tmp_path: Path) -> Non
         ("J_alpha", {"distribution": "lognormal", "median": 50, "sigma": 0.5}, []),
         ("tau_beta", {"distribution": "loguniform", "lower": 2, "upper": "9 s"},
          ["study s, priors.tau_beta.lower: 2 without a unit is 2 s; write '2 s' if that is meant"]),
+        ("tau_beta", {"distribution": "loguniform", "lower": "1 s", "upper": "9 s",
+                      "minimum_ratio": 3}, []),
     ],
 )  # fmt: skip
 def test_a_prior_without_a_unit_is_a_warning(

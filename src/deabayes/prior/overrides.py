@@ -55,7 +55,7 @@ def from_settings(settings: Mapping[str, object], unit: str, where: str) -> Dist
 def settings_without_unit(settings: Mapping[str, object]) -> list[str]:
     """Names of settings that need a unit but are plain numbers; a zero needs no unit."""
     kind = REGISTRY.get(str(settings.get("distribution")))
-    plain = {"distribution", *(kind.dimensionless if kind else settings)}
+    plain = {"distribution", "minimum_ratio", *(kind.dimensionless if kind else settings)}
     return [key for key, value in settings.items() if key not in plain and _is_plain(value)]
 
 
