@@ -45,8 +45,8 @@ def settings_of_record(wildcards):
 
 def settings_of_candidate(wildcards):
     """The settings that the fit of one candidate depends on."""
-    study, (_, rows) = STUDIES[wildcards.study], read_tables(wildcards.study)
-    return as_yaml(jobs.candidate_settings(study, wildcards.candidate, rows))
+    study, (folder, rows) = STUDIES[wildcards.study], read_tables(wildcards.study)
+    return as_yaml(jobs.candidate_settings(study, wildcards.candidate, folder, rows))
 
 
 def settings_of_population(wildcards):

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -56,20 +56,37 @@ def record_settings(study: Study, row: ExperimentRow) -> dict[str, Any]:
 
 
 def candidate_settings(
-    study: Study, candidate: str, rows: Mapping[str, ExperimentRow]
+    study: Study, candidate: str, folder: StudyFolder, rows: Mapping[str, ExperimentRow]
 ) -> dict[str, Any]:
-    """The settings that the fit of one candidate depends on, without other candidates.
+    """The settings that the fit of one candidate depends on, without those of other candidates.
 
     Parameters
     ----------
     rows : of the study's records, from `prepared_rows`.
     """
+    study = replace(study, priors=_priors_of(study, candidate, folder))
     fitted = [row for row in rows.values() if row.role == "calibrate"]
     settings = fit_settings(study)
     protocols = {row.protocol for row in fitted}
     steps = {key: value for key, value in settings["preparation"].items() if key in protocols}
     calibrate = list(dict.fromkeys(row.name for row in fitted))
     return settings | {"candidates": [candidate], "calibrate": calibrate, "preparation": steps}
+
+
+def _priors_of(study: Study, candidate: str, folder: StudyFolder) -> Mapping[str, Any]:
+    """The study's priors without those of parameters that only other candidates have.
+
+    An entry that names nothing is kept, so that the fit refuses it.
+    """
+    from deabayes.inference.default_priors import names_of_all
+
+    if not study.priors or not study.candidates[1:]:
+        return study.priors
+    with suppress(UserError):  # the check reports a candidate that cannot be built
+        every = names_of_all(study, folder.specimen)
+        own = names_of_all(replace(study, candidates=(candidate,)), folder.specimen)
+        return {k: v for k, v in study.priors.items() if k in own or k not in every}
+    return study.priors
 
 
 def record_content(folder: StudyFolder, row: ExperimentRow) -> str:
