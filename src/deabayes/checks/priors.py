@@ -87,7 +87,7 @@ def _unexpected(system: System, each: Experiment, draws: Mapping[str, FloatArray
     place = f"{each.name}: "
     if len(curves) < FEWEST:
         return [f"{place}{len(curves)} of {DRAWS} draws of the prior have a response to it; are "
-                "the units of record and specimen right?"]  # fmt: skip
+                "the units of record, specimen and priors right?"]  # fmt: skip
     middle = np.median(curves, axis=0)
     if np.ptp(middle) > 0.0 and np.corrcoef(middle, measured)[0, 1] < OPPOSITE:
         return [f"{place}{_opposite(system, middle, measured, each.response_name)}"]
