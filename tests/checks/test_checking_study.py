@@ -101,7 +101,7 @@ def test_a_prior_of_times_that_no_record_shows_is_a_warning(tmp_path: Path) -> N
     report = check_study(Study("s", folder, ("kv_gm_2",), priors=fast))
     assert report.faults == []
     (warning,) = report.warnings
-    assert "kv_gm_2, prior: has time constants from 1.5 ms on" in warning
+    assert "kv_gm_2, prior: has time constants from 1.46 ms on" in warning
 
 
 def test_short_record_is_a_warning_of_a_study(tmp_path: Path) -> None:

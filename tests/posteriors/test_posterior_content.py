@@ -88,7 +88,7 @@ def record(length, name="time", first=0.002):
     [
         (0.06, 40.0, "the longest calibrated record lasts 0.3 s"),
         (0.04, 40.0, None),
-        (0.06, 1e-4, "no calibrated record shows times below 0.0005 s"),
+        (0.06, 1e-4, "no calibrated record shows times below 500 µs"),
         (0.04, 1e-4, None),
     ],
 )

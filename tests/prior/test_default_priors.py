@@ -32,6 +32,7 @@ def shortest(time, knots, volts):
         (1.0 + np.linspace(0.101, 19.0, 200), STEP, 0.095),  # the interval is longer
         (np.arange(10.0, 20.0, 0.03), SINE, 0.03),  # the excitation changes all the time
         (np.geomspace(0.4, 20.0, 200), ([0.0, 20.0], [2e3, 2e3]), 0.1),  # applied from the start
+        (np.array([8.0]), ([0.0, 20.0], [2e3, 2e3]), 8.0),  # one point
     ],
 )  # fmt: skip
 def test_the_shortest_time_is_the_first_that_a_record_can_show(time, excitation, lower):

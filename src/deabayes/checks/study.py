@@ -11,7 +11,6 @@ import numpy as np
 from deabayes.checks.prepared import prepared_records, unmodelled
 from deabayes.checks.priors import check_priors, unexpected
 from deabayes.comparison import further as planned
-from deabayes.experiment import Experiment
 from deabayes.faults import Faults, MissingQuantity, Report, UserError, nearest
 from deabayes.own_models.checks import candidate_faults
 from deabayes.own_models.loading import said_of_the_model
@@ -25,6 +24,7 @@ from deabayes.systems import system_class
 
 if TYPE_CHECKING:
     from deabayes.experiment import Excitation, Experiment, Specimen
+    from deabayes.prior.distributions import Distribution
     from deabayes.study import Study
     from deabayes.systems import System
 
@@ -276,21 +276,13 @@ def _check_times(
     priors follow the records and are not compared.
     """
     from deabayes.inference.default_priors import resolved_time
-    from deabayes.prior.joint import Prior
-    from deabayes.systems import OWN
 
-    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
     durations = [
         float(np.ptp(raw.columns["time"]))
         for row, raw in records
         if row.role == "calibrate" and "time" in raw.columns
     ]
-    own = type(system) in OWN.values()
-    stated = [
-        parameter.prior
-        for parameter in prior.parameters
-        if parameter.is_time_constant and (own or parameter.source == "config")
-    ]
+    stated = _stated_times(study, system)
     if not durations or not stated:
         return
     longest = max(float(each.from_normal(np.array(UPPER_QUARTILE))) for each in stated)
@@ -304,13 +296,27 @@ def _check_times(
     shown = system.time_scale * min((resolved_time(each) for each in timed), default=0.0)
     shortest = min(float(each.from_normal(np.array(LOWER_END))) for each in stated)
     if shortest < shown:
-        begins, least = (with_unit(time, "s", digits=2) for time in (shortest, shown))
+        begins, least = (with_unit(time, "s", digits=3) for time in (shortest, shown))
         report.warn(
             f"has time constants from {begins} on, but the records show none below {least}. A "
             "faster unit looks like a spring, or like no unit, and its modulus is not determined. "
             f"Begin the prior at {least}",
             f"{system.candidate}, prior",
         )
+
+
+def _stated_times(study: Study, system: System) -> list[Distribution]:
+    """Priors of time constants that a study, or a user's own system, states."""
+    from deabayes.prior.joint import Prior
+    from deabayes.systems import OWN
+
+    prior = Prior.from_parameters(system.parameters(), study.priors, study.priors)
+    own = type(system) in OWN.values()
+    return [
+        parameter.prior
+        for parameter in prior.parameters
+        if parameter.is_time_constant and (own or parameter.source == "config")
+    ]
 
 
 def without_candidate(read: StudyFolder, report: Report) -> None:

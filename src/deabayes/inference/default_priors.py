@@ -20,10 +20,9 @@ STIFF = ("Pa", "Pa s", "N/m", "N s/m")
 WIDE = 2.0
 """Sigma from which a log-normal prior is not shifted, because it already spans three decades."""
 LENGTHS = 4.0
-"""Longest relaxation time in lengths of the longest record; a slower unit acts like a spring.
-
-Likewise, a unit with a quarter of the time from a step to the first point has lost 98 % of its
-stress by then, and acts like a spring."""
+"""Longest relaxation time in lengths of the longest record; a slower unit acts like a spring."""
+RELAXED = 4.0
+"""Relaxation times after a step at which 98 % of a unit's relaxation is over."""
 DECADES = np.arange(-2, 3)
 """Decades by which a material may be stiffer than in the literature."""
 ALIKE = 0.5
@@ -79,20 +78,20 @@ def _relaxation_times(timed: Sequence[Experiment], scale: float) -> tuple[Distri
 
 
 def resolved_time(record: Experiment) -> float:
-    """Shortest time [s] that a record resolves.
+    """Shortest relaxation time [s] that a record can show.
 
-    It is the shortest interval between points. If the first points after all changes of the
-    excitation come late, it is a quarter of the shortest delay, because a faster unit looks like
-    a spring however close together the points are.
+    It is the shortest interval between points. If points come late after every change of the
+    excitation, it is the shortest such delay over `RELAXED`: a faster unit looks like a spring,
+    however close together the points are.
     """
     times, knots = np.sort(record.coordinate), record.excitation.coordinate
-    interval = float(np.diff(np.unique(times)).min())
+    interval = float(np.diff(np.unique(times)).min(initial=record.elapsed))
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.diff(record.excitation.values) / np.diff(knots)
     changes = np.concatenate([knots[:1], knots[1:-1][np.diff(rates) != 0.0]])
     driven = times[times >= changes[0]]
-    before = changes[np.searchsorted(changes, driven, side="right") - 1]
-    return max(interval, float((driven - before).min()) / LENGTHS) if driven.size else interval
+    delays = driven - changes[np.searchsorted(changes, driven, side="right") - 1]
+    return max(interval, float(delays.min(initial=record.elapsed)) / RELAXED)
 
 
 def _stiffened(

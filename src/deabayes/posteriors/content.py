@@ -16,13 +16,15 @@ from deabayes.posteriors.records import CountedRecord
 from deabayes.posteriors.sensitivity import leaning
 from deabayes.prior.from_posterior import LARGEST_MISFIT
 from deabayes.prior.joint import Prior
+from deabayes.quantities import with_unit
 from deabayes.sampling.engine import Sampled
 from deabayes.study import Study
 
 STORED_DRAWS = 2000
 PRIOR_DRAWS = 4000
 OUTER = 0.95
-"""Quantile of a time constant's draws that should not exceed the longest record."""
+"""Quantile of a time constant's draws that should not exceed the longest record. The opposite
+quantile should not be below what the records resolve."""
 RIM = 0.01
 """Warn if a smaller share of the inherited prior's draws is as unlikely as the posterior's."""
 
@@ -122,11 +124,11 @@ def times_off_records(target: LogPosterior, theta: FloatArray) -> list[str]:
                 "do not help"
             )
         if low < shortest:
+            below, least = (with_unit(time, "s", digits=3) for time in (low, shortest))
             warnings.append(
-                f"{share} below {low:.3g} s, but no calibrated record shows times below "
-                f"{shortest:.3g} s. So fast a unit looks like a spring, or like no unit. Begin its "
-                f"prior at {shortest:.3g} s: runs can miss a part of such a posterior and still "
-                "agree"
+                f"{share} below {below}, but no calibrated record shows times below {least}. So "
+                f"fast a unit looks like a spring, or like no unit. Begin its prior at {least}: "
+                "runs can miss a part of such a posterior and still agree"
             )
     return warnings
 
